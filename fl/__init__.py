@@ -1,0 +1,1 @@
+"""Federated learning over an unreliable radio. Knows devices, data and probabilities, not flight."""

@@ -1,0 +1,1 @@
+"""The aircraft: physics, sensors, estimation and control. No asyncio, sockets or wall clock."""

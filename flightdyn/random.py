@@ -1,0 +1,30 @@
+"""Named random streams from one root seed.
+
+Every consumer of randomness asks for its stream by name, so that adding a consumer changes
+nobody else's draws and no draw depends on the order in which consumers were made.
+"""
+
+import hashlib
+
+import numpy as np
+
+
+class RandomStreams:
+    """Independent random streams, each a function of the root seed and a name alone."""
+
+    def __init__(self, root_seed: int) -> None:
+        self.root_seed = root_seed
+
+    def sequence(self, name: str) -> np.random.SeedSequence:
+        """The seed sequence of `name`; the same for the same root seed and name, always."""
+        digest = hashlib.sha256(name.encode()).digest()
+        words = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
+        return np.random.SeedSequence(self.root_seed, spawn_key=words)
+
+    def generator(self, name: str) -> np.random.Generator:
+        """A fresh generator at the start of the stream `name`."""
+        return np.random.Generator(np.random.PCG64(self.sequence(name)))
+
+    def seed(self, name: str) -> int:
+        """A 63-bit seed for libraries with generators of their own (torch, JSBSim)."""
+        return int(self.sequence(name).generate_state(1, np.uint64)[0] >> np.uint64(1))

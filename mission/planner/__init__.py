@@ -1,0 +1,1 @@
+"""Where to fly and whom to serve in one round."""

@@ -1,0 +1,1 @@
+"""The vehicle as MAVLink sees it: autopilot, links and the pace of simulated time."""

@@ -1,0 +1,43 @@
+"""What the vehicle tells those who watch it, on its own clock. Observers never feed back."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from flightdyn.state import BatteryState, GnssFix, Kinematics, Vector
+
+EventKind = Literal["mode", "armed", "reached", "status", "failsafe", "fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSample:
+    """The vehicle at one instant, taken at the sampling rate while simulated time runs."""
+
+    t_ns: int
+    truth: Kinematics
+    belief: Kinematics
+    cmd_pos_ned_m: Vector | None  # where the guidance wants to be; None on the ground
+    gnss: GnssFix | None  # a solution that arrived since the last sample
+    battery: BatteryState
+    mode: str
+    armed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleEvent:
+    """Something that happened at one instant, with truth and belief at that very instant."""
+
+    t_ns: int
+    kind: EventKind
+    text: str
+    truth: Kinematics
+    belief: Kinematics
+    seq: int | None = None  # "reached": MAVLink sequence number of the mission item
+    severity: int = 6  # "status": MAV_SEVERITY
+
+
+class VehicleObserver(Protocol):
+    """Receives samples and events in order of time."""
+
+    def sampled(self, sample: VehicleSample) -> None: ...
+
+    def happened(self, event: VehicleEvent) -> None: ...
