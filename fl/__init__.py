@@ -1,1 +1,1 @@
-"""Federated learning over an unreliable radio. Knows devices, data and probabilities, not flight."""
+"""Federated learning over an unreliable radio: devices, data and probabilities, no flight."""
