@@ -1,0 +1,46 @@
+"""Area coordinates <-> the vehicle's local frame: the one crossing from planner to flight.
+
+Area coordinates are x east, y north in metres from the south-west corner of the area. The
+vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdyn.frames import LocalFrame
+from flightdyn.state import GeodeticPoint
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Area:
+    """A rectangle on the ground around a take-off point."""
+
+    size_m: tuple[float, float]  # width (x), height (y)
+    home_m: tuple[float, float]
+    home: GeodeticPoint
+
+    @property
+    def frame(self) -> LocalFrame:
+        """The vehicle's local NED frame."""
+        return LocalFrame(self.home)
+
+    def to_ned(self, xy_m: Floats, alt_rel_m: float) -> Floats:
+        """(..., 2) area coordinates at one height above home -> (..., 3) NED."""
+        xy = np.asarray(xy_m, dtype=np.float64)
+        ned = np.empty((*xy.shape[:-1], 3))
+        ned[..., 0] = xy[..., 1] - self.home_m[1]
+        ned[..., 1] = xy[..., 0] - self.home_m[0]
+        ned[..., 2] = -alt_rel_m
+        return ned
+
+    def from_ned(self, pos_ned_m: Floats) -> Floats:
+        """(..., 3) NED -> (..., 2) area coordinates."""
+        ned = np.asarray(pos_ned_m, dtype=np.float64)
+        return np.stack(
+            (ned[..., 1] + self.home_m[0], ned[..., 0] + self.home_m[1]),
+            axis=-1,
+        )

@@ -1,0 +1,231 @@
+"""A run's configuration: TOML files and `--set` overrides into one frozen model.
+
+Every package describes what it is configured by; this module puts the parts together and turns
+anything wrong into one line per key: file, dotted path, value, what is allowed.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from fl.config import ChannelConfig, CommunityConfig, LearningConfig
+from flightdyn.state import GeodeticPoint
+from mission.area import Area
+from mission.errors import InputError
+from mission.planner.config import PlannerConfig
+from sitl.config import VehicleConfig
+
+Metres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class AreaConfig(BaseModel):
+    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    size_m: tuple[Metres, Metres] = Field((800.0, 800.0), description="width (x) and height (y)")
+    home_m: tuple[float, float] = Field(
+        (400.0, 400.0), description="take-off point in area coordinates; it may lie outside"
+    )
+    home_lat_deg: float = Field(43.6145, ge=-85, le=85, description="latitude of the home point")
+    home_lon_deg: float = Field(7.0715, ge=-180, le=180, description="longitude of the home point")
+    home_alt_msl_m: float = Field(
+        130.0, ge=-400, le=5000, description="ground altitude above mean sea level"
+    )
+
+    def build(self) -> Area:
+        """The area with its local frame."""
+        home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
+        return Area(self.size_m, self.home_m, home)
+
+
+StrategyName = Literal["cov", "no_cov", "barycenter", "rectangular", "ideal"]
+
+
+class MissionConfig(BaseModel):
+    """What is flown: the paper's symbols stand in the descriptions."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    strategy: StrategyName = Field("cov", description="who is served where, round by round")
+    rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
+    altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
+    speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
+    path_budget_m: float = Field(800.0, ge=0, le=20_000, description="L_max, metres a round")
+    total_budget_m: float = Field(
+        40_000.0, gt=0, le=1e7, description="L_total, metres flown in rounds before the run ends"
+    )
+    steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
+    devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")
+    acceptance_radius_m: float = Field(
+        5.0, ge=0.5, le=50, description="how far a corner may be cut"
+    )
+    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
+    hover_cost_m: float = Field(
+        100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
+    )
+    tour_inset: float = Field(
+        0.2, ge=0, lt=0.5, description="rectangular: the tour's distance from the area's edge, "
+        "as a fraction of its size"
+    )
+
+
+class LinkConfig(BaseModel):
+    """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["in_process", "udp"] = Field(
+        "in_process", description="in_process needs no port; udp uses the loopback address"
+    )
+    udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
+    speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
+        "max", description='simulated seconds per second in flight, or "max"'
+    )
+    stall_timeout_s: float = Field(
+        30.0, gt=0, le=3600,
+        description="wall seconds without any progress of the vehicle after which a run ends",
+    )
+
+
+class RunConfig(BaseModel):
+    """Everything that a run depends on, apart from the data files."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field("run", pattern=r"^[A-Za-z0-9._-]{1,64}$", description="names the run")
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
+    area: AreaConfig = AreaConfig()
+    mission: MissionConfig = MissionConfig()
+    planner: PlannerConfig = PlannerConfig()
+    channel: ChannelConfig = ChannelConfig()
+    communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
+    learning: LearningConfig = LearningConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+    link: LinkConfig = LinkConfig()
+
+    @model_validator(mode="after")
+    def _unique_names(self) -> Self:
+        names = [community.name for community in self.communities]
+        if len(set(names)) < len(names):
+            raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    def to_toml(self) -> str:
+        """The resolved configuration; reading it back gives an equal model."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+
+
+def builtin_config(name: str) -> Path:
+    """A configuration that comes with the product, installed or in a checkout."""
+    package = Path(__file__).parent
+    for folder in (package / "configs", package.parent / "configs"):
+        if (folder / name).is_file():
+            return folder / name
+    raise InputError(f"built-in configuration {name} is missing from the installation")
+
+
+def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunConfig:
+    """Read a TOML file, apply overrides by dotted path, and validate.
+
+    Raises:
+        InputError: the file cannot be read or parsed, or a key is unknown or out of range.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(f"{path}: cannot read the configuration: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    for dotted, value in (overrides or {}).items():
+        _put(data, dotted, value)
+    try:
+        return RunConfig.model_validate(data)
+    except ValidationError as error:
+        raise InputError("\n".join(_explain(error, path))) from None
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """`a.b=value` into a dotted path and a TOML value; a bare word is a string.
+
+    Raises:
+        InputError: there is no `=` or no key.
+    """
+    key, sep, raw = text.partition("=")
+    key = key.strip()
+    if not sep or not key or any(not part for part in key.split(".")):
+        raise InputError(f"--set {text}: expected KEY=VALUE with a dotted key, e.g. mission.steps=8")
+    try:
+        return key, tomllib.loads(f"value = {raw}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, raw.strip()
+
+
+def _put(data: dict[str, Any], dotted: str, value: Any) -> None:
+    node: Any = data
+    parts = dotted.split(".")
+    for depth, part in enumerate(parts):
+        last = depth == len(parts) - 1
+        if isinstance(node, list):
+            if not part.isdigit() or int(part) >= len(node):
+                raise InputError(
+                    f"--set {dotted}: {'.'.join(parts[:depth])} is a list of {len(node)}, "
+                    f"so an index from 0 to {len(node) - 1} must follow, not {part!r}"
+                )
+            index: Any = int(part)
+        elif isinstance(node, dict):
+            index = part
+            if not last:
+                node.setdefault(part, {})
+        else:
+            raise InputError(f"--set {dotted}: {'.'.join(parts[:depth])} is not a table")
+        if last:
+            node[index] = value
+        else:
+            node = node[index]
+
+
+def _explain(error: ValidationError, path: Path) -> Sequence[str]:
+    """One line per wrong key: file, dotted path, value, what is allowed."""
+    lines = []
+    for item in error.errors():
+        where = ".".join(str(part) for part in item["loc"] if not _is_union_tag(part))
+        if item["type"] == "extra_forbidden":
+            known = _known_keys(item["loc"][:-1])
+            close = get_close_matches(str(item["loc"][-1]), known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            lines.append(f"{path}: {where}: unknown key{hint} (known: {', '.join(known)})")
+        elif item["type"] == "missing":
+            lines.append(f"{path}: {where}: missing, and it has no default")
+        else:
+            value = "" if isinstance(item["input"], dict) else f" = {item['input']!r}"
+            message = item["msg"].removeprefix("Value error, ")
+            lines.append(f"{path}: {where or 'configuration'}{value}: {message}")
+    return list(dict.fromkeys(lines))
+
+
+def _is_union_tag(part: str | int) -> bool:
+    return isinstance(part, str) and any(c in part for c in "[(-")
+
+
+def _known_keys(loc: tuple[str | int, ...]) -> list[str]:
+    model: Any = RunConfig
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        field = model.model_fields.get(part)
+        if field is None:
+            return []
+        annotation = field.annotation
+        arguments = getattr(annotation, "__args__", ())
+        models = [a for a in (annotation, *arguments) if hasattr(a, "model_fields")]
+        if not models:
+            return []
+        model = models[0]
+    return sorted(model.model_fields)

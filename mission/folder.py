@@ -1,0 +1,108 @@
+"""A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
+
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from mission.errors import InputError
+
+# The libraries that a run's results depend on.
+LIBRARIES = (
+    "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
+    "osqp", "numba", "torch", "scikit-learn", "mcap", "foxglove-sdk",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where a run leaves what it flew and learnt."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path) -> Self:
+        """Make the folder, or take an empty one.
+
+        Raises:
+            InputError: it exists and holds something, is a file, or cannot be written.
+        """
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            if any(path.iterdir()):
+                raise InputError(
+                    f"{path}: the output folder is already used; give a new or empty one by --out"
+                )
+            with tempfile.TemporaryFile(dir=path):
+                pass
+        except (FileExistsError, NotADirectoryError):
+            raise InputError(f"{path}: the output folder is not a folder") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot write the output folder: {error.strerror}") from None
+        return cls(path)
+
+    @property
+    def config(self) -> Path:
+        return self.path / "config.toml"
+
+    @property
+    def rounds(self) -> Path:
+        return self.path / "rounds.csv"
+
+    @property
+    def uplinks(self) -> Path:
+        return self.path / "uplinks.csv"
+
+    @property
+    def log(self) -> Path:
+        return self.path / "flight.mcap"
+
+    @property
+    def summary(self) -> Path:
+        return self.path / "summary.json"
+
+    @property
+    def figures(self) -> Path:
+        return self.path / "figures"
+
+    def write_summary(self, values: Mapping[str, Any]) -> None:
+        """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
+        write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a text file so that it is there whole or not at all."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot write: {error.strerror}") from None
+
+
+def free_folder(parent: Path, name: str) -> Path:
+    """`parent/name`, or `parent/name-2`, ... : the first that does not exist."""
+    candidate, number = parent / name, 1
+    while candidate.exists():
+        number += 1
+        candidate = parent / f"{name}-{number}"
+    return candidate
+
+
+def environment() -> dict[str, Any]:
+    """Versions and machine, for the summary."""
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": os.cpu_count(),
+        "libraries": {name: version(name) for name in LIBRARIES},
+    }

@@ -1,0 +1,92 @@
+"""What was flown: samples and waypoint passages, taken on the vehicle's side and clock."""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.observer import VehicleEvent, VehicleSample
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """Truth and belief at one instant of a flight."""
+
+    t_ns: int
+    true_ned_m: Floats  # (3,)
+    est_ned_m: Floats  # (3,)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One stretch of flight, from order to end."""
+
+    t_ns: NDArray[np.int64]  # (T,)
+    true_ned_m: Floats  # (T, 3)
+    est_ned_m: Floats  # (T, 3)
+    reached: dict[int, Passage]  # by MAVLink sequence number of the mission item
+    battery_remaining: float
+
+    @classmethod
+    def standing(cls, here: Passage, battery_remaining: float) -> Self:
+        """A flight in which the aircraft did not move."""
+        return cls(
+            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], {},
+            battery_remaining,
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated seconds from the first to the last sample."""
+        return float(self.t_ns[-1] - self.t_ns[0]) / 1e9
+
+    @property
+    def flown_m(self) -> float:
+        """Horizontal length of the true track."""
+        return float(np.linalg.norm(np.diff(self.true_ned_m[:, :2], axis=0), axis=1).sum())
+
+    def at(self, t_ns: int) -> Passage:
+        """Truth and belief at an instant, linear between samples, clamped to the flight."""
+        true, est = (
+            np.array([np.interp(t_ns, self.t_ns, track[:, axis]) for axis in range(3)])
+            for track in (self.true_ned_m, self.est_ned_m)
+        )
+        return Passage(t_ns, true, est)
+
+
+@dataclass
+class FlightRecorder:
+    """A vehicle observer that keeps the samples of one stretch of flight at a time."""
+
+    _samples: list[VehicleSample] = field(default_factory=list)
+    _reached: dict[int, Passage] = field(default_factory=dict)
+
+    def start(self) -> None:
+        """Forget what was seen; the next flight begins with the next sample."""
+        self._samples.clear()
+        self._reached.clear()
+
+    def sampled(self, sample: VehicleSample) -> None:
+        """Keep a sample."""
+        self._samples.append(sample)
+
+    def happened(self, event: VehicleEvent) -> None:
+        """Keep the first passage of each mission item."""
+        if event.kind == "reached" and event.seq is not None and event.seq not in self._reached:
+            self._reached[event.seq] = Passage(
+                event.t_ns, event.truth.pos_ned_m, event.belief.pos_ned_m
+            )
+
+    def flight(self) -> Flight:
+        """What was recorded since `start`; at least one sample must have been seen."""
+        samples = self._samples
+        return Flight(
+            np.array([s.t_ns for s in samples], dtype=np.int64),
+            np.array([s.truth.pos_ned_m for s in samples]),
+            np.array([s.belief.pos_ned_m for s in samples]),
+            dict(self._reached),
+            samples[-1].battery.remaining,
+        )
