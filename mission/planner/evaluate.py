@@ -1,0 +1,148 @@
+"""The true objective of a plan, its feasibility, and the checks of a problem.
+
+Everything here uses the exact average PER, so that plans of all methods are comparable.
+"""
+
+import numpy as np
+
+from fl.radio import average_per
+from mission.planner.errors import InfeasiblePlanError, PlanInputError
+from mission.planner.problem import Bools, Floats, RoundPlan, RoundProblem
+from mission.planner.schedule import assign
+
+LENGTH_TOLERANCE_M = 1e-3
+
+
+def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
+    """(N, K) horizontal distances |u_k - v[n]| in metres."""
+    offset = waypoints_m[:, None, :] - problem.devices_m[None, :, :]
+    return np.asarray(np.hypot(offset[..., 0], offset[..., 1]), dtype=np.float64)
+
+
+def success(problem: RoundProblem, waypoints_m: Floats) -> Floats:
+    """(N, K) probabilities 1 - q_bar_k[n] at the given (N, 2) waypoints."""
+    return 1.0 - average_per(problem.channel, distances(problem, waypoints_m))
+
+
+def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> float:
+    """sum_n sum_k omega_k[n] (1 - q_bar_k[n]) delta_k."""
+    steps, devices = np.nonzero(schedule)
+    offset = waypoints_m[steps] - problem.devices_m[devices]
+    per = average_per(problem.channel, np.hypot(offset[:, 0], offset[:, 1]))
+    return float(((1.0 - per) * problem.importance[devices]).sum())
+
+
+def path_length(waypoints_m: Floats) -> float:
+    """Length in metres of the polyline through (N, 2) waypoints."""
+    step = np.diff(waypoints_m, axis=0)
+    return float(np.hypot(step[:, 0], step[:, 1]).sum())
+
+
+def fit_budget(waypoints_m: Floats, path_budget_m: float) -> Floats:
+    """The waypoints, shrunk about the first one if the path is longer than the budget."""
+    length = path_length(waypoints_m)
+    if length <= path_budget_m:
+        return waypoints_m
+    start = waypoints_m[0]
+    # One part in 1e12 keeps rounding from putting the path over the budget again.
+    return np.asarray(start + (waypoints_m - start) * (path_budget_m / length * (1.0 - 1e-12)))
+
+
+def finish(
+    problem: RoundProblem, waypoints_m: Floats, *, upper_bound: float = float("nan"), nodes: int = 0
+) -> RoundPlan:
+    """The plan along the given waypoints with its optimal schedule and true objective."""
+    schedule = assign(success(problem, waypoints_m), problem.importance, problem.per_step)
+    waypoints = np.array(waypoints_m, dtype=np.float64)
+    value = objective(problem, waypoints, schedule)
+    waypoints.flags.writeable = False
+    schedule.flags.writeable = False
+    return RoundPlan(waypoints, schedule, value, upper_bound, nodes)
+
+
+def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
+    """The optimal plan where there is nothing to move for, else None.
+
+    One step, no path budget, no device, or no importance: all steps are served from the start,
+    and the plan is its own bound.
+    """
+    if (
+        problem.steps > 1
+        and problem.path_budget_m > 0.0
+        and problem.importance.size > 0
+        and problem.importance.max() > 0.0
+    ):
+        return None
+    plan = finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+    return RoundPlan(plan.waypoints_m, plan.schedule, plan.value, plan.value)
+
+
+def check_problem(problem: RoundProblem) -> None:
+    """Refuse a problem that makes no sense.
+
+    Raises:
+        PlanInputError: wrong shapes, NaN or infinity, negative importance or budget, no step.
+    """
+    devices = problem.devices_m
+    if devices.ndim != 2 or devices.shape[1] != 2:
+        raise PlanInputError(
+            f"devices has shape {devices.shape}: must be (K, 2), x and y in metres"
+        )
+    if problem.importance.shape != (len(devices),):
+        raise PlanInputError(
+            f"importance has shape {problem.importance.shape}: must be ({len(devices)},), "
+            "one value a device"
+        )
+    if problem.start_m.shape != (2,):
+        raise PlanInputError(f"start has shape {problem.start_m.shape}: must be (2,), x and y")
+    for name, values in (
+        ("devices", devices),
+        ("importance", problem.importance),
+        ("start", problem.start_m),
+        ("path_budget_m", np.asarray(problem.path_budget_m)),
+    ):
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            where = "".join(f"[{i}]" for i in bad[0])
+            value = values[tuple(bad[0])]
+            raise PlanInputError(f"{name}{where} = {value}: must be a finite number")
+    negative = np.flatnonzero(problem.importance < 0.0)
+    if len(negative):
+        k = int(negative[0])
+        raise PlanInputError(f"importance[{k}] = {problem.importance[k]}: must be 0 or more")
+    if problem.path_budget_m < 0.0:
+        raise PlanInputError(f"path_budget_m = {problem.path_budget_m}: must be 0 or more")
+    for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
+        if count < 1:
+            raise PlanInputError(f"{name} = {count}: must be a whole number of 1 or more")
+
+
+def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
+    """Verify every constraint of a plan and the value it claims, from scratch.
+
+    Raises:
+        InfeasiblePlanError: names the constraint and by how much it is broken.
+    """
+    shape = (problem.steps, len(problem.devices_m))
+    if plan.waypoints_m.shape != (problem.steps, 2) or plan.schedule.shape != shape:
+        raise InfeasiblePlanError(
+            f"waypoints {plan.waypoints_m.shape} and schedule {plan.schedule.shape}: "
+            f"must be ({problem.steps}, 2) and {shape}"
+        )
+    if not np.isfinite(plan.waypoints_m).all():
+        raise InfeasiblePlanError("waypoints hold values that are not finite")
+    away = float(np.hypot(*(plan.waypoints_m[0] - problem.start_m)))
+    if away > LENGTH_TOLERANCE_M:
+        raise InfeasiblePlanError(f"the first waypoint lies {away:.4f} m from the start")
+    over = path_length(plan.waypoints_m) - problem.path_budget_m
+    if over > LENGTH_TOLERANCE_M:
+        raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its budget")
+    busiest = int(plan.schedule.sum(axis=1).max(initial=0))
+    if busiest > problem.per_step:
+        raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
+    most = int(plan.schedule.sum(axis=0).max(initial=0))
+    if most > 1:
+        raise InfeasiblePlanError(f"a device is scheduled {most} times: at most once")
+    real = objective(problem, plan.waypoints_m, plan.schedule)
+    if not np.isclose(real, plan.value, rtol=1e-9, atol=1e-12):
+        raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")

@@ -1,0 +1,36 @@
+"""The optimal schedule for fixed positions: a transportation problem.
+
+Its constraint matrix is totally unimodular, so the relaxation of omega to [0, 1] has integral
+vertices; the assignment algorithm on K_bar copies of each step finds one directly.
+"""
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from mission.planner.problem import Bools, Floats
+
+
+def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
+    """Maximise sum_n sum_k omega_k[n] success[n, k] importance[k].
+
+    At most `per_step` devices a step, each device at most once. A pair that is worth nothing
+    (no chance of success, or no importance) is never scheduled.
+
+    Args:
+        success: (N, K) probability that device k gets through at step n.
+        importance: (K,) delta, not negative.
+        per_step: K_bar.
+
+    Returns:
+        (N, K) the schedule omega.
+    """
+    worth = success * importance
+    steps, devices = worth.shape
+    schedule = np.zeros((steps, devices), dtype=np.bool_)
+    if per_step < 1 or worth.size == 0:
+        return schedule
+    # More copies of a step than devices cannot be filled.
+    copies = min(per_step, devices)
+    rows, columns = linear_sum_assignment(np.repeat(worth, copies, axis=0), maximize=True)
+    schedule[rows // copies, columns] = True
+    return schedule & (worth > 0.0)
