@@ -70,8 +70,11 @@ class MissionConfig(BaseModel):
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
     )
     tour_inset: float = Field(
-        0.2, ge=0, lt=0.5, description="rectangular: the tour's distance from the area's edge, "
-        "as a fraction of its size"
+        0.2,
+        ge=0,
+        lt=0.5,
+        description="rectangular: the tour's distance from the area's edge, "
+        "as a fraction of its size",
     )
 
 
@@ -88,7 +91,9 @@ class LinkConfig(BaseModel):
         "max", description='simulated seconds per second in flight, or "max"'
     )
     stall_timeout_s: float = Field(
-        30.0, gt=0, le=3600,
+        30.0,
+        gt=0,
+        le=3600,
         description="wall seconds without any progress of the vehicle after which a run ends",
     )
 
@@ -160,7 +165,9 @@ def parse_override(text: str) -> tuple[str, Any]:
     key, sep, raw = text.partition("=")
     key = key.strip()
     if not sep or not key or any(not part for part in key.split(".")):
-        raise InputError(f"--set {text}: expected KEY=VALUE with a dotted key, e.g. mission.steps=8")
+        raise InputError(
+            f"--set {text}: expected KEY=VALUE with a dotted key, e.g. mission.steps=8"
+        )
     try:
         return key, tomllib.loads(f"value = {raw}")["value"]
     except tomllib.TOMLDecodeError:

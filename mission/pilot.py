@@ -134,9 +134,7 @@ class Pilot:
                 failure = f"the vehicle did not take the mission of {len(items)} items: {error}"
                 continue
             if [_essence(item) for item in back] == [_essence(item) for item in items]:
-                await self._order(
-                    "rewind the mission", self._mission.set_current_mission_item(0)
-                )
+                await self._order("rewind the mission", self._mission.set_current_mission_item(0))
                 return
             failure = f"the vehicle holds another mission than the {len(items)} items uploaded"
         raise FlightError(failure)

@@ -7,11 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.radio import Channel, average_per
 from mission.area import Area
 from mission.config import MissionConfig
+from mission.planner.evaluate import finish
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-from mission.planner.schedule import assign
 
 Floats = NDArray[np.float64]
 
@@ -59,9 +58,9 @@ class Barycenter:
     fairness: bool = True
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
-        """All N steps at the hovering point; the schedule takes whom the channel reaches."""
+        """All N steps at the hovering point, with the best schedule there."""
         path = np.tile(problem.start_m, (problem.steps, 1))
-        return Sortie(scheduled_on(path, problem), hold_s=self.hover_s, cost_m=self.cost_m)
+        return Sortie(finish(problem, path), hold_s=self.hover_s, cost_m=self.cost_m)
 
 
 @dataclass(frozen=True)
@@ -83,26 +82,10 @@ class Rectangular:
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The next stretch of the tour, with the best schedule on it."""
-        tour = stretch(
-            self.corners_m, round_index * self.length_m, self.length_m, problem.steps
-        )
+        tour = stretch(self.corners_m, round_index * self.length_m, self.length_m, problem.steps)
         # Where the last round ended, which is on the tour but for the error of flight.
         tour[0] = problem.start_m
-        return Sortie(scheduled_on(tour, problem))
-
-
-def scheduled_on(path_m: Floats, problem: RoundProblem) -> RoundPlan:
-    """The best schedule for a given path (N, 2): step 1 of the paper's alternation."""
-    success = success_table(path_m, problem.devices_m, problem.channel)
-    schedule = assign(success, problem.importance, problem.per_step)
-    value = float((schedule * success * problem.importance).sum())
-    return RoundPlan(path_m, schedule, value)
-
-
-def success_table(path_m: Floats, devices_m: Floats, channel: Channel) -> Floats:
-    """(N, K) 1 - q_bar of each device from each waypoint."""
-    reach = np.linalg.norm(path_m[:, None] - devices_m[None], axis=2)
-    return 1.0 - average_per(channel, reach)
+        return Sortie(finish(problem, tour))
 
 
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:

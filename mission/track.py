@@ -1,6 +1,6 @@
 """What was flown: samples and waypoint passages, taken on the vehicle's side and clock."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -31,11 +31,10 @@ class Flight:
     battery_remaining: float
 
     @classmethod
-    def standing(cls, here: Passage, battery_remaining: float) -> Self:
+    def standing(cls, here: Passage, reached: dict[int, Passage], battery: float) -> Self:
         """A flight in which the aircraft did not move."""
         return cls(
-            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], {},
-            battery_remaining,
+            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], reached, battery
         )
 
     @property
@@ -57,21 +56,24 @@ class Flight:
         return Passage(t_ns, true, est)
 
 
-@dataclass
 class FlightRecorder:
-    """A vehicle observer that keeps the samples of one stretch of flight at a time."""
+    """A vehicle observer that keeps the track of one stretch of flight at a time."""
 
-    _samples: list[VehicleSample] = field(default_factory=list)
-    _reached: dict[int, Passage] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self._track: list[Passage] = []
+        self._reached: dict[int, Passage] = {}
 
-    def start(self) -> None:
-        """Forget what was seen; the next flight begins with the next sample."""
-        self._samples.clear()
-        self._reached.clear()
+    def start(self, here: Passage) -> None:
+        """Forget the last flight; the next one begins here."""
+        self._track = [here]
+        self._reached = {}
 
     def sampled(self, sample: VehicleSample) -> None:
-        """Keep a sample."""
-        self._samples.append(sample)
+        """Keep a sample that is newer than the last."""
+        if not self._track or sample.t_ns > self._track[-1].t_ns:
+            self._track.append(
+                Passage(sample.t_ns, sample.truth.pos_ned_m, sample.belief.pos_ned_m)
+            )
 
     def happened(self, event: VehicleEvent) -> None:
         """Keep the first passage of each mission item."""
@@ -80,13 +82,15 @@ class FlightRecorder:
                 event.t_ns, event.truth.pos_ned_m, event.belief.pos_ned_m
             )
 
-    def flight(self) -> Flight:
-        """What was recorded since `start`; at least one sample must have been seen."""
-        samples = self._samples
+    def finish(self, here: Passage, battery_remaining: float) -> Flight:
+        """The flight since `start`, which ends here."""
+        if here.t_ns > self._track[-1].t_ns:
+            self._track.append(here)
+        track, self._track = self._track, []
         return Flight(
-            np.array([s.t_ns for s in samples], dtype=np.int64),
-            np.array([s.truth.pos_ned_m for s in samples]),
-            np.array([s.belief.pos_ned_m for s in samples]),
-            dict(self._reached),
-            samples[-1].battery.remaining,
+            np.array([p.t_ns for p in track], dtype=np.int64),
+            np.array([p.true_ned_m for p in track]),
+            np.array([p.est_ned_m for p in track]),
+            self._reached,
+            battery_remaining,
         )

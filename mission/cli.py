@@ -1,0 +1,54 @@
+"""The `aerofed` command: parses, calls a command, and turns errors into lines and exit codes."""
+
+import os
+import sys
+from collections.abc import Sequence
+
+from cyclopts import App, CycloptsError
+from rich.console import Console
+
+from mission.errors import INTERRUPTED, AerofedError, InputError
+
+EXIT_CODES = """Exit codes: 0 done, 1 a bug, 2 wrong input, 3 no feasible plan, 4 flight failed, \
+5 link lost or port in use, 6 limits not met, 130 interrupted."""
+
+app = App(
+    name="aerofed",
+    help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
+    help_epilogue=EXIT_CODES,
+    help_format="plaintext",
+    result_action="return_value",
+    # Ctrl-C is ours to report.
+    suppress_keyboard_interrupt=False,
+)
+app.command("mission.commands.run:run", name="run", help="Fly the rounds of a configuration.")
+app.command(
+    "mission.commands.compare:compare", name="compare", help="Planned against flown, in numbers."
+)
+
+
+def main(tokens: Sequence[str] | None = None) -> None:
+    """Entry point: runs the command and exits with its code."""
+    sys.exit(call(tokens))
+
+
+def call(tokens: Sequence[str] | None = None) -> int:
+    """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
+    errors = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    try:
+        result = app(tokens, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        errors.print(f"aerofed: {error}")
+        return InputError.exit_code
+    except AerofedError as error:
+        for line in str(error).splitlines():
+            errors.print(f"aerofed: {line}")
+        return error.exit_code
+    except KeyboardInterrupt:
+        errors.print("aerofed: interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has had enough; Python must not complain at its exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return result if isinstance(result, int) else 0

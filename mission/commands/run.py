@@ -1,0 +1,64 @@
+"""`aerofed run`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from mission.config import builtin_config, load_config, parse_override
+from mission.errors import InputError
+from mission.folder import free_folder
+
+RUNS = Path("runs")
+
+
+def run(
+    config: Path | None = None,
+    *,
+    out: Path | None = None,
+    data_dir: Path | None = None,
+    seed: int | None = None,
+    rounds: int | None = None,
+    set_: Annotated[
+        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
+    ] = (),
+    quiet: bool = False,
+) -> int:
+    """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
+
+    Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6
+
+    Parameters
+    ----------
+    config
+        TOML file. Without one, the quick-start mission is flown.
+    out
+        Folder for the results; it must be new or empty. Default: a new one under runs/.
+    data_dir
+        Folder with the data sets' files, where the configuration's tasks need files.
+    seed
+        Root of all randomness; overrides the configuration.
+    rounds
+        Rounds at most; overrides mission.rounds.
+    set_
+        Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
+    quiet
+        Print nothing but errors.
+    """
+    path = config or builtin_config("quickstart.toml")
+    overrides = dict(parse_override(text) for text in set_)
+    if seed is not None:
+        overrides["seed"] = seed
+    if rounds is not None:
+        overrides["mission.rounds"] = rounds
+    resolved = load_config(path, overrides)
+    if data_dir is not None and not data_dir.is_dir():
+        raise InputError(f"--data-dir {data_dir}: no such folder")
+    # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
+    from mission.session import fly_session
+
+    folder = out or free_folder(
+        RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
+    )
+    return fly_session(resolved, folder, data_dir=data_dir, console=Console(), quiet=quiet)

@@ -1,0 +1,206 @@
+"""The loop of a run: plan, fly, gate, learn, record; round by round."""
+
+import asyncio
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl import federation as learning
+from mission.flightplan import FlightPlan, stops_of
+from mission.flyer import Flyer, open_flyer
+from mission.gate import slots, uplinks
+from mission.pilot import stop_sequence
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.records import RoundRecord, UplinkRecord
+from mission.stopwatch import Stopwatch
+from mission.track import Flight
+from mission.world import World
+from sitl.observer import VehicleObserver
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RoundResult:
+    """Everything about one round, for those who record it."""
+
+    record: RoundRecord
+    uplinks: tuple[UplinkRecord, ...]
+    learnt: learning.RoundLearning
+    problem: RoundProblem | None = None  # None: nothing was planned or flown (ideal)
+    plan: RoundPlan | None = None
+    flight_plan: FlightPlan | None = None
+    flight: Flight | None = None
+
+
+class Recorder(Protocol):
+    """Takes what happens, in order. Nothing that it does alters the run."""
+
+    def planned(self, t_ns: int, problem: RoundProblem, plan: RoundPlan, round_index: int) -> None:
+        """A round is about to be flown."""
+        ...
+
+    def finished(self, t_ns: int, result: RoundResult) -> None:
+        """A round is over."""
+        ...
+
+    def phase(self, name: str) -> None:
+        """What is going on now, for people."""
+        ...
+
+
+@dataclass
+class Experiment:
+    """One run's state between rounds."""
+
+    world: World
+    recorder: Recorder
+    stopwatch: Stopwatch
+    state: learning.FederationState
+    budget_used_m: float = 0.0
+    rounds_done: int = 0
+    flown_m: float = 0.0
+    sim_s: float = 0.0
+    observers: Sequence[VehicleObserver] = field(default=())
+
+    @property
+    def finished(self) -> bool:
+        """Whether the rounds or the path budget are spent."""
+        mission = self.world.config.mission
+        if self.rounds_done >= mission.rounds:
+            return True
+        cost = mission.hover_cost_m if mission.strategy == "barycenter" else 0.0
+        left = mission.total_budget_m - self.budget_used_m
+        return left < cost or left <= 0.0
+
+    async def run(self) -> None:
+        """All rounds, from take-off to landing; `ideal` needs no flight.
+
+        Raises:
+            FlightError, LinkLostError: see `Pilot`.
+            PlanError: see the planner.
+        """
+        if self.world.strategy is None:
+            while not self.finished:
+                await self._ideal_round()
+            return
+        config, world = self.world.config, self.world
+        async with open_flyer(
+            config, area=world.area, streams=world.streams, observers=self.observers
+        ) as flyer:
+            self.recorder.phase("take-off")
+            with self.stopwatch("fly"):
+                await flyer.take_off()
+                if world.strategy.approach_m is not None:
+                    await flyer.go_to(world.strategy.approach_m)
+            while not self.finished:
+                await self._flown_round(flyer)
+            self.recorder.phase("landing")
+            with self.stopwatch("fly"):
+                await flyer.land()
+            self.sim_s = flyer.vehicle.t_ns / 1e9
+
+    async def _flown_round(self, flyer: Flyer) -> None:
+        world, strategy, index = self.world, self.world.strategy, self.rounds_done
+        assert strategy is not None
+        mission = world.config.mission
+        self.recorder.phase("planning")
+        start = flyer.here()
+        with self.stopwatch("plan"):
+            problem = RoundProblem(
+                devices_m=world.devices_m,
+                importance=learning.importance(
+                    world.federation, self.state, fairness=strategy.fairness
+                ),
+                start_m=world.area.from_ned(start.est_ned_m),
+                steps=mission.steps,
+                per_step=mission.devices_per_step,
+                path_budget_m=min(
+                    mission.path_budget_m, mission.total_budget_m - self.budget_used_m
+                ),
+                channel=world.channel,
+            )
+            # In a thread, so that heartbeats go on; simulated time stands still.
+            sortie = await asyncio.to_thread(strategy.sortie, index, problem)
+        self.recorder.planned(start.t_ns, problem, sortie.plan, index)
+
+        self.recorder.phase("flight")
+        with self.stopwatch("fly"):
+            flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
+            flight = await flyer.fly(flight_plan)
+        passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
+        gate = uplinks(
+            index, problem, sortie.plan, passages,
+            area=world.area, community_of=world.community_of, stream=world.streams.generator,
+        )  # fmt: skip
+        self.budget_used_m += flight.flown_m if sortie.cost_m is None else sortie.cost_m
+        self.flown_m += flight.flown_m
+
+        scheduled, delivered = (np.zeros(len(world.devices_m), dtype=bool) for _ in range(2))
+        scheduled[[u.device for u in gate]] = True
+        delivered[[u.device for u in gate if u.delivered]] = True
+        learnt = await self._learn(scheduled, delivered)
+        record = RoundRecord(
+            round=index,
+            start_t_s=start.t_ns / 1e9,
+            duration_s=flight.duration_s,
+            plan_objective=sortie.plan.value,
+            est_objective=sum(u.importance * _success(u.est_per) for u in gate),
+            true_objective=sum(u.importance * _success(u.true_per) for u in gate),
+            upper_bound=sortie.plan.upper_bound,
+            plan_path_m=sortie.plan.path_m,
+            flown_path_m=flight.flown_m,
+            budget_used_m=self.budget_used_m,
+            scheduled=len(gate),
+            delivered=int(delivered.sum()),
+            battery_remaining=flight.battery_remaining,
+            accuracy=learnt.accuracy,
+            cov=learnt.cov,
+        )
+        self._finish(
+            flyer.vehicle.t_ns,
+            RoundResult(record, gate, learnt, problem, sortie.plan, flight_plan, flight),
+        )
+
+    async def _ideal_round(self) -> None:
+        everyone = np.ones(len(self.world.devices_m), dtype=bool)
+        importance = learning.importance(self.world.federation, self.state, fairness=True)
+        learnt = await self._learn(everyone, everyone)
+        total = float(importance.sum())
+        record = RoundRecord(
+            round=self.rounds_done, start_t_s=0.0, duration_s=0.0,
+            plan_objective=total, est_objective=total, true_objective=total, upper_bound=total,
+            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=0.0,
+            scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
+            accuracy=learnt.accuracy, cov=learnt.cov,
+        )  # fmt: skip
+        self._finish(0, RoundResult(record, (), learnt))
+
+    async def _learn(
+        self, scheduled: NDArray[np.bool_], delivered: NDArray[np.bool_]
+    ) -> learning.RoundLearning:
+        self.recorder.phase("training")
+        with self.stopwatch("learn"):
+            self.state, learnt = await asyncio.to_thread(
+                learning.play_round,
+                self.world.federation,
+                self.state,
+                scheduled,
+                delivered,
+                stream=self.world.streams.generator,
+            )
+        return learnt
+
+    def _finish(self, t_ns: int, result: RoundResult) -> None:
+        with self.stopwatch("log"):
+            self.recorder.finished(t_ns, result)
+        self.rounds_done += 1
+
+
+def _success(per: float) -> float:
+    """1 - PER; a slot that was never reached succeeds with certainty zero."""
+    return 0.0 if math.isnan(per) else 1.0 - per

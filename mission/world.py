@@ -1,0 +1,61 @@
+"""What a run is made of before its first round: everything that can be refused, is refused here."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl import federation as learning
+from fl.errors import LearningInputError
+from fl.radio import Channel
+from flightdyn.random import RandomStreams
+from mission.area import Area
+from mission.config import RunConfig
+from mission.errors import InputError
+from mission.planner.factory import make_planner
+from mission.strategies import Strategy, make_strategy
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class World:
+    """Area, devices, communities and strategy of one run."""
+
+    config: RunConfig
+    streams: RandomStreams
+    area: Area
+    devices_m: Floats  # (K, 2) area coordinates
+    channel: Channel
+    federation: learning.Federation
+    strategy: Strategy | None  # None: ideal, nothing is flown
+
+    @property
+    def community_of(self) -> tuple[str, ...]:
+        """(K,) the name of each device's community."""
+        return tuple(self.federation.names[c] for c in self.federation.community_of)
+
+
+def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
+    """Place the devices, read the data and deal it out, and set up the strategy.
+
+    Raises:
+        InputError: data is missing or damaged, or a setting contradicts another.
+    """
+    streams = RandomStreams(config.seed)
+    area = config.area.build()
+    count = sum(community.devices for community in config.communities)
+    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    devices_m.flags.writeable = False
+    try:
+        channel = config.channel.build(altitude_m=config.mission.altitude_m)
+        federation = learning.build(
+            config.communities, config.learning, data_dir=data_dir, stream=streams.generator
+        )
+    except LearningInputError as error:
+        raise InputError(str(error)) from None
+    strategy = make_strategy(
+        config.mission, make_planner(config.planner), devices_m=devices_m, area=area
+    )
+    return World(config, streams, area, devices_m, channel, federation, strategy)
