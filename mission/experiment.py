@@ -40,7 +40,14 @@ class RoundResult:
 class Recorder(Protocol):
     """Takes what happens, in order. Nothing that it does alters the run."""
 
-    def planned(self, t_ns: int, problem: RoundProblem, plan: RoundPlan, round_index: int) -> None:
+    def planned(
+        self,
+        t_ns: int,
+        round_index: int,
+        problem: RoundProblem,
+        plan: RoundPlan,
+        flight_plan: FlightPlan,
+    ) -> None:
         """A round is about to be flown."""
         ...
 
@@ -65,6 +72,9 @@ class Experiment:
     rounds_done: int = 0
     flown_m: float = 0.0
     sim_s: float = 0.0
+    scheduled: int = 0
+    delivered: int = 0
+    accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
     observers: Sequence[VehicleObserver] = field(default=())
 
     @property
@@ -126,11 +136,11 @@ class Experiment:
             )
             # In a thread, so that heartbeats go on; simulated time stands still.
             sortie = await asyncio.to_thread(strategy.sortie, index, problem)
-        self.recorder.planned(start.t_ns, problem, sortie.plan, index)
+        flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
+        self.recorder.planned(start.t_ns, index, problem, sortie.plan, flight_plan)
 
         self.recorder.phase("flight")
         with self.stopwatch("fly"):
-            flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
         gate = uplinks(
@@ -199,6 +209,9 @@ class Experiment:
         with self.stopwatch("log"):
             self.recorder.finished(t_ns, result)
         self.rounds_done += 1
+        self.scheduled += result.record.scheduled
+        self.delivered += result.record.delivered
+        self.accuracy = dict(result.record.accuracy)
 
 
 def _success(per: float) -> float:

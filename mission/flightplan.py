@@ -37,6 +37,19 @@ class FlightPlan:
         """(S, 2) the polyline in area coordinates."""
         return np.array([stop.xy_m for stop in self.stops])
 
+    def ideal_slot_s(self) -> list[float]:
+        """(N,) when each step would be passed, in seconds after the start, by an aircraft that
+        is always at its planned speed. Steps that share a hover are spread evenly over it.
+        """
+        legs_m = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        slot_s: list[float] = []
+        clock_s = 0.0
+        for stop, leg_m in zip(self.stops, (*legs_m, 0.0), strict=True):
+            share_s = stop.hold_s / max(len(stop.steps), 1)
+            slot_s += [clock_s + share_s * rank for rank in range(len(stop.steps))]
+            clock_s += stop.hold_s + leg_m / self.speed_mps
+        return slot_s
+
     def positions(self, area: Area) -> tuple[GeodeticPoint, ...]:
         """The stops on the globe."""
         return tuple(
