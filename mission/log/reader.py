@@ -1,0 +1,259 @@
+"""Reads a log back into values."""
+
+import json
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message, Schema
+from mcap_protobuf.decoder import DecoderFactory
+
+from mission.area import Area
+from mission.log import framing, topics
+from mission.log.errors import DamagedLogError, ForeignLogError
+from mission.log.framing import BrokenRecordError
+from mission.log.topics import Topic
+from mission.log.values import (
+    BatteryTrack,
+    Devices,
+    EventRecord,
+    FlightData,
+    LearningRecord,
+    PlanRecord,
+    Track,
+    area_from_text,
+)
+from mission.records import RoundRecord, UplinkRecord
+
+_NAN = math.nan
+_Row = tuple[int, Any]
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A verified log, not yet decoded: messages in file order by topic."""
+
+    path: Path
+    schemas: dict[str, Schema]  # by topic
+    encodings: dict[str, str]  # by topic
+    messages: dict[str, list[Message]]
+    metadata: dict[str, dict[str, str]]
+    attachments: dict[str, bytes]
+
+    @property
+    def area(self) -> Area:
+        """The area that the log is about.
+
+        Raises:
+            ForeignLogError: the metadata that our writer puts first is missing.
+        """
+        ours = self.metadata.get("aerofed")
+        if ours is None:
+            raise ForeignLogError(
+                self.path, "an MCAP file, but not one of ours (no `aerofed` metadata)"
+            )
+        if ours.get("format") != topics.FORMAT_VERSION:
+            raise ForeignLogError(
+                self.path,
+                f"log format {ours.get('format')!r}, this version reads {topics.FORMAT_VERSION!r}",
+            )
+        try:
+            return area_from_text(ours)
+        except (KeyError, ValueError) as error:
+            raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
+
+    def decoded(self, topic: Topic) -> Iterator[_Row]:
+        """(t_ns, message) in order of time; JSON as dicts, protobuf as messages.
+
+        Raises:
+            DamagedLogError: a message does not decode, or the topic has another schema.
+        """
+        rows = sorted(self.messages.get(topic.name, ()), key=lambda message: message.log_time)
+        if not rows:
+            return
+        schema = self.schemas[topic.name]
+        if schema.name != topic.schema_name:
+            raise ForeignLogError(
+                self.path, f"{topic.name} has schema {schema.name}, not {topic.schema_name}"
+            )
+        decode: Callable[[bytes], Any] | None = json.loads
+        if topic.encoding == "protobuf":
+            decode = DecoderFactory().decoder_for(self.encodings[topic.name], schema)
+        if decode is None:
+            raise ForeignLogError(self.path, f"{topic.name} is not {topic.encoding}")
+        for message in rows:
+            try:
+                yield message.log_time, decode(message.data)
+            except ValueError as error:
+                raise ForeignLogError(
+                    self.path, f"{topic.name}: message {message.sequence} does not decode: {error}"
+                ) from None
+
+
+def load(path: Path) -> Contents:
+    """Verify a whole log and sort its messages by topic.
+
+    Raises:
+        LogError: it cannot be read, is no MCAP file, or is damaged; the message says where.
+    """
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    messages: dict[str, list[Message]] = defaultdict(list)
+    metadata: dict[str, dict[str, str]] = {}
+    attachments: dict[str, bytes] = {}
+    for frame in framing.verify(path):
+        try:
+            if frame.opcode == Opcode.CHUNK:
+                for item in framing.chunk_records(frame):
+                    if isinstance(item, Message):
+                        messages[channels[item.channel_id].topic].append(item)
+                    elif isinstance(item, Channel):
+                        channels[item.id] = item
+                    else:
+                        schemas[item.id] = item
+            elif frame.opcode == Opcode.METADATA:
+                found = framing.metadata(frame)
+                metadata[found.name] = dict(found.metadata)
+            elif frame.opcode == Opcode.ATTACHMENT:
+                file = framing.attachment(frame)
+                attachments[file.name] = file.data
+        except BrokenRecordError as broken:
+            raise DamagedLogError(path, broken.reason, broken.offset) from None
+        except KeyError as error:
+            raise DamagedLogError(
+                path, f"a message of channel {error}, which was never declared", frame.offset
+            ) from None
+    by_topic = {channel.topic: channel for channel in channels.values()}
+    return Contents(
+        path=path,
+        schemas={
+            name: schemas[channel.schema_id]
+            for name, channel in by_topic.items()
+            if channel.schema_id in schemas
+        },
+        encodings={name: channel.message_encoding for name, channel in by_topic.items()},
+        messages=dict(messages),
+        metadata=metadata,
+        attachments=attachments,
+    )
+
+
+def read_log(path: Path) -> FlightData:
+    """Everything that a log of ours holds.
+
+    Raises:
+        LogError: it cannot be read, is not a log of ours, or is damaged.
+    """
+    contents = load(path)
+    area = contents.area
+    try:
+        devices = _devices(contents)
+        return FlightData(
+            area=area,
+            devices=devices,
+            truth=_track(contents, topics.TRUE_POSE),
+            belief=_track(contents, topics.EST_POSE),
+            plans=tuple(
+                _plan(t, row, len(devices.community)) for t, row in contents.decoded(topics.PLAN)
+            ),
+            rounds=tuple(_round(row) for _, row in contents.decoded(topics.ROUNDS)),
+            uplinks=tuple(_uplink(row) for _, row in _in_file_order(contents)),
+            learning=tuple(
+                LearningRecord(t_ns=t, **_with_nan(row))
+                for t, row in contents.decoded(topics.LEARNING)
+            ),
+            events=tuple(_event(t, row) for t, row in contents.decoded(topics.EVENTS)),
+            battery=_battery(contents),
+            metadata=contents.metadata,
+            attachments=contents.attachments,
+        )
+    except (KeyError, TypeError, IndexError) as error:
+        raise ForeignLogError(path, f"a record is not what its schema says ({error!r})") from None
+
+
+def _track(contents: Contents, topic: Topic) -> Track:
+    rows = list(contents.decoded(topic))
+    pos_m = np.empty((len(rows), 3))
+    for index, (_, message) in enumerate(rows):
+        p = message.pose.position
+        pos_m[index] = (p.x, p.y, p.z)
+    return Track(np.array([t for t, _ in rows], dtype=np.int64), pos_m)
+
+
+def _devices(contents: Contents) -> Devices:
+    for _, row in contents.decoded(topics.DEVICES):
+        pos_m = np.array(row["pos_m"], dtype=np.float64).reshape(-1, 2)
+        return Devices(pos_m, tuple(row["community"]))
+    raise ForeignLogError(contents.path, "an MCAP file without the devices (/devices is empty)")
+
+
+def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
+    waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
+    schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
+    for step, device in row["schedule"]:
+        schedule[step, device] = True
+    return PlanRecord(
+        round=row["round"],
+        t_ns=t_ns,
+        waypoints_m=waypoints_m,
+        schedule=schedule,
+        importance=np.array(row["importance"], dtype=np.float64),
+        value=_number(row["value"]),
+        upper_bound=_number(row["upper_bound"]),
+        path_budget_m=_number(row["path_budget_m"]),
+        speed_mps=_number(row["speed_mps"]),
+        altitude_m=_number(row["altitude_m"]),
+        ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
+    )
+
+
+def _round(row: dict[str, Any]) -> RoundRecord:
+    values = _with_nan(row)
+    values["accuracy"] = _with_nan(row["accuracy"])
+    values["cov"] = _with_nan(row["cov"])
+    return RoundRecord(**values)
+
+
+def _uplink(row: dict[str, Any]) -> UplinkRecord:
+    return UplinkRecord(**_with_nan(row))
+
+
+def _in_file_order(contents: Contents) -> Iterator[_Row]:
+    """Uplinks by round and step, as they were written: slots that were never reached have no
+    instant of their own, so time does not order them."""
+    rows = list(contents.decoded(topics.UPLINKS))
+    yield from sorted(rows, key=lambda row: (row[1]["round"], row[1]["step"], row[1]["device"]))
+
+
+def _event(t_ns: int, row: dict[str, Any]) -> EventRecord:
+    return EventRecord(
+        t_ns=t_ns,
+        kind=row["kind"],
+        text=row["text"],
+        seq=row["seq"],
+        severity=row["severity"],
+        true_m=tuple(row["true_m"]),
+        est_m=tuple(row["est_m"]),
+    )
+
+
+def _battery(contents: Contents) -> BatteryTrack:
+    rows = list(contents.decoded(topics.BATTERY))
+    columns = {
+        name: np.array([_number(row[name]) for _, row in rows])
+        for name in ("voltage_v", "current_a", "consumed_mah", "remaining")
+    }
+    return BatteryTrack(np.array([t for t, _ in rows], dtype=np.int64), **columns)
+
+
+def _number(value: float | None) -> float:
+    return _NAN if value is None else float(value)
+
+
+def _with_nan(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: _NAN if value is None else value for key, value in row.items()}

@@ -1,0 +1,157 @@
+"""What the 3D and map panels show beside the aircraft: ground, devices, links, plan."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from foxglove import messages as fox
+
+from flightdyn.frames import LocalFrame
+from mission import palette
+from mission.area import Area
+from mission.log.messages import geojson, timestamp
+from mission.log.topics import FRAME
+from mission.log.values import Devices, Floats, PlanRecord
+from mission.records import UplinkRecord
+
+_LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
+_DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
+
+
+def ground(t_ns: int, area: Area) -> bytes:
+    """SceneUpdate of the area's edge and the take-off point."""
+    width, height = area.size_m
+    corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
+    edge = fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineLoop,
+        thickness=2.0,
+        scale_invariant=True,
+        points=[fox.Point3(x=x, y=y, z=0.0) for x, y in corners],
+        color=_colour(palette.rgb(palette.PLANNED), 0.9),
+    )
+    home = fox.CylinderPrimitive(
+        pose=_at(*area.home_m, 0.1),
+        size=fox.Vector3(x=12.0, y=12.0, z=0.2),
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=_colour(palette.rgb(palette.PLANNED), 0.9),
+    )
+    return _update(
+        [
+            _entity(t_ns, "area", lines=[edge]),
+            _entity(t_ns, "home", cylinders=[home], texts=[_label(*area.home_m, 8.0, "home")]),
+        ]
+    )
+
+
+def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
+    """SceneUpdate of the devices: colour says community, size says importance."""
+    largest = float(importance.max(initial=0.0))
+    small, large = _DEVICE_SIZE_M
+    entities = []
+    for k, (xy, community) in enumerate(zip(world.pos_m.tolist(), world.community_of, strict=True)):
+        share = float(importance[k]) / largest if largest > 0 else 0.0
+        size = small + (large - small) * math.sqrt(max(share, 0.0))
+        colour = palette.rgb(palette.community_colour(int(community)))
+        body = fox.SpherePrimitive(
+            pose=_at(xy[0], xy[1], size / 2),
+            size=fox.Vector3(x=size, y=size, z=size),
+            color=_colour(colour, 1.0),
+        )
+        facts = {
+            "device": str(k),
+            "community": world.community[k],
+            "importance": repr(float(importance[k])),
+        }
+        entities.append(
+            _entity(
+                t_ns,
+                f"device {k}",
+                spheres=[body],
+                texts=[_label(xy[0], xy[1], size + 6.0, str(k))],
+                metadata=[fox.KeyValuePair(key=key, value=value) for key, value in facts.items()],
+            )
+        )
+    return _update(entities)
+
+
+def link(t_ns: int, record: UplinkRecord, world: Devices) -> bytes:
+    """SceneUpdate of one transmission: colour says true PER, a thin line that it was lost."""
+    x, y = world.pos_m[record.device].tolist()
+    line = fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=4.0 if record.delivered else 1.5,
+        scale_invariant=True,
+        points=[
+            fox.Point3(x=record.true_x_m, y=record.true_y_m, z=record.true_alt_m),
+            fox.Point3(x=x, y=y, z=0.0),
+        ],
+        color=_colour(palette.per_colour(record.true_per), 0.95),
+    )
+    entity = _entity(t_ns, f"link {record.device}", lines=[line], lifetime=_LINK_SHOWN)
+    return _update([entity])
+
+
+def plan_map(frame: LocalFrame, area: Area, world: Devices, plan: PlanRecord) -> bytes:
+    """GeoJson of the devices and the planned path, for the map panel."""
+    features: list[Mapping[str, Any]] = [
+        _feature(
+            "LineString",
+            _lonlat(frame, area, plan.waypoints_m, plan.altitude_m),
+            {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
+        )
+    ]
+    where = _lonlat(frame, area, world.pos_m, 0.0)
+    for k, community in enumerate(world.community_of):
+        colour = palette.community_colour(int(community))
+        features.append(
+            _feature(
+                "Point",
+                where[k],
+                {"name": f"device {k} ({world.community[k]})", "style": {"color": colour}},
+            )
+        )
+    return geojson(features)
+
+
+def _lonlat(
+    frame: LocalFrame, area: Area, xy_m: Floats, alt_rel_m: float
+) -> list[tuple[float, float]]:
+    points = [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
+    return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
+
+
+def _feature(kind: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": dict(properties),
+    }
+
+
+def _at(x: float, y: float, z: float) -> Any:
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(w=1.0))
+
+
+def _label(x: float, y: float, z: float, text: str) -> Any:
+    return fox.TextPrimitive(
+        pose=_at(x, y, z),
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=_colour(palette.rgb(palette.FLOWN), 1.0),
+        text=text,
+    )
+
+
+def _colour(rgb: palette.RGB, alpha: float) -> Any:
+    return fox.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=alpha)
+
+
+def _entity(t_ns: int, name: str, **parts: Any) -> Any:
+    return fox.SceneEntity(timestamp=timestamp(t_ns), frame_id=FRAME, id=name, **parts)
+
+
+def _update(entities: Sequence[Any]) -> bytes:
+    data: bytes = fox.SceneUpdate(entities=list(entities)).encode()
+    return data

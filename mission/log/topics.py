@@ -1,0 +1,182 @@
+"""The topics of a flight log and their schemas.
+
+Whatever has a well-known Foxglove schema uses it (protobuf); records of our own are small JSON
+objects with a JSON schema that says the unit of every number. NaN is written as null.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove import messages as fox
+
+FORMAT_VERSION = "1"
+FRAME = "area"  # x east, y north from the area's south-west corner; z height above home
+BODY_FRAME = "aircraft"  # x forward, y left, z up
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One channel of the log."""
+
+    name: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+    encoding: str
+
+
+def _foxglove(name: str, message: Any) -> Topic:
+    schema = message.get_schema()
+    return Topic(name, schema.name, schema.encoding, bytes(schema.data), "protobuf")
+
+
+def _json(name: str, title: str, description: str, **properties: tuple[str, str]) -> Topic:
+    schema = {
+        "title": title,
+        "description": description,
+        "type": "object",
+        "properties": {
+            key: {**_TYPES[kind], "description": text} for key, (kind, text) in properties.items()
+        },
+        "required": list(properties),
+    }
+    data = json.dumps(schema, separators=(",", ":")).encode()
+    return Topic(name, title, "jsonschema", data, "json")
+
+
+_NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
+_TYPES: dict[str, dict[str, Any]] = {
+    "integer": {"type": "integer"},
+    "number": {"type": ["number", "null"]},
+    "boolean": {"type": "boolean"},
+    "string": {"type": "string"},
+    "numbers": _NUMBERS,
+    "pairs": {"type": "array", "items": _NUMBERS},
+    "by_community": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
+}
+
+TF = _foxglove("/tf", fox.FrameTransform)
+TRUE_POSE = _foxglove("/true/pose", fox.PoseInFrame)
+EST_POSE = _foxglove("/est/pose", fox.PoseInFrame)
+TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3)
+EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3)
+COMMAND = _foxglove("/cmd/position", fox.Point3InFrame)
+TRUE_LOCATION = _foxglove("/true/location", fox.LocationFix)
+GNSS = _foxglove("/gnss", fox.LocationFix)
+PLAN_PATH = _foxglove("/plan/path", fox.PosesInFrame)
+FLOWN_PATH = _foxglove("/flown/path", fox.PosesInFrame)
+PLAN_MAP = _foxglove("/plan/map", fox.GeoJson)
+SCENE_GROUND = _foxglove("/scene/ground", fox.SceneUpdate)
+SCENE_DEVICES = _foxglove("/scene/devices", fox.SceneUpdate)
+SCENE_LINKS = _foxglove("/scene/links", fox.SceneUpdate)
+LOG = _foxglove("/log", fox.Log)
+
+DEVICES = _json(
+    "/devices",
+    "aerofed.Devices",
+    "The ground devices; written once, at the start",
+    pos_m=("pairs", "x east, y north of each device, area coordinates"),
+    community=("pairs", "name of each device's community"),
+)
+PLAN = _json(
+    "/plan",
+    "aerofed.Plan",
+    "A round's plan, at the instant the round starts",
+    round=("integer", "round, from 0"),
+    waypoints_m=("pairs", "(N, 2) path in area coordinates; the first is the start"),
+    schedule=("pairs", "[step, device] of each scheduled transmission, both from 0"),
+    importance=("numbers", "(K,) delta of each device"),
+    value=("number", "expected objective of the plan"),
+    upper_bound=("number", "proven bound on the objective; null where there is none"),
+    path_budget_m=("number", "L_max"),
+    speed_mps=("number", "planned ground speed"),
+    altitude_m=("number", "planned height above home"),
+    ideal_slot_s=("numbers", "(N,) seconds after the start at which a step is passed at speed"),
+)
+ROUNDS = _json(
+    "/rounds",
+    "aerofed.Round",
+    "One round, when it has ended: the row of rounds.csv",
+    round=("integer", "round, from 0"),
+    start_t_s=("number", "simulated time at which the round started"),
+    duration_s=("number", "simulated seconds from start to end"),
+    plan_objective=("number", "sum of importance (1 - PER) at the planned positions"),
+    est_objective=("number", "the same at the believed positions of the transmissions"),
+    true_objective=("number", "the same at the true positions"),
+    upper_bound=("number", "proven bound on the plan's objective; null where there is none"),
+    plan_path_m=("number", "length of the planned path"),
+    flown_path_m=("number", "length of the flown track"),
+    budget_used_m=("number", "metres of L_total spent so far"),
+    scheduled=("integer", "devices scheduled"),
+    delivered=("integer", "updates that arrived"),
+    battery_remaining=("number", "0..1 of the capacity at the end"),
+    accuracy=("by_community", "validation accuracy 0..1 after the round"),
+    cov=("by_community", "fairness CoV psi in force for the next round"),
+)
+UPLINKS = _json(
+    "/uplinks",
+    "aerofed.Uplink",
+    "One scheduled device of one round, at its transmission: the row of uplinks.csv",
+    round=("integer", "round, from 0"),
+    device=("integer", "device, from 0 over all communities"),
+    community=("string", "name of the device's community"),
+    step=("integer", "time step of the plan, from 0"),
+    slot_t_s=("number", "simulated time of the transmission; null where never reached"),
+    plan_x_m=("number", "planned position, east"),
+    plan_y_m=("number", "planned position, north"),
+    est_x_m=("number", "believed position, east"),
+    est_y_m=("number", "believed position, north"),
+    est_alt_m=("number", "believed height above home"),
+    true_x_m=("number", "true position, east"),
+    true_y_m=("number", "true position, north"),
+    true_alt_m=("number", "true height above home"),
+    plan_per=("number", "packet error rate at the planned position"),
+    est_per=("number", "packet error rate at the believed position"),
+    true_per=("number", "packet error rate at the true position; 1 where never reached"),
+    importance=("number", "delta of the device in this round"),
+    delivered=("boolean", "the update arrived"),
+)
+LEARNING = _json(
+    "/learning",
+    "aerofed.Learning",
+    "What one community had learnt after a round",
+    round=("integer", "round, from 0"),
+    community=("string", "name of the community"),
+    accuracy=("number", "validation accuracy 0..1"),
+    cov=("number", "fairness CoV psi"),
+    loss=("number", "mean local loss of the devices that trained; null where nobody did"),
+)
+BATTERY = _json(
+    "/battery",
+    "aerofed.Battery",
+    "The battery",
+    voltage_v=("number", "terminal voltage"),
+    current_a=("number", "current drawn"),
+    consumed_mah=("number", "charge used since the start"),
+    remaining=("number", "0..1 of the capacity"),
+)
+MODE = _json(
+    "/mode",
+    "aerofed.Mode",
+    "Flight mode, whenever it changes",
+    mode=("string", "name of the mode"),
+    armed=("boolean", "motors enabled"),
+)
+EVENTS = _json(
+    "/events",
+    "aerofed.Event",
+    "Something that happened, with truth and belief of that instant",
+    kind=("string", "mode, armed, reached, status, failsafe or fault"),
+    text=("string", "what a person reads"),
+    seq=("number", "mission item for `reached`; else null"),
+    severity=("integer", "MAV_SEVERITY, 0 emergency .. 7 debug"),
+    true_m=("numbers", "true x east, y north, height above home"),
+    est_m=("numbers", "believed x east, y north, height above home"),
+)
+
+TOPICS: tuple[Topic, ...] = (
+    *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
+    *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
+    *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
+)

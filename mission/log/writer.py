@@ -1,0 +1,307 @@
+"""Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from mission.area import Area
+from mission.log import messages, scene, topics
+from mission.log.sink import McapSink, Sink
+from mission.log.topics import Topic
+from mission.log.values import NS_PER_S, Devices, PlanRecord, area_to_text
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.records import RoundRecord, UplinkRecord
+from sitl.observer import VehicleEvent, VehicleSample
+
+_SEVERITY = {"failsafe": 4, "fault": 4}
+_NOTICE = 6
+_PATH_POINT_NS = NS_PER_S  # spacing of the points of the flown path
+_PATH_EVERY_NS = 5 * NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class LogRates:
+    """How often each kind of message is written, in simulated hertz; poses at every sample."""
+
+    velocity_hz: float = 5.0
+    command_hz: float = 5.0
+    location_hz: float = 1.0
+    battery_hz: float = 1.0
+
+
+class FlightLog:
+    """The log of one run. A `VehicleObserver`; use it as a context manager.
+
+    Whatever happened up to a second of simulated time ago is out of this process's hands, so a
+    killed run loses at most that; leaving the context, also by an exception, completes the file.
+    The same run gives the same bytes.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        area: Area,
+        devices: Devices,
+        rates: LogRates | None = None,
+        mirrors: Sequence[Sink] = (),
+    ) -> None:
+        """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
+
+        Raises:
+            LogError: the file cannot be made.
+        """
+        self._area = area
+        self._frame = area.frame
+        self._devices = devices
+        self._file = McapSink(path)
+        self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
+        rates = rates or LogRates()
+        self._due = {
+            topics.TRUE_VELOCITY: _Every.of(rates.velocity_hz),
+            topics.COMMAND: _Every.of(rates.command_hz),
+            topics.TRUE_LOCATION: _Every.of(rates.location_hz),
+            topics.BATTERY: _Every.of(rates.battery_hz),
+        }
+        self._now_ns = 0
+        self._flushed_ns = 0
+        self._mode: tuple[str, bool] | None = None
+        self._flown: list[messages.XYZ] = []
+        self._flown_point = _Every(_PATH_POINT_NS)
+        self._flown_path = _Every(_PATH_EVERY_NS)
+        self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
+        self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
+        self._write(
+            topics.DEVICES,
+            0,
+            messages.record(
+                {"pos_m": devices.pos_m.tolist(), "community": list(devices.community)}
+            ),
+        )
+        self._flush()
+
+    def sampled(self, sample: VehicleSample) -> None:
+        """Write one sample of the vehicle."""
+        t_ns, truth, belief = sample.t_ns, sample.truth, sample.belief
+        self._now_ns = t_ns
+        stamp = messages.timestamp(t_ns)
+        true_m = messages.area_xyz(self._area, truth.pos_ned_m)
+        est_m = messages.area_xyz(self._area, belief.pos_ned_m)
+        position = messages.vector(true_m, grid=messages.POSITION_GRID)
+        attitude = messages.quaternion(truth.q_frd_to_ned)
+        self._write(topics.TF, t_ns, messages.transform(stamp, position, attitude))
+        self._write(topics.TRUE_POSE, t_ns, messages.pose(stamp, position, attitude))
+        believed = messages.pose(
+            stamp,
+            messages.vector(est_m, grid=messages.POSITION_GRID),
+            messages.quaternion(belief.q_frd_to_ned),
+        )
+        self._write(topics.EST_POSE, t_ns, believed)
+        if self._due[topics.TRUE_VELOCITY].now(t_ns):
+            self._write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
+            self._write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
+        if sample.cmd_pos_ned_m is not None and self._due[topics.COMMAND].now(t_ns):
+            command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
+            self._write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
+        if sample.gnss is not None:
+            self._write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
+        if self._due[topics.TRUE_LOCATION].now(t_ns):
+            where = self._frame.to_geodetic(truth.pos_ned_m)
+            self._write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, where))
+        if self._due[topics.BATTERY].now(t_ns):
+            self._write(topics.BATTERY, t_ns, messages.record(asdict(sample.battery)))
+        self._note_mode(t_ns, sample.mode, sample.armed)
+        self._extend_flown(t_ns, true_m)
+        if t_ns - self._flushed_ns >= NS_PER_S:
+            self._flush()
+
+    def happened(self, event: VehicleEvent) -> None:
+        """Write one event: a line for people, a record for programs."""
+        self._now_ns = event.t_ns
+        severity = event.severity if event.kind == "status" else _SEVERITY.get(event.kind, _NOTICE)
+        line = messages.log_line(event.t_ns, event.text, severity=severity, source=event.kind)
+        self._write(topics.LOG, event.t_ns, line)
+        values = {
+            "kind": event.kind,
+            "text": event.text,
+            "seq": event.seq,
+            "severity": severity,
+            "true_m": messages.area_xyz(self._area, event.truth.pos_ned_m),
+            "est_m": messages.area_xyz(self._area, event.belief.pos_ned_m),
+        }
+        self._write(topics.EVENTS, event.t_ns, messages.record(values))
+
+    def plan(
+        self,
+        t_ns: int,
+        round_number: int,
+        problem: RoundProblem,
+        plan: RoundPlan,
+        *,
+        speed_mps: float,
+        ideal_slot_s: Sequence[float] | None = None,
+    ) -> None:
+        """Write a round's plan at the instant at which the round starts.
+
+        `ideal_slot_s` (N,) says when each step would be passed, in seconds after the start, by
+        an aircraft that is always at its planned speed; by default the path length to the step
+        over `speed_mps`. A plan that hovers has to say it.
+        """
+        self._now_ns = t_ns
+        if ideal_slot_s is None:
+            legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
+            ideal_slot_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
+        written = PlanRecord(
+            round=round_number,
+            t_ns=t_ns,
+            waypoints_m=plan.waypoints_m,
+            schedule=plan.schedule,
+            importance=problem.importance,
+            value=plan.value,
+            upper_bound=plan.upper_bound,
+            path_budget_m=problem.path_budget_m,
+            speed_mps=speed_mps,
+            altitude_m=problem.channel.altitude_m,
+            ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+        )
+        values = {
+            "round": written.round,
+            "waypoints_m": written.waypoints_m.tolist(),
+            "schedule": np.argwhere(written.schedule).tolist(),
+            "importance": written.importance.tolist(),
+            "value": float(written.value),
+            "upper_bound": float(written.upper_bound),
+            "path_budget_m": float(written.path_budget_m),
+            "speed_mps": float(written.speed_mps),
+            "altitude_m": float(written.altitude_m),
+            "ideal_slot_s": written.ideal_slot_s.tolist(),
+        }
+        self._write(topics.PLAN, t_ns, messages.record(values))
+        stamp = messages.timestamp(t_ns)
+        points = np.column_stack(
+            (plan.waypoints_m, np.full(len(plan.waypoints_m), written.altitude_m))
+        )
+        self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
+        on_map = scene.plan_map(self._frame, self._area, self._devices, written)
+        self._write(topics.PLAN_MAP, t_ns, on_map)
+        seen = scene.devices(t_ns, self._devices, problem.importance)
+        self._write(topics.SCENE_DEVICES, t_ns, seen)
+        self._flown.clear()
+        self._flush()
+
+    def uplinks(self, records: Sequence[UplinkRecord]) -> None:
+        """Write a round's uplinks, each at the instant of its transmission."""
+        for item in records:
+            reached = np.isfinite(item.slot_t_s)
+            t_ns = round(item.slot_t_s * NS_PER_S) if reached else self._now_ns
+            self._write(topics.UPLINKS, t_ns, messages.record(asdict(item)))
+            if reached:
+                self._write(topics.SCENE_LINKS, t_ns, scene.link(t_ns, item, self._devices))
+
+    def round(self, record: RoundRecord) -> None:
+        """Write a finished round, and hand the file to the disk."""
+        t_ns = self._now_ns
+        self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
+        self._write_flown(t_ns)
+        self._file.sync()
+
+    def learning(
+        self,
+        round_number: int,
+        *,
+        accuracy: Mapping[str, float],
+        cov: Mapping[str, float],
+        loss: Mapping[str, float],
+    ) -> None:
+        """Write what each community had learnt after a round; same keys in all three."""
+        for community, value in accuracy.items():
+            values = {
+                "round": round_number,
+                "community": community,
+                "accuracy": float(value),
+                "cov": float(cov[community]),
+                "loss": float(loss[community]),
+            }
+            self._write(topics.LEARNING, self._now_ns, messages.record(values))
+
+    def note(self, text: str, *, severity: int = _NOTICE, source: str = "mission") -> None:
+        """Write a line of our own, at the present simulated time."""
+        line = messages.log_line(self._now_ns, text, severity=severity, source=source)
+        self._write(topics.LOG, self._now_ns, line)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Put a file into the file."""
+        self._file.flush()
+        self._file.attach(self._now_ns, name, media_type, data)
+        self._file.flush()
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Put a named set of strings into the file. Nothing of the wall clock, please."""
+        self._file.flush()
+        self._file.metadata(name, values)
+        self._file.flush()
+
+    def close(self) -> None:
+        """Complete the file. Closing twice is fine."""
+        for sink in self._sinks:
+            sink.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        for sink in self._sinks:
+            sink.write(topic, t_ns, data)
+
+    def _flush(self) -> None:
+        self._flushed_ns = self._now_ns
+        for sink in self._sinks:
+            sink.flush()
+
+    def _note_mode(self, t_ns: int, mode: str, armed: bool) -> None:
+        if (mode, armed) != self._mode:
+            self._mode = (mode, armed)
+            self._write(topics.MODE, t_ns, messages.record({"mode": mode, "armed": armed}))
+
+    def _extend_flown(self, t_ns: int, true_m: messages.XYZ) -> None:
+        if self._flown_point.now(t_ns):
+            self._flown.append(true_m)
+        if self._flown_path.now(t_ns):
+            self._write_flown(t_ns)
+
+    def _write_flown(self, t_ns: int) -> None:
+        if self._flown:
+            path = messages.path(messages.timestamp(t_ns), np.array(self._flown))
+            self._write(topics.FLOWN_PATH, t_ns, path)
+
+
+class _Every:
+    """True once a period of simulated time, on a fixed grid so that rates do not drift."""
+
+    __slots__ = ("_next_ns", "_period_ns")
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._next_ns = 0
+
+    @classmethod
+    def of(cls, rate_hz: float) -> "_Every":
+        return cls(round(NS_PER_S / rate_hz))
+
+    def now(self, t_ns: int) -> bool:
+        if t_ns < self._next_ns:
+            return False
+        self._next_ns = (t_ns // self._period_ns + 1) * self._period_ns
+        return True

@@ -1,0 +1,44 @@
+"""Colours shared by the log's scene, the figures and the report.
+
+Communities take the Okabe-Ito set, which stays apart for colour-blind readers (Okabe and Ito 2008,
+"Color Universal Design"); packet error rates run from teal (0) over yellow to vermilion (1).
+"""
+
+import itertools
+
+RGB = tuple[float, float, float]
+
+_OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442")
+_PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
+
+PLANNED = "#5B6770"
+FLOWN = "#111827"
+
+
+def community_colour(index: int) -> str:
+    """`#RRGGBB` of the community with this index; the set repeats after seven."""
+    return _OKABE_ITO[index % len(_OKABE_ITO)]
+
+
+def per_colour(per: float) -> RGB:
+    """Red, green, blue in 0..1 of a packet error rate; values outside 0..1 are clipped."""
+    per = min(max(per, 0.0), 1.0)
+    for (low, first), (high, second) in itertools.pairwise(_PER_RAMP):
+        if per <= high:
+            share = (per - low) / (high - low)
+            a, b = rgb(first), rgb(second)
+            return (
+                a[0] + share * (b[0] - a[0]),
+                a[1] + share * (b[1] - a[1]),
+                a[2] + share * (b[2] - a[2]),
+            )
+    raise AssertionError("the ramp ends at 1")
+
+
+def rgb(colour: str) -> RGB:
+    """`#RRGGBB` as red, green, blue in 0..1."""
+    return (
+        int(colour[1:3], 16) / 255.0,
+        int(colour[3:5], 16) / 255.0,
+        int(colour[5:7], 16) / 255.0,
+    )
