@@ -1,0 +1,25 @@
+"""Numbers of the airframe that the autopilot and the tests use; the XML files hold the same."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Airframe:
+    """One multirotor."""
+
+    name: str  # folder and file of JSBSim
+    mass_kg: float
+    rest_height_m: float  # of the centre of gravity above ground, legs compressed
+    rotor_max_thrust_n: float  # of the mixer's scale: static, sea level
+    motor_full_voltage_v: float  # JSBSim's maxvolts
+    idle_collective: float  # motors turning, no lift to speak of
+
+
+QUAD_X = Airframe(
+    name="quad_x",
+    mass_kg=1.6,
+    rest_height_m=0.12 - 1.6 * 9.81 / (4 * 1500.0),
+    rotor_max_thrust_n=16.6,
+    motor_full_voltage_v=16.8,
+    idle_collective=0.03,
+)

@@ -1,0 +1,41 @@
+"""Simulated time: an integer count of ticks. Nobody else keeps time."""
+
+from flightdyn.errors import FlightInputError
+
+NS_PER_S = 1_000_000_000
+
+
+class SimClock:
+    """Counts ticks of a whole number of nanoseconds, so that no rounding accumulates."""
+
+    __slots__ = ("dt_ns", "tick")
+
+    def __init__(self, rate_hz: int, *, tick: int = 0) -> None:
+        if rate_hz <= 0 or NS_PER_S % rate_hz:
+            raise FlightInputError(f"rate {rate_hz} Hz: a tick must be a whole number of ns")
+        self.dt_ns = NS_PER_S // rate_hz
+        self.tick = tick
+
+    @property
+    def t_ns(self) -> int:
+        """Nanoseconds of simulated time; negative before the power-up alignment is over."""
+        return self.tick * self.dt_ns
+
+    @property
+    def dt_s(self) -> float:
+        """Length of a tick in seconds."""
+        return self.dt_ns / NS_PER_S
+
+    def advance(self) -> None:
+        """One tick later."""
+        self.tick += 1
+
+    def ticks(self, duration_s: float, *, what: str) -> int:
+        """The ticks in `duration_s`; refused where that is not a whole number of at least one."""
+        exact = duration_s * NS_PER_S / self.dt_ns
+        count = round(exact)
+        if count < 1 or abs(exact - count) > 1e-6:
+            raise FlightInputError(
+                f"{what} = {duration_s:g} s is not a whole number of {self.dt_ns / 1e6:g} ms ticks"
+            )
+        return count

@@ -1,0 +1,251 @@
+"""The one home of JSBSim: feet, slugs and property names end here.
+
+JSBSim flies over a ground at its own sea level, with the atmosphere shifted so that air and
+temperature are those of home's altitude: height above its sea level is then height above ground
+wherever home is, which is the height that its Milspec turbulence takes for its scales.
+"""
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from flightdyn.airframe.parameters import QUAD_X, Airframe
+from flightdyn.config import WindConfig
+from flightdyn.errors import AirframeError, ModelDivergedError
+from flightdyn.frames import (
+    LocalFrame,
+    Quaternion,
+    Triple,
+    frozen,
+    quaternion_from_euler,
+)
+from flightdyn.state import Kinematics
+from flightdyn.wind import FT_M, steady_wind_ned, wind_at_20ft
+
+os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
+import jsbsim  # noqa: E402
+
+_ROOT = Path(__file__).parent / "airframe"
+_MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
+_RANKINE_PER_K = 1.8
+_PA_PER_PSF = 47.880258980336
+_RPM_PER_RADPS = 60 / math.tau
+_N_PER_LBF = 4.4482216152605
+_GAS_CONSTANT = 287.05287  # J/kg/K, dry air (ICAO 7488)
+_LAPSE_K_PER_M = 0.0065
+_G0 = 9.80665
+
+Getter = Callable[[], float]
+Setter = Callable[[float], None]
+
+
+def standard_atmosphere(alt_m: float) -> tuple[float, float]:
+    """Temperature (K) and pressure (Pa) at an altitude of the troposphere (ICAO 7488)."""
+    temperature = 288.15 - _LAPSE_K_PER_M * alt_m
+    exponent = _G0 / (_GAS_CONSTANT * _LAPSE_K_PER_M)
+    return temperature, 101_325.0 * (temperature / 288.15) ** exponent
+
+
+class _Quiet(jsbsim.FGLogger):  # type: ignore[misc]  # jsbsim is untyped
+    """Drops JSBSim's loading notes; its errors come as return values and exceptions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def set_level(self, level: object) -> None:
+        """Nothing to keep."""
+
+    def message(self, text: str) -> None:
+        """Nothing to say."""
+
+
+class Multirotor:
+    """Rigid body, motors, propellers, inner loops and air, in SI units."""
+
+    def __init__(self, frame: LocalFrame, wind: WindConfig, *, dt_s: float, seed: int) -> None:
+        """At rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
+
+        Raises AirframeError where the airframe's files are incomplete.
+        """
+        self.airframe: Airframe = QUAD_X
+        self._dt_s = dt_s
+        fdm = jsbsim.FGFDMExec(str(_ROOT))
+        fdm.set_debug_level(0)
+        fdm.set_dt(dt_s)  # before loading: filters and integrators take it when they are made
+        if not fdm.load_model(self.airframe.name):
+            raise AirframeError(f"JSBSim cannot load {self.airframe.name} from {_ROOT}")
+        self._fdm = fdm
+        self._known = {line.split(" ")[0] for line in fdm.get_property_catalog()}
+        self._air(frame.origin.alt_msl_m)
+        self._place(frame.origin.lat_deg, frame.origin.lon_deg)
+        self._weather(wind, seed)
+        self._bind()
+        self.run: Callable[[], bool] = fdm.run
+        self._origin_u = self._up()
+        self._origin_n = self._north()
+        self._origin_e = self._east()
+
+    def _air(self, alt_msl_m: float) -> None:
+        temperature, pressure = standard_atmosphere(alt_msl_m)
+        self._set("atmosphere/delta-T", (temperature - 288.15) * _RANKINE_PER_K)
+        self._set("atmosphere/P-sl-psf", pressure / _PA_PER_PSF)
+
+    def _place(self, lat_deg: float, lon_deg: float, heading_rad: float = 0.0) -> None:
+        self._set("ic/lat-geod-deg", lat_deg)
+        self._set("ic/long-gc-deg", lon_deg)
+        self._set("ic/terrain-elevation-ft", 0.0)
+        self._set("ic/h-sl-ft", self.airframe.rest_height_m / FT_M)
+        self._set("ic/psi-true-rad", heading_rad)
+        if not self._fdm.run_ic():
+            raise AirframeError(f"JSBSim cannot start {self.airframe.name} at rest")
+
+    def _weather(self, wind: WindConfig, seed: int) -> None:
+        self._set("simulation/randomseed", float(seed % 2**31))
+        north, east, down = steady_wind_ned(wind)
+        self._set("atmosphere/wind-north-fps", north / FT_M)
+        self._set("atmosphere/wind-east-fps", east / FT_M)
+        self._set("atmosphere/wind-down-fps", down / FT_M)
+        self._set("atmosphere/turb-type", _MILSPEC if wind.turbulence_severity else 0)
+        self._set("atmosphere/turbulence/milspec/severity", wind.turbulence_severity)
+        self._set(
+            "atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps", wind_at_20ft(wind) / FT_M
+        )
+
+    def _set(self, name: str, value: float) -> None:
+        self._node(name).set_double_value(float(value))
+
+    def _node(self, name: str) -> "jsbsim.FGPropertyNode":
+        # JSBSim makes unknown properties without a word.
+        if name.replace("[0]", "") not in self._known:
+            raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
+        return self._fdm.get_property_manager().get_node(name)
+
+    def _getter(self, name: str) -> Getter:
+        getter: Getter = self._node(name).get_double_value
+        return getter
+
+    def _setter(self, name: str) -> Setter:
+        setter: Setter = self._node(name).set_double_value
+        return setter
+
+    def _bind(self) -> None:
+        get, put = self._getter, self._setter
+        self._north = get("position/from-start-neu-n-ft")
+        self._east = get("position/from-start-neu-e-ft")
+        self._up = get("position/from-start-neu-u-ft")
+        self._vel = [get(f"velocities/v-{axis}-fps") for axis in ("north", "east", "down")]
+        self._euler = [get(f"attitude/{angle}-rad") for angle in ("phi", "theta", "psi")]
+        self.rate_p = get("velocities/p-rad_sec")
+        self.rate_q = get("velocities/q-rad_sec")
+        self.rate_r = get("velocities/r-rad_sec")
+        self.accel_x_fps2 = get("accelerations/a-pilot-x-ft_sec2")
+        self.accel_y_fps2 = get("accelerations/a-pilot-y-ft_sec2")
+        self.accel_z_fps2 = get("accelerations/a-pilot-z-ft_sec2")
+        self._pressure = get("atmosphere/P-psf")
+        self._wind = [
+            get(f"atmosphere/total-wind-{axis}-fps") for axis in ("north", "east", "down")
+        ]
+        self._gust = [put(f"atmosphere/gust-{axis}-fps") for axis in ("north", "east", "down")]
+        engines = [f"propulsion/engine[{i}]" for i in range(4)]
+        self._current = [get(f"{engine}/current-amperes") for engine in engines]
+        self._throttle = [get(f"fcs/throttle-pos-norm[{i}]") for i in range(4)]
+        self._rpm = [get(f"{engine}/propeller-rpm") for engine in engines]
+        self._thrust = [get(f"{engine}/thrust-lbs") for engine in engines]
+        self.set_errors = [put(f"fcs/in/error-{axis}") for axis in "pqr"]
+        self.set_rates = [put(f"fcs/in/rate-{axis}") for axis in "pqr"]
+        self.set_feeds = [put(f"fcs/in/feed-{axis}") for axis in "pqr"]
+        self.set_collective = put("fcs/in/collective")
+        self._hold = put("fcs/in/hold")
+        self.set_battery_voltage = put("fcs/in/battery-v")
+        self._direct = put("fcs/in/direct")
+        self._motor = [put(f"fcs/in/motor-{i}") for i in range(4)]
+        self._health = [put(f"fcs/in/health-{i}") for i in range(4)]
+
+    def arm(self, armed: bool) -> None:
+        """Let the inner loops drive the motors, or stop them and zero their integrators."""
+        self._hold(0.0 if armed else -1.0)
+
+    def drive(self, motors: tuple[float, ...] | None) -> None:
+        """Give the motors the duty cycles (0..1) of an external autopilot; None: inner loops."""
+        self._direct(0.0 if motors is None else 1.0)
+        for put, value in zip(self._motor, motors or (), strict=motors is not None):
+            put(min(1.0, max(0.0, value)))
+
+    def set_motor_health(self, motor: int, share: float) -> None:
+        """Share of the ordered voltage that reaches motor 0..3."""
+        self._health[motor](share)
+
+    def set_gust(self, gust_ned_mps: Triple) -> None:
+        """Air velocity added to wind and turbulence."""
+        for put, value in zip(self._gust, gust_ned_mps, strict=True):
+            put(value / FT_M)
+
+    def electrical_power_w(self) -> float:
+        """What the four motors take, winding losses included; braking gives nothing back."""
+        volts = self.airframe.motor_full_voltage_v
+        power = sum(
+            current() * throttle() * volts
+            for current, throttle in zip(self._current, self._throttle, strict=True)
+        )
+        return float(max(0.0, power))
+
+    def position_ned(self) -> Triple:
+        """Position (m) from where the aircraft stood at rest."""
+        return (
+            (self._north() - self._origin_n) * FT_M,
+            (self._east() - self._origin_e) * FT_M,
+            (self._origin_u - self._up()) * FT_M,
+        )
+
+    def velocity_ned(self) -> Triple:
+        """Velocity over ground (m/s)."""
+        n, e, d = self._vel
+        return n() * FT_M, e() * FT_M, d() * FT_M
+
+    def attitude(self) -> Quaternion:
+        """Attitude, body to NED."""
+        roll, pitch, yaw = self._euler
+        return quaternion_from_euler(roll(), pitch(), yaw())
+
+    def rates(self) -> Triple:
+        """Body rates (rad/s)."""
+        return self.rate_p(), self.rate_q(), self.rate_r()
+
+    def specific_force(self) -> Triple:
+        """Force other than gravity over mass (m/s2, body axes): what an accelerometer feels."""
+        return (
+            self.accel_x_fps2() * FT_M,
+            self.accel_y_fps2() * FT_M,
+            self.accel_z_fps2() * FT_M,
+        )
+
+    def pressure_pa(self) -> float:
+        """Static pressure of the air around the aircraft."""
+        return self._pressure() * _PA_PER_PSF
+
+    def wind_ned(self) -> Triple:
+        """Velocity of the air (m/s), gusts and turbulence included."""
+        n, e, d = self._wind
+        return n() * FT_M, e() * FT_M, d() * FT_M
+
+    def rotor_speeds_radps(self) -> tuple[float, ...]:
+        """Speed of the four rotors."""
+        return tuple(rpm() / _RPM_PER_RADPS for rpm in self._rpm)
+
+    def rotor_thrusts_n(self) -> tuple[float, ...]:
+        """Thrust of the four rotors."""
+        return tuple(thrust() * _N_PER_LBF for thrust in self._thrust)
+
+    def kinematics(self, t_ns: int) -> Kinematics:
+        """The true state, stamped `t_ns`."""
+        position = self.position_ned()
+        if not math.isfinite(position[0] + position[1] + position[2]):
+            raise ModelDivergedError(f"position {position} at t = {t_ns / 1e9:.3f} s")
+        return Kinematics(
+            t_ns=t_ns,
+            pos_ned_m=frozen(position),
+            vel_ned_mps=frozen(self.velocity_ned()),
+            q_frd_to_ned=frozen(self.attitude()),
+            omega_frd_radps=frozen(self.rates()),
+        )
