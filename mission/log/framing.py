@@ -61,9 +61,9 @@ def open_log(path: Path) -> IO[bytes]:
     """
     try:
         stream = path.open("rb")
-        start = stream.read(len(MCAP0_MAGIC))
     except OSError as error:
         raise LogError(path, f"cannot read the log: {error.strerror}") from None
+    start = stream.read(len(MCAP0_MAGIC))
     if start != MCAP0_MAGIC:
         stream.close()
         raise ForeignLogError(path, "not an MCAP file")
