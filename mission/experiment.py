@@ -143,29 +143,30 @@ class Experiment:
         with self.stopwatch("fly"):
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
-        gate = uplinks(
+        served = uplinks(
             index, problem, sortie.plan, passages,
-            area=world.area, community_of=world.community_of, stream=world.streams.generator,
+            area=world.area, community_of=world.community_of,
+            gate=world.config.channel.gate, rng=world.streams.generator(f"uplink/{index}"),
         )  # fmt: skip
         self.budget_used_m += flight.flown_m if sortie.cost_m is None else sortie.cost_m
         self.flown_m += flight.flown_m
 
         scheduled, delivered = (np.zeros(len(world.devices_m), dtype=bool) for _ in range(2))
-        scheduled[[u.device for u in gate]] = True
-        delivered[[u.device for u in gate if u.delivered]] = True
+        scheduled[[u.device for u in served]] = True
+        delivered[[u.device for u in served if u.delivered]] = True
         learnt = await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=index,
             start_t_s=start.t_ns / 1e9,
             duration_s=flight.duration_s,
             plan_objective=sortie.plan.value,
-            est_objective=sum(u.importance * _success(u.est_per) for u in gate),
-            true_objective=sum(u.importance * _success(u.true_per) for u in gate),
+            est_objective=sum(u.importance * _success(u.est_per) for u in served),
+            true_objective=sum(u.importance * _success(u.true_per) for u in served),
             upper_bound=sortie.plan.upper_bound,
             plan_path_m=sortie.plan.path_m,
             flown_path_m=flight.flown_m,
             budget_used_m=self.budget_used_m,
-            scheduled=len(gate),
+            scheduled=len(served),
             delivered=int(delivered.sum()),
             battery_remaining=flight.battery_remaining,
             accuracy=learnt.accuracy,
@@ -173,7 +174,7 @@ class Experiment:
         )
         self._finish(
             flyer.vehicle.t_ns,
-            RoundResult(record, gate, learnt, problem, sortie.plan, flight_plan, flight),
+            RoundResult(record, served, learnt, problem, sortie.plan, flight_plan, flight),
         )
 
     async def _ideal_round(self) -> None:

@@ -1,12 +1,13 @@
 """The radio meets the truth: which scheduled updates arrive, given where the aircraft was."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio import Channel, average_per
+from fl.uplink import Gate, deliver
 from mission.area import Area
 from mission.flightplan import FlightPlan
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -45,33 +46,44 @@ def uplinks(
     *,
     area: Area,
     community_of: Sequence[str],
-    stream: Callable[[str], np.random.Generator],
+    gate: Gate,
+    rng: np.random.Generator,
 ) -> tuple[UplinkRecord, ...]:
     """One record per scheduled device, in order of step and device.
 
-    An update arrives with probability 1 - PER at the true position. Every device has a stream of
-    its own in every round, so that one device's fate does not depend on who else is scheduled.
+    Updates are drawn at the true positions; `rng` is this round's own stream.
     """
+    served = [
+        (int(step), int(device), passages.get(int(step)))
+        for step, device in np.argwhere(plan.schedule)
+    ]
+    count = len(problem.devices_m)
+    horizontal, height = np.zeros(count), np.zeros(count)
+    transmitted = np.zeros(count, dtype=bool)
+    for _, device, passage in served:
+        if passage is not None:
+            x, y, height[device] = _place(area, passage.true_ned_m)
+            horizontal[device] = math.dist((x, y), problem.devices_m[device])
+            transmitted[device] = True
+    arrivals = deliver(
+        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng, gate=gate
+    )
+
     records = []
-    for step, device in np.argwhere(plan.schedule):
-        where = plan.waypoints_m[step]
-        ground = problem.devices_m[device]
-        passage = passages.get(int(step))
-        if passage is None:
-            t_s = est_per = math.nan
-            true_per = 1.0
-            est = true = (math.nan, math.nan, math.nan)
-        else:
+    for step, device, passage in served:
+        where, ground = plan.waypoints_m[step], problem.devices_m[device]
+        t_s = est_per = math.nan
+        est = true = (math.nan, math.nan, math.nan)
+        if passage is not None:
             t_s = passage.t_ns / 1e9
             est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per, true_per = (_per(problem.channel, ground, at) for at in (est, true))
-        draw = stream(f"uplink/{round_index}/{device}").random()
+            est_per = _per(problem.channel, ground, est)
         records.append(
             UplinkRecord(
                 round=round_index,
-                device=int(device),
+                device=device,
                 community=community_of[device],
-                step=int(step),
+                step=step,
                 slot_t_s=t_s,
                 plan_x_m=float(where[0]),
                 plan_y_m=float(where[1]),
@@ -83,9 +95,9 @@ def uplinks(
                 true_alt_m=true[2],
                 plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
                 est_per=est_per,
-                true_per=true_per,
+                true_per=float(arrivals.per[device]),
                 importance=float(problem.importance[device]),
-                delivered=bool(draw >= true_per),
+                delivered=bool(arrivals.delivered[device]),
             )
         )
     return tuple(records)

@@ -1,15 +1,12 @@
 """One `aerofed run`: the experiment with everything that watches it, and what it leaves behind."""
 
 import asyncio
-import logging
 import socket
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from rich.console import Console
 
 from fl import federation as learning
@@ -26,8 +23,6 @@ from mission.progress import Progress, make_progress
 from mission.stopwatch import Stopwatch
 from mission.tables import RoundTable, UplinkTable
 from mission.world import World, build_world
-
-logger = logging.getLogger(__name__)
 
 Status = Literal["running", "finished", "interrupted", "failed"]
 
@@ -102,59 +97,53 @@ def fly_session(
             _check_port(config.link.udp_port)
         folder = RunFolder.create(path)
         write_atomically(folder.config, config.to_toml())
-    summary = {
+    summary: dict[str, Any] = {
         "status": "running",
         "name": config.name,
         "strategy": config.mission.strategy,
         "seed": config.seed,
         **environment(),
-        "data": world.federation.provenance,
     }
     folder.write_summary(summary)
-    status: Status = "failed"
-    error: AerofedError | None = None
     with ExitStack() as stack:
         progress = make_progress(console, quiet=quiet)
         stack.callback(progress.close)
-        log = stack.enter_context(
-            FlightLog(
-                folder.log, area=world.area, devices=Devices(world.devices_m, world.community_of)
-            )
-        )
-        names = world.federation.names
-        recorder = SessionRecorder(
-            world,
-            log,
-            stack.enter_context(RoundTable(folder.rounds, communities=names)),
-            stack.enter_context(UplinkTable(folder.uplinks)),
-            progress,
-            stopwatch,
-        )
+        devices = Devices(world.devices_m, world.community_of)
+        log = stack.enter_context(FlightLog(folder.log, area=world.area, devices=devices))
+        rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
+        uplinks = stack.enter_context(UplinkTable(folder.uplinks))
         _attach(log, world)
         experiment = Experiment(
-            world, recorder, stopwatch, learning.init(world.federation), observers=(log,)
+            world,
+            SessionRecorder(world, log, rounds, uplinks, progress, stopwatch),
+            stopwatch,
+            learning.init(world.federation),
+            observers=(log,),
         )
+        error: AerofedError | None = None
+        status: Status = "failed"
         try:
             asyncio.run(experiment.run())
             status = "finished"
-        except (KeyboardInterrupt, asyncio.CancelledError):
+        except KeyboardInterrupt:
             status = "interrupted"
         except AerofedError as failure:
             error = failure
+            summary["error"] = str(failure)
         finally:
-            progress.phase("writing")
-            with stopwatch("figures"), _logged_failures():
-                figures.draw_run(folder.path)
-            folder.write_summary(
-                {**summary, "status": status, **_totals(experiment, stopwatch)}
-            )
+            summary |= {"status": status, **_totals(experiment, stopwatch)}
+            folder.write_summary(summary)
+    # The figures read the finished log and tables.
+    with stopwatch("figures"):
+        figures.draw_run(folder.path)
+    folder.write_summary(summary | _totals(experiment, stopwatch))
     if error is not None:
         raise error
-    if status == "interrupted":
-        console.print(f"interrupted; what was flown is in {path}", style="yellow")
-        return INTERRUPTED
     if not quiet:
         _say(console, path, experiment, stopwatch)
+    if status == "interrupted":
+        console.print(f"interrupted; what was flown is in {path}", soft_wrap=True, highlight=False)
+        return INTERRUPTED
     return 0
 
 

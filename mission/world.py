@@ -49,7 +49,7 @@ def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
     devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m.flags.writeable = False
     try:
-        channel = config.channel.build(altitude_m=config.mission.altitude_m)
+        channel = config.channel.channel(altitude_m=config.mission.altitude_m)
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )

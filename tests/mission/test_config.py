@@ -17,7 +17,7 @@ devices = 2
 
 
 @pytest.fixture
-def write(tmp_path: Path):  # noqa: ANN201
+def write(tmp_path: Path):
     def _write(text: str) -> Path:
         path = tmp_path / "c.toml"
         path.write_text(text)
@@ -70,7 +70,7 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         (BASE + "labels_per_devise = 2", ["communities.0.labels_per_devise", "labels_per_device?"]),
     ],
 )
-def test_refused_in_words_that_help(write, text: str, words: list[str]) -> None:  # noqa: ANN001
+def test_refused_in_words_that_help(write, text: str, words: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         load_config(write(text))
     for word in words:
@@ -83,12 +83,12 @@ def test_an_override_without_key_or_value_is_refused(text: str) -> None:
         parse_override(text)
 
 
-def test_an_override_into_a_list_needs_an_index(write) -> None:  # noqa: ANN001
+def test_an_override_into_a_list_needs_an_index(write) -> None:
     with pytest.raises(InputError, match="index from 0 to 0"):
         load_config(write(BASE), {"communities.3.devices": 1})
 
 
-def test_an_override_into_a_value_is_refused(write) -> None:  # noqa: ANN001
+def test_an_override_into_a_value_is_refused(write) -> None:
     with pytest.raises(InputError, match="seed is not a table"):
         load_config(write("seed = 1" + BASE), {"seed.x": 1})
 

@@ -1,7 +1,6 @@
 """Slots and uplinks: the instants and positions that count, and who gets through."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from mission.area import Area
 from mission.flightplan import FlightPlan, Stop, stops_of
 from mission.gate import slots, uplinks
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.records import UplinkRecord
 from mission.track import Flight, Passage
 
 CHANNEL = CHANNEL_PRESETS["suburban"]
@@ -48,6 +48,13 @@ def problem(devices: list[list[float]]) -> RoundProblem:
     )
 
 
+def served(
+    given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
+) -> tuple[UplinkRecord, ...]:
+    names = ["a"] * len(given.devices_m)
+    return uplinks(0, given, plan, seen, area=AREA, community_of=names, gate="average", rng=rng)
+
+
 def test_waypoints_that_coincide_become_one_stop() -> None:
     path = np.array([[0.0, 0], [0.3, 0], [100, 0], [100, 0.2], [100, 5], [0, 0]])
     stops = stops_of(RoundPlan(path, np.zeros((6, 1), bool), 0.0), hold_s=2.0)
@@ -74,9 +81,7 @@ def test_per_is_taken_at_plan_belief_and_truth() -> None:
     plan = RoundPlan(np.array([[400.0, 100], [450, 100], [500, 100]]), np.zeros((3, 1), bool), 0.0)
     plan.schedule[2, 0] = True
     seen = {2: passage(9.0, (490.0, 100.0), (490.0, 101.0))}
-    (record,) = uplinks(
-        0, given, plan, seen, area=AREA, community_of=["a"], stream=RandomStreams(1).generator
-    )
+    (record,) = served(given, plan, seen, Fixed(0.5))
     assert (record.step, record.slot_t_s) == (2, 9.0)
     assert record.plan_per == pytest.approx(float(average_per(CHANNEL, 150.0)))
     assert record.est_per == pytest.approx(
@@ -87,12 +92,15 @@ def test_per_is_taken_at_plan_belief_and_truth() -> None:
     )
 
 
-def draws(value: float) -> Callable[[str], np.random.Generator]:
-    class Fixed(np.random.Generator):
-        def random(self, *_args: object, **_kwargs: object) -> float:  # type: ignore[override]
-            return value
+class Fixed(np.random.Generator):
+    """Draws one number for ever."""
 
-    return lambda _name: Fixed(np.random.PCG64(0))
+    def __init__(self, value: float) -> None:
+        super().__init__(np.random.PCG64(0))
+        self.value = value
+
+    def random(self, size: int) -> np.ndarray:  # type: ignore[override]
+        return np.full(size, self.value)
 
 
 def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
@@ -102,41 +110,27 @@ def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
     per = float(average_per(CHANNEL, math.hypot(120, 170), height_m=60.5))
     assert 0.01 < per < 0.99
     for draw, arrives in ((per - 1e-6, False), (per + 1e-6, True)):
-        (record,) = uplinks(0, given, plan, seen, area=AREA, community_of=["a"], stream=draws(draw))
+        (record,) = served(given, plan, seen, Fixed(draw))
         assert record.delivered is arrives
 
 
 def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
     given = problem([[520.0, 270.0], [510.0, 260.0]])
     seen = {0: passage(0.0, (400.0, 100.0), (400.0, 100.0))}
-    fates = []
-    for schedule in ([[True, True]], [[False, True]]):
+    fates: list[list[bool]] = [[], []]
+    for fate, schedule in zip(fates, ([[True, True]], [[False, True]]), strict=True):
         plan = RoundPlan(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)
-        fates.append(
-            [
-                [
-                    r.delivered
-                    for r in uplinks(
-                        m,
-                        given,
-                        plan,
-                        seen,
-                        area=AREA,
-                        community_of=["a", "a"],
-                        stream=RandomStreams(3).generator,
-                    )
-                    if r.device == 1
-                ]
-                for m in range(40)
-            ]
-        )
+        for m in range(40):
+            rng = RandomStreams(3).generator(f"uplink/{m}")
+            records = served(given, plan, seen, rng)
+            fate += [record.delivered for record in records if record.device == 1]
     assert fates[0] == fates[1]
-    assert 0 < sum(f[0] for f in fates[0]) < 40
+    assert 0 < sum(fates[0]) < 40
 
 
 def test_never_reached_is_lost_with_certainty() -> None:
     given = problem([[400.0, 100.0]])
     plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True]]), 1.0)
-    (record,) = uplinks(0, given, plan, {}, area=AREA, community_of=["a"], stream=draws(0.999999))
+    (record,) = served(given, plan, {}, Fixed(0.999999))
     assert (record.true_per, record.delivered) == (1.0, False)
     assert math.isnan(record.slot_t_s)
