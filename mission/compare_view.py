@@ -1,0 +1,156 @@
+"""Comparisons on the terminal."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from rich import box
+from rich.table import Table
+
+from mission.compare import CORNER_M, Comparison, RunComparison
+
+_Cell = Callable[[Comparison], str]
+
+
+def _number(value: float, digits: int = 2) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _pair(first: str, second: str, digits: int = 2) -> _Cell:
+    return lambda c: f"{_number(getattr(c, first), digits)} / {_number(getattr(c, second), digits)}"
+
+
+def _one(name: str, digits: int = 2) -> _Cell:
+    return lambda c: _number(getattr(c, name), digits)
+
+
+def _three(*names: str, digits: int) -> _Cell:
+    return lambda c: " / ".join(_number(getattr(c, name), digits) for name in names)
+
+
+_Columns = tuple[tuple[str, _Cell], ...]
+
+# Each fits a terminal of 80 columns.
+_PATH: _Columns = (
+    ("path (m)\nplan / flown", _pair("plan_path_m", "flown_path_m", 0)),
+    ("cross-track (m)\nrms / max", _pair("cross_track_rms_m", "cross_track_max_m")),
+    ("on straights\nrms / max", _pair("straight_rms_m", "straight_max_m")),
+    ("corner cut\nmean / max", _pair("corner_cut_mean_m", "corner_cut_max_m")),
+)
+_SLOTS: _Columns = (
+    ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
+    ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
+    ("height (m)\nrms / max", _pair("height_rms_m", "height_max_m")),
+    ("estimate (m)\nrms / max", _pair("estimate_rms_m", "estimate_max_m")),
+)
+_RADIO: _Columns = (
+    (
+        "mean PER\nplan / believed / true",
+        _three("plan_per_mean", "est_per_mean", "true_per_mean", digits=4),
+    ),
+    ("shift\nmax", _one("per_shift_max", 4)),
+    (
+        "objective\nplan / believed / true",
+        _three("plan_objective", "est_objective", "true_objective", digits=3),
+    ),
+    ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
+)
+
+# What two runs are put side by side by: label, value, digits.
+_SIDE_BY_SIDE: tuple[tuple[str, str, int], ...] = (
+    ("planned path (m)", "plan_path_m", 1),
+    ("flown path (m)", "flown_path_m", 1),
+    ("duration (s)", "duration_s", 1),
+    ("cross-track rms (m)", "cross_track_rms_m", 3),
+    ("cross-track max (m)", "cross_track_max_m", 3),
+    ("on straights rms (m)", "straight_rms_m", 3),
+    ("on straights max (m)", "straight_max_m", 3),
+    ("corner cut mean (m)", "corner_cut_mean_m", 3),
+    ("corner cut max (m)", "corner_cut_max_m", 3),
+    ("height error rms (m)", "height_rms_m", 3),
+    ("slot along-track rms (m)", "slot_along_rms_m", 3),
+    ("slot miss rms (m)", "slot_miss_rms_m", 3),
+    ("slot late mean (s)", "slot_late_mean_s", 3),
+    ("slot late max (s)", "slot_late_max_s", 3),
+    ("slots never reached", "slots_missed", 0),
+    ("estimate error rms (m)", "estimate_rms_m", 3),
+    ("estimate error max (m)", "estimate_max_m", 3),
+    ("mean PER planned", "plan_per_mean", 5),
+    ("mean PER believed", "est_per_mean", 5),
+    ("mean PER true", "true_per_mean", 5),
+    ("PER shift max", "per_shift_max", 5),
+    ("objective planned", "plan_objective", 4),
+    ("objective believed", "est_objective", 4),
+    ("objective true", "true_objective", 4),
+    ("scheduled", "scheduled", 0),
+    ("arrivals expected", "expected", 2),
+    ("arrived", "delivered", 0),
+)
+
+
+def tables(comparison: RunComparison) -> tuple[Table, ...]:
+    """One run: the path, the slots and the radio (a row a round, and the total), the devices."""
+    caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
+    return (
+        _table("Path", comparison, _PATH, caption),
+        _table("Slots, height and estimate", comparison, _SLOTS, None),
+        _table("Radio", comparison, _RADIO, None),
+        _devices(comparison),
+    )
+
+
+def _devices(comparison: RunComparison) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title="Devices", title_justify="left", pad_edge=False)
+    table.add_column("device", justify="right")
+    table.add_column("community")
+    for heading in ("arrived", "PER plan", "believed", "true"):
+        table.add_column(heading, justify="right")
+    for item in comparison.devices:
+        table.add_row(
+            str(item.device),
+            item.community,
+            f"{item.delivered}/{item.scheduled}",
+            *(_number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
+        )
+    return table
+
+
+def side_by_side(comparisons: Sequence[RunComparison]) -> Table:
+    """Several runs: a row a number, a column a run, with the difference where there are two."""
+    table = Table(box=box.SIMPLE_HEAD, title="Runs side by side", title_justify="left")
+    table.add_column("whole run")
+    for item in comparisons:
+        table.add_column(item.source.name or str(item.source), justify="right", overflow="fold")
+    both = len(comparisons) == 2
+    if both:
+        table.add_column("difference", justify="right")
+    for label, name, digits in _SIDE_BY_SIDE:
+        values = [float(getattr(item.total, name)) for item in comparisons]
+        cells = [_number(value, digits) for value in values]
+        if both:
+            change = values[1] - values[0]
+            cells.append("-" if math.isnan(change) else f"{change:+.{digits}f}")
+        table.add_row(label, *cells)
+    return table
+
+
+def _table(
+    title: str,
+    comparison: RunComparison,
+    columns: Sequence[tuple[str, _Cell]],
+    caption: str | None,
+) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        title=title,
+        title_justify="left",
+        caption=caption,
+        caption_justify="left",
+        show_footer=True,
+        pad_edge=False,
+    )
+    table.add_column("round", footer="all", justify="right")
+    for heading, cell in columns:
+        table.add_column(heading, footer=cell(comparison.total), justify="right", no_wrap=True)
+    for item in comparison.rounds:
+        table.add_row(str(item.round), *(cell(item) for _, cell in columns))
+    return table
