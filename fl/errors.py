@@ -46,10 +46,47 @@ class DataMissingError(LearningInputError):
 
 @dataclass(eq=False)
 class DataDamagedError(LearningInputError):
-    """A data file that is there but is not what its format says."""
+    """A data file that is there but cannot be read or is not what its format says."""
 
     path: Path | str
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.path}: damaged data file: {self.reason}"
+        return f"{self.path}: damaged or unreadable: {self.reason}"
+
+
+@dataclass(eq=False)
+class NetworkError(LearningInputError):
+    """A network that cannot be used for a task."""
+
+    network: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"network {self.network!r}: {self.reason}"
+
+
+@dataclass(eq=False)
+class CheckpointError(LearningInputError):
+    """Learning state that is damaged or belongs to another federation."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"checkpoint of the learning: {self.reason}"
+
+
+@dataclass(eq=False)
+class DivergedError(LearningError):
+    """Local training whose loss is not a finite number: no retry helps, another setting may."""
+
+    round: int
+    community: str
+    device: int
+    loss: float
+
+    def __str__(self) -> str:
+        return (
+            f"round {self.round}, community {self.community}, device {self.device}:"
+            f" the training loss is {self.loss}; a smaller learning rate may help"
+        )

@@ -1,0 +1,237 @@
+"""Federated algorithms: how devices are steered and how what arrives becomes the next model.
+
+Each is `init(model, devices) -> state` and `apply(state, model, updates) -> (model, state)`,
+pure functions of numpy vectors; where and how the devices train is no concern of theirs. A
+community nobody of which arrives keeps model and state.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.config import LearningConfig
+
+Vector = NDArray[np.float32]
+AlgorithmState = Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Update:
+    """What arrived from one device."""
+
+    device: int  # within its community
+    p: float  # p_k, its share of the community's data
+    model: Vector
+    steps: int  # local SGD steps it took
+
+
+class Algorithm(Protocol):
+    """What the federation needs of an algorithm."""
+
+    @property
+    def mu(self) -> float:
+        """Proximal weight of the local objective."""
+        ...
+
+    @property
+    def momentum(self) -> float:
+        """Momentum of the local SGD."""
+        ...
+
+    def init(self, model: Vector, devices: int) -> AlgorithmState:
+        """The state before the first round."""
+        ...
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:
+        """What a device adds to each of its gradients; None for nothing."""
+        ...
+
+    def apply(
+        self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
+    ) -> tuple[Vector, AlgorithmState]:
+        """The next global model and state from the updates that arrived (at least one)."""
+        ...
+
+
+@dataclass(frozen=True)
+class FedAvg:
+    """Average of the arrivals weighted by p_k; with mu > 0 locally this is FedProx.
+
+    McMahan et al. 2017; Li et al. 2020 (FedProx).
+    """
+
+    momentum: float
+    mu: float = 0.0
+
+    def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
+        """Nothing is kept."""
+        return {}
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
+        """None."""
+        return None
+
+    def apply(
+        self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
+    ) -> tuple[Vector, AlgorithmState]:
+        """theta' = theta + sum p_k (theta_k - theta) / sum p_k over the arrivals."""
+        return _moved(model, mean_step(model, updates)), state
+
+
+@dataclass(frozen=True)
+class FedAvgM:
+    """Averaging with server momentum: v' = beta v + step, theta' = theta + eta v'.
+
+    Hsu, Qi, Brown 2019.
+    """
+
+    momentum: float
+    server_learning_rate: float
+    server_momentum: float
+    mu: float = 0.0
+
+    def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
+        """Velocity 0."""
+        return {"velocity": np.zeros_like(model)}
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
+        """None."""
+        return None
+
+    def apply(
+        self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
+    ) -> tuple[Vector, AlgorithmState]:
+        """One step of the heavy ball along the mean update."""
+        velocity = self.server_momentum * state["velocity"] + mean_step(model, updates)
+        moved = _moved(model, self.server_learning_rate * velocity)
+        return moved, {"velocity": velocity.astype(np.float32)}
+
+
+@dataclass(frozen=True)
+class FedAdam:
+    """Adam on the server, the mean update as its gradient, without bias correction.
+
+    m' = b1 m + (1 - b1) step, v' = b2 v + (1 - b2) step^2, theta' = theta + eta m' / (sqrt v' +
+    tau), from v = tau^2. Reddi et al. 2021.
+    """
+
+    momentum: float
+    server_learning_rate: float
+    beta1: float
+    beta2: float
+    tau: float
+    mu: float = 0.0
+
+    def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
+        """First moment 0, second tau^2."""
+        return {
+            "first_moment": np.zeros_like(model),
+            "second_moment": np.full_like(model, self.tau**2),
+        }
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
+        """None."""
+        return None
+
+    def apply(
+        self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
+    ) -> tuple[Vector, AlgorithmState]:
+        """One step of Adam along the mean update."""
+        step = mean_step(model, updates)
+        first = self.beta1 * state["first_moment"] + (1.0 - self.beta1) * step
+        second = self.beta2 * state["second_moment"] + (1.0 - self.beta2) * np.square(step)
+        moved = _moved(model, self.server_learning_rate * first / (np.sqrt(second) + self.tau))
+        return moved, {
+            "first_moment": first.astype(np.float32),
+            "second_moment": second.astype(np.float32),
+        }
+
+
+@dataclass(frozen=True)
+class Scaffold:
+    """Control variates against client drift: every gradient gets c - c_k added.
+
+    After training c_k' = c_k - c + (theta - theta_k) / (steps eta_local), theta' = theta +
+    eta times the mean update, c' = c + sum p_k (c_k' - c_k) over the arrivals, which keeps
+    c = sum p_k c_k. Karimireddy et al. 2020, option II, for plain local SGD.
+    """
+
+    learning_rate: float
+    server_learning_rate: float
+    momentum: float = 0.0
+    mu: float = 0.0
+
+    def init(self, model: Vector, devices: int) -> AlgorithmState:
+        """All control variates 0."""
+        return {
+            "control": np.zeros_like(model),
+            "device_controls": np.zeros((devices, model.size), dtype=np.float32),
+        }
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:
+        """c - c_k."""
+        return np.asarray(state["control"] - state["device_controls"][device], dtype=np.float32)
+
+    def apply(
+        self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
+    ) -> tuple[Vector, AlgorithmState]:
+        """The mean update, and the control variates of those that arrived."""
+        control = state["control"].astype(np.float64)
+        controls = state["device_controls"].copy()
+        drift = np.zeros(model.size)
+        for update in updates:
+            slope = (model - update.model.astype(np.float64)) / (update.steps * self.learning_rate)
+            change = slope - control
+            controls[update.device] = controls[update.device] + change
+            drift += update.p * change
+        moved = _moved(model, self.server_learning_rate * mean_step(model, updates))
+        return moved, {
+            "control": (control + drift).astype(np.float32),
+            "device_controls": controls,
+        }
+
+
+def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:
+    """sum p_k (theta_k - theta) / sum p_k over the arrivals, in double precision."""
+    step = np.zeros(model.size)
+    for update in updates:
+        step += update.p * (update.model.astype(np.float64) - model)
+    return np.asarray(step / sum(update.p for update in updates), dtype=np.float64)
+
+
+def make_algorithm(learning: LearningConfig) -> Algorithm:
+    """The algorithm that the settings name, with its customary server settings as defaults."""
+    rate = learning.server_learning_rate
+    match learning.algorithm:
+        case "fedprox":
+            return FedAvg(momentum=learning.momentum, mu=learning.mu)
+        case "fedavg":
+            return FedAvg(momentum=learning.momentum)
+        case "fedavgm":
+            return FedAvgM(
+                momentum=learning.momentum,
+                server_learning_rate=1.0 if rate is None else rate,
+                server_momentum=learning.server_momentum,
+            )
+        case "fedadam":
+            return FedAdam(
+                momentum=learning.momentum,
+                server_learning_rate=0.01 if rate is None else rate,
+                beta1=learning.server_momentum,
+                beta2=learning.server_beta2,
+                tau=learning.server_tau,
+            )
+        case "scaffold":
+            return Scaffold(
+                learning_rate=learning.learning_rate,
+                server_learning_rate=1.0 if rate is None else rate,
+            )
+
+
+def _moved(model: Vector, step: NDArray[np.float64]) -> Vector:
+    moved = (model + step).astype(np.float32)
+    moved.setflags(write=False)
+    return np.asarray(moved)

@@ -1,0 +1,137 @@
+"""Settings of the radio, the communities and the learning, as the user writes them."""
+
+from dataclasses import replace
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
+
+Positive = Annotated[float, Field(gt=0.0)]
+Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class ChannelConfig(_Frozen):
+    """A named channel and what to change in it."""
+
+    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio")
+    extra_gain_db: float = Field(
+        0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
+    )
+    gate: Literal["average", "instantaneous"] = Field(
+        "average",
+        description="lose packets with the average PER, or draw segment and shadowing per packet",
+    )
+    alpha_los: Positive | None = Field(None, le=10.0, description="path-loss exponent, LoS")
+    alpha_nlos: Positive | None = Field(None, le=10.0, description="path-loss exponent, NLoS")
+    beta_los_db: float | None = Field(None, ge=-200.0, le=50.0, description="LoS gain at 1 m")
+    beta_nlos_db: float | None = Field(None, ge=-200.0, le=50.0, description="NLoS gain at 1 m")
+    sigma_los: Positive | None = Field(
+        None, le=10.0, description="standard deviation of the natural log of the LoS shadowing"
+    )
+    sigma_nlos: Positive | None = Field(
+        None, le=10.0, description="standard deviation of the natural log of the NLoS shadowing"
+    )
+    a1_per_rad: Positive | None = Field(
+        None, le=1000.0, description="slope of the LoS probability over the elevation"
+    )
+    a2: float | None = Field(None, ge=-100.0, le=100.0, description="offset of the LoS probability")
+    tx_power_db: float | None = Field(None, ge=-200.0, le=100.0, description="transmit power P")
+    noise_db: float | None = Field(
+        None, ge=-300.0, le=100.0, description="noise power N0, in the unit of P"
+    )
+    snr_threshold: Positive | None = Field(
+        None, le=1e6, description="SNR under which a packet is lost, linear (10 = 10 dB)"
+    )
+
+    @field_validator("preset")
+    @classmethod
+    def _known(cls, preset: str) -> str:
+        if preset not in CHANNEL_PRESETS:
+            raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
+        return preset
+
+    def channel(self, *, altitude_m: float | None = None) -> Channel:
+        """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
+        base = CHANNEL_PRESETS[self.preset]
+        changes = self.model_dump(exclude={"preset", "extra_gain_db", "gate"}, exclude_none=True)
+        if altitude_m is not None:
+            changes["altitude_m"] = altitude_m
+        changed = replace(base, **changes)
+        return replace(changed, tx_power_db=changed.tx_power_db + self.extra_gain_db)
+
+
+class CommunityConfig(_Frozen):
+    """Devices with one common task, and how its data are spread over them."""
+
+    name: str = Field(
+        pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=40, description="unique among the communities"
+    )
+    task: Task = Field(description="data set; 'digits' and 'colour-shapes' need no files")
+    data_file: str | None = Field(
+        None, description="for task = 'npz': the file's name in the data folder"
+    )
+    devices: int = Field(6, ge=1, le=1000, description="number of devices")
+    partition: Literal["labels", "dirichlet", "iid"] = Field(
+        "labels", description="how samples are spread over the devices"
+    )
+    labels_per_device: int = Field(
+        2, ge=1, le=1000, description="for partition = 'labels': classes each device owns"
+    )
+    coverage: bool = Field(False, description="for partition = 'labels': every class gets an owner")
+    dirichlet_alpha: Positive = Field(
+        0.5, le=1e6, description="for partition = 'dirichlet': small is uneven"
+    )
+    network: str = Field(
+        "lenet",
+        description="'lenet', 'mcmahan', or a torch module as 'package.module:callable'",
+    )
+
+    @model_validator(mode="after")
+    def _file_with_npz_only(self) -> Self:
+        if (self.task == "npz") != (self.data_file is not None):
+            raise ValueError("data_file belongs to task = 'npz', which needs it")
+        return self
+
+
+class LearningConfig(_Frozen):
+    """Local training, aggregation, fairness. The defaults are the paper's."""
+
+    algorithm: Literal["fedprox", "fedavg", "fedavgm", "fedadam", "scaffold"] = Field(
+        "fedprox", description="how devices train and the UAV aggregates"
+    )
+    mu: float = Field(
+        0.1, ge=0.0, le=100.0, description="proximal weight; fedprox only, the others have none"
+    )
+    learning_rate: Positive = Field(0.01, le=10.0, description="of the local SGD")
+    momentum: float = Field(
+        0.9, ge=0.0, lt=1.0, description="of the local SGD; scaffold trains with plain SGD"
+    )
+    batch_size: int = Field(16, ge=1, le=65536, description="samples of one local step")
+    local_epochs: int = Field(1, ge=1, le=1000, description="passes over a device's data a round")
+    server_learning_rate: Positive | None = Field(
+        None, le=100.0, description="default 1 for fedavgm and scaffold, 0.01 for fedadam"
+    )
+    server_momentum: float = Field(
+        0.9, ge=0.0, lt=1.0, description="beta of fedavgm, beta_1 of fedadam"
+    )
+    server_beta2: float = Field(0.99, ge=0.0, lt=1.0, description="beta_2 of fedadam")
+    server_tau: Positive = Field(0.001, le=1.0, description="adaptivity tau of fedadam")
+    cov_period_rounds: int = Field(
+        4, ge=1, le=1000, description="l: rounds between updates of the fairness CoV"
+    )
+    importance_boost: float = Field(
+        1.5, gt=1.0, le=100.0, description="lambda: factor on devices that missed a round"
+    )
+    cov_floor: Positive = Field(
+        0.001,
+        le=1.0,
+        description="least CoV that importance sees, so that a fair community still counts",
+    )
+    batched: bool = Field(
+        True, description="train the devices of a community side by side in one network"
+    )

@@ -1,0 +1,237 @@
+"""The rounds of a federation: a state and one pure function per round.
+
+Rounds count from 1. theta_j is the global model after round j, theta_0 the initial one, so
+theta_{m-1} is what comes down in round m.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl import fairness as fair
+from fl.algorithms import AlgorithmState, Update
+from fl.community import Community, Federation, build
+from fl.errors import DivergedError
+from fl.models import Vector
+from fl.training import LocalSettings, LocalTask, correct_per_class, train
+
+__all__ = [
+    "Community",
+    "Federation",
+    "FederationState",
+    "RoundLearning",
+    "accuracy",
+    "build",
+    "importance",
+    "init",
+    "play_round",
+]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, eq=False)
+class FederationState:
+    """All that changes from round to round."""
+
+    rounds: int  # played so far
+    models: tuple[Vector, ...]  # theta of each community
+    algorithm: tuple[AlgorithmState, ...]
+    eps_history: Floats  # (<= l, K) eps_k of the last models that came down or will, newest last
+    eps_received: Floats  # (K,) last eps_k that reached the UAV; NaN: none yet
+    cov: Floats  # (C,) psi
+    missed: Bools  # (K,) not scheduled, or update lost, in the last round
+    class_accuracy: tuple[Floats, ...]  # of each community's model, (classes,); NaN: no images
+
+
+@dataclass(frozen=True, eq=False)
+class RoundLearning:
+    """What one round taught."""
+
+    round: int
+    accuracy: dict[str, float]  # on the whole validation set, after the round
+    cov: dict[str, float]  # psi in force for the next round
+    class_accuracy: dict[str, Floats]  # (classes,); NaN where the validation set has none
+    device_accuracy: Floats  # (K,) eps_k(theta) of the new models on each device's own labels
+    local_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
+
+
+def init(federation: Federation) -> FederationState:
+    """The state before the first round: initial models, psi_c = 1, every device missed."""
+    models = []
+    for community in federation.communities:
+        model = community.network.initial(federation.stream(f"fl/{community.name}/model"))
+        model.setflags(write=False)
+        models.append(model)
+    devices = federation.p.size
+    correct = [_correct(c, m) for c, m in zip(federation.communities, models, strict=True)]
+    return FederationState(
+        rounds=0,
+        models=tuple(models),
+        algorithm=tuple(
+            federation.algorithm.init(model, len(community.shares))
+            for community, model in zip(federation.communities, models, strict=True)
+        ),
+        eps_history=_frozen(_device_accuracy(federation, correct)[np.newaxis]),
+        eps_received=_frozen(np.full(devices, np.nan)),
+        cov=_frozen(np.full(len(federation.communities), fair.INITIAL_COV)),
+        missed=_frozen(np.ones(devices, dtype=np.bool_)),
+        class_accuracy=_class_accuracy(federation, correct),
+    )
+
+
+def importance(federation: Federation, state: FederationState, *, fairness: bool) -> Floats:
+    """delta (K,) for the next round; without `fairness` psi counts as 1 (No-CoV)."""
+    cov = state.cov[federation.community_of] if fairness else np.ones(federation.p.size)
+    return fair.importance(
+        federation.p,
+        cov,
+        state.missed,
+        boost=federation.learning.importance_boost,
+        floor=federation.learning.cov_floor,
+    )
+
+
+def play_round(
+    federation: Federation, state: FederationState, *, scheduled: Bools, delivered: Bools
+) -> tuple[FederationState, RoundLearning]:
+    """One communication round, given who was scheduled and whose update arrives, both (K,).
+
+    Only devices whose update arrives are trained: nobody would ever see the others', and every
+    device draws from its own stream, so the result is the same. Raises `DivergedError` naming
+    round, community and device.
+    """
+    if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
+        raise ValueError(f"scheduled and delivered must be of shape {federation.p.shape}")
+    if np.any(delivered & ~scheduled):
+        raise ValueError("a device that was not scheduled cannot deliver")
+    number = state.rounds + 1
+    period = federation.learning.cov_period_rounds
+    # A device sends eps_k = mean over j = m-l .. m-1 of eps_k(theta_j) along with its update.
+    sent = fair.windowed_accuracy(state.eps_history)
+    eps_received = np.where(delivered, sent, state.eps_received)
+    models, algorithm_states = list(state.models), list(state.algorithm)
+    losses = np.full(federation.p.size, np.nan)
+    correct = []
+    for index, community in enumerate(federation.communities):
+        members = federation.members(index)
+        arriving = np.flatnonzero(delivered[members])
+        if arriving.size:
+            models[index], algorithm_states[index], losses[members] = _learn(
+                federation, state, index, devices=arriving
+            )
+        correct.append(_correct(community, models[index]))
+    cov = state.cov.copy()
+    if number % period == 0:
+        for index, community in enumerate(federation.communities):
+            cov[index] = fair.coefficient_of_variation(
+                community.p, eps_received[federation.members(index)]
+            )
+    eps = _device_accuracy(federation, correct)
+    after = FederationState(
+        rounds=number,
+        models=tuple(models),
+        algorithm=tuple(algorithm_states),
+        eps_history=_frozen(np.vstack([state.eps_history, eps])[-period:]),
+        eps_received=_frozen(eps_received),
+        cov=_frozen(cov),
+        missed=_frozen(~delivered),
+        class_accuracy=_class_accuracy(federation, correct),
+    )
+    learnt = RoundLearning(
+        round=number,
+        accuracy=accuracy(federation, after),
+        cov=dict(zip(federation.names, map(float, cov), strict=True)),
+        class_accuracy=dict(zip(federation.names, after.class_accuracy, strict=True)),
+        device_accuracy=_frozen(eps),
+        local_loss=_frozen(losses),
+    )
+    return after, learnt
+
+
+def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
+    """Accuracy of each community's model on its whole validation set."""
+    return {
+        community.name: float(
+            np.nansum(per_class * community.validation_counts) / community.validation_counts.sum()
+        )
+        for community, per_class in zip(federation.communities, state.class_accuracy, strict=True)
+    }
+
+
+def _learn(
+    federation: Federation, state: FederationState, index: int, *, devices: Indices
+) -> tuple[Vector, AlgorithmState, Floats]:
+    """Train `devices` of one community; its next model, algorithm state and losses (K_c,)."""
+    community, learning = federation.communities[index], federation.learning
+    algorithm, number = federation.algorithm, state.rounds + 1
+    results = train(
+        community.network,
+        community.dataset.train,
+        state.models[index],
+        [
+            LocalTask(
+                samples=community.shares[device],
+                rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
+                correction=algorithm.correction(state.algorithm[index], int(device)),
+            )
+            for device in devices
+        ],
+        scaling=community.scaling,
+        settings=LocalSettings(
+            learning_rate=learning.learning_rate,
+            momentum=algorithm.momentum,
+            mu=algorithm.mu,
+            batch_size=learning.batch_size,
+            epochs=learning.local_epochs,
+            batched=learning.batched,
+        ),
+    )
+    losses = np.full(len(community.shares), np.nan)
+    updates = []
+    for device, result in zip(devices, results, strict=True):
+        if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
+            raise DivergedError(number, community.name, int(device), result.loss)
+        losses[device] = result.loss
+        updates.append(Update(int(device), float(community.p[device]), result.model, result.steps))
+    model, algorithm_state = algorithm.apply(state.algorithm[index], state.models[index], updates)
+    return model, algorithm_state, losses
+
+
+def _correct(community: Community, model: Vector) -> Indices:
+    return correct_per_class(
+        community.network,
+        community.dataset.validation,
+        model,
+        scaling=community.scaling,
+        classes=community.dataset.classes,
+    )
+
+
+def _device_accuracy(federation: Federation, correct: Sequence[Indices]) -> Floats:
+    return np.concatenate(
+        [
+            fair.device_accuracy(right, community.validation_counts, community.counts > 0)
+            for community, right in zip(federation.communities, correct, strict=True)
+        ]
+    )
+
+
+def _class_accuracy(federation: Federation, correct: Sequence[Indices]) -> tuple[Floats, ...]:
+    rates = []
+    for community, right in zip(federation.communities, correct, strict=True):
+        total = community.validation_counts
+        rate = np.full(total.size, np.nan)
+        rates.append(_frozen(np.divide(right, total, out=rate, where=total > 0)))
+    return tuple(rates)
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

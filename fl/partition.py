@@ -1,0 +1,114 @@
+"""How the samples of a task are spread over the devices of its community.
+
+Every partitioner returns one sorted index array per device; together they hold each sample of
+the classes that have an owner exactly once.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.errors import SettingError
+
+Indices = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+DIRICHLET_TRIES = 1000
+
+
+def draw_owners(
+    devices: int, classes: int, *, per_device: int, coverage: bool, rng: np.random.Generator
+) -> Bools:
+    """Which device owns which class: (devices, classes), `per_device` true in each row.
+
+    Without `coverage` each device draws its classes at random and some classes may stay without
+    an owner. With it, shuffled classes are first dealt round the devices, then every device
+    fills up at random.
+    """
+    if per_device > classes:
+        raise SettingError("labels_per_device", per_device, f"the task has {classes} classes")
+    if coverage and devices * per_device < classes:
+        raise SettingError(
+            "coverage",
+            coverage,
+            f"{devices} devices with {per_device} labels each cannot own {classes} classes",
+        )
+    owns = np.zeros((devices, classes), dtype=np.bool_)
+    if coverage:
+        order = rng.permutation(devices)
+        for turn, label in enumerate(rng.permutation(classes)):
+            owns[order[turn % devices], label] = True
+    for row in owns:
+        free = np.flatnonzero(~row)
+        row[rng.choice(free, size=per_device - int(row.sum()), replace=False)] = True
+    return owns
+
+
+def by_labels(labels: Indices, owns: Bools, *, rng: np.random.Generator) -> list[Indices]:
+    """Split the samples of each class at random and equally over the devices that own it.
+
+    Shares differ by one sample at most; which owners get one more is drawn. The samples of a
+    class without an owner are used by nobody.
+    """
+    shares: list[list[Indices]] = [[] for _ in owns]
+    for label in range(owns.shape[1]):
+        owners = np.flatnonzero(owns[:, label])
+        if owners.size == 0:
+            continue
+        samples = rng.permutation(np.flatnonzero(labels == label))
+        parts = np.array_split(samples, owners.size)
+        for owner, part in zip(rng.permutation(owners), parts, strict=True):
+            shares[owner].append(part)
+    return _finish([np.concatenate(s) if s else np.empty(0, np.int64) for s in shares])
+
+
+def by_dirichlet(
+    labels: Indices,
+    *,
+    devices: int,
+    classes: int,
+    alpha: float,
+    rng: np.random.Generator,
+) -> list[Indices]:
+    """Split each class over all devices in proportions drawn from Dirichlet(alpha).
+
+    Drawn again until every device has a sample (Yurochkin et al. 2019, Hsu et al. 2019).
+    """
+    for _ in range(DIRICHLET_TRIES):
+        shares: list[list[Indices]] = [[] for _ in range(devices)]
+        for label in range(classes):
+            samples = rng.permutation(np.flatnonzero(labels == label))
+            cuts = np.cumsum(rng.dirichlet(np.full(devices, alpha)))[:-1] * samples.size
+            for share, part in zip(shares, np.split(samples, cuts.astype(np.int64)), strict=True):
+                share.append(part)
+        joined = [np.concatenate(share) for share in shares]
+        if min(part.size for part in joined) > 0:
+            return _finish(joined)
+    raise SettingError(
+        "dirichlet_alpha",
+        alpha,
+        f"{DIRICHLET_TRIES} draws left one of the {devices} devices without a sample;"
+        " use a larger value or fewer devices",
+    )
+
+
+def iid(samples: int, *, devices: int, rng: np.random.Generator) -> list[Indices]:
+    """Split all samples at random and equally over the devices."""
+    return _finish(list(np.array_split(rng.permutation(samples), devices)))
+
+
+def class_counts(labels: Indices, shares: list[Indices], *, classes: int) -> Indices:
+    """The assignment as a table: samples of each class on each device, (devices, classes)."""
+    rows = [np.bincount(labels[share], minlength=classes) for share in shares]
+    return np.stack(rows).astype(np.int64)
+
+
+def _finish(shares: list[Indices]) -> list[Indices]:
+    for device, share in enumerate(shares):
+        if share.size == 0:
+            raise SettingError(
+                "devices", len(shares), f"device {device} of them would be without a sample"
+            )
+    done = [np.sort(share).astype(np.int64) for share in shares]
+    for share in done:
+        share.setflags(write=False)
+    return done
