@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl import federation as learning
+from fl.errors import DivergedError
+from mission.errors import InputError
 from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer, open_flyer
 from mission.gate import slots, uplinks
@@ -43,7 +45,7 @@ class Recorder(Protocol):
     def planned(
         self,
         t_ns: int,
-        round_index: int,
+        round_number: int,
         problem: RoundProblem,
         plan: RoundPlan,
         flight_plan: FlightPlan,
@@ -115,7 +117,7 @@ class Experiment:
             self.sim_s = flyer.vehicle.t_ns / 1e9
 
     async def _flown_round(self, flyer: Flyer) -> None:
-        world, strategy, index = self.world, self.world.strategy, self.rounds_done
+        world, strategy, number = self.world, self.world.strategy, self.rounds_done + 1
         assert strategy is not None
         mission = world.config.mission
         self.recorder.phase("planning")
@@ -124,7 +126,7 @@ class Experiment:
             problem = RoundProblem(
                 devices_m=world.devices_m,
                 importance=learning.importance(
-                    world.federation, self.state, fairness=strategy.fairness
+                    world.federation, self.state, fairness_cov=strategy.fairness
                 ),
                 start_m=world.area.from_ned(start.est_ned_m),
                 steps=mission.steps,
@@ -135,18 +137,18 @@ class Experiment:
                 channel=world.channel,
             )
             # In a thread, so that heartbeats go on; simulated time stands still.
-            sortie = await asyncio.to_thread(strategy.sortie, index, problem)
+            sortie = await asyncio.to_thread(strategy.sortie, self.rounds_done, problem)
         flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
-        self.recorder.planned(start.t_ns, index, problem, sortie.plan, flight_plan)
+        self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
 
         self.recorder.phase("flight")
         with self.stopwatch("fly"):
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
         served = uplinks(
-            index, problem, sortie.plan, passages,
+            number, problem, sortie.plan, passages,
             area=world.area, community_of=world.community_of,
-            gate=world.config.channel.gate, rng=world.streams.generator(f"uplink/{index}"),
+            gate=world.config.channel.gate, rng=world.streams.generator(f"uplink/{number}"),
         )  # fmt: skip
         self.budget_used_m += flight.flown_m if sortie.cost_m is None else sortie.cost_m
         self.flown_m += flight.flown_m
@@ -156,7 +158,7 @@ class Experiment:
         delivered[[u.device for u in served if u.delivered]] = True
         learnt = await self._learn(scheduled, delivered)
         record = RoundRecord(
-            round=index,
+            round=number,
             start_t_s=start.t_ns / 1e9,
             duration_s=flight.duration_s,
             plan_objective=sortie.plan.value,
@@ -179,11 +181,11 @@ class Experiment:
 
     async def _ideal_round(self) -> None:
         everyone = np.ones(len(self.world.devices_m), dtype=bool)
-        importance = learning.importance(self.world.federation, self.state, fairness=True)
+        importance = learning.importance(self.world.federation, self.state, fairness_cov=True)
         learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
         record = RoundRecord(
-            round=self.rounds_done, start_t_s=0.0, duration_s=0.0,
+            round=self.rounds_done + 1, start_t_s=0.0, duration_s=0.0,
             plan_objective=total, est_objective=total, true_objective=total, upper_bound=total,
             plan_path_m=0.0, flown_path_m=0.0, budget_used_m=0.0,
             scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
@@ -196,14 +198,16 @@ class Experiment:
     ) -> learning.RoundLearning:
         self.recorder.phase("training")
         with self.stopwatch("learn"):
-            self.state, learnt = await asyncio.to_thread(
-                learning.play_round,
-                self.world.federation,
-                self.state,
-                scheduled,
-                delivered,
-                stream=self.world.streams.generator,
-            )
+            try:
+                self.state, learnt = await asyncio.to_thread(
+                    learning.play_round,
+                    self.world.federation,
+                    self.state,
+                    scheduled=scheduled,
+                    delivered=delivered,
+                )
+            except DivergedError as error:
+                raise InputError(f"learning diverged: {error}") from None
         return learnt
 
     def _finish(self, t_ns: int, result: RoundResult) -> None:

@@ -51,6 +51,10 @@ class RunFolder:
         return self.path / "config.toml"
 
     @property
+    def devices(self) -> Path:
+        return self.path / "devices.csv"
+
+    @property
     def rounds(self) -> Path:
         return self.path / "rounds.csv"
 

@@ -39,7 +39,7 @@ def slots(plan: FlightPlan, flight: Flight, *, seq_of_stop: Sequence[int]) -> di
 
 
 def uplinks(
-    round_index: int,
+    round_number: int,
     problem: RoundProblem,
     plan: RoundPlan,
     passages: dict[int, Passage],
@@ -80,7 +80,7 @@ def uplinks(
             est_per = _per(problem.channel, ground, est)
         records.append(
             UplinkRecord(
-                round=round_index,
+                round=round_number,
                 device=device,
                 community=community_of[device],
                 step=step,

@@ -48,7 +48,7 @@ class PlainLines:
     def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
         accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
         self._console.print(
-            f"round {record.round + 1}/{rounds}: t {record.start_t_s + record.duration_s:.0f} s, "
+            f"round {record.round}/{rounds}: t {record.start_t_s + record.duration_s:.0f} s, "
             f"{real_time_factor:.0f}x, objective planned {record.plan_objective:.3f} flown "
             f"{record.true_objective:.3f}, delivered {record.delivered}/{record.scheduled}, "
             f"accuracy {accuracy}",
@@ -91,7 +91,7 @@ class LiveTable:
             table.add_column(f"{name} accuracy", justify="right")
         for record in self._records[-self.ROWS :]:
             table.add_row(
-                f"{record.round + 1}/{self._rounds}",
+                f"{record.round}/{self._rounds}",
                 f"{record.start_t_s + record.duration_s:.0f} s",
                 f"{self._factor:.0f}x",
                 f"{record.plan_objective:.3f}",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 class UplinkRecord:
     """One scheduled device of one round: where it was served and what became of its update."""
 
-    round: int
+    round: int  # from 1
     device: int  # index over all communities
     community: str
     step: int  # 0-based time step n of the plan
@@ -34,7 +34,7 @@ class UplinkRecord:
 class RoundRecord:
     """One round: what was planned, what was flown and what was learnt."""
 
-    round: int
+    round: int  # from 1
     start_t_s: float
     duration_s: float
     plan_objective: float

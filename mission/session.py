@@ -1,12 +1,15 @@
 """One `aerofed run`: the experiment with everything that watches it, and what it leaves behind."""
 
 import asyncio
+import math
 import socket
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from fl import federation as learning
@@ -41,7 +44,7 @@ class SessionRecorder:
     def planned(
         self,
         t_ns: int,
-        round_index: int,
+        round_number: int,
         problem: RoundProblem,
         plan: RoundPlan,
         flight_plan: FlightPlan,
@@ -49,7 +52,7 @@ class SessionRecorder:
         """Log a plan before it is flown."""
         self.log.plan(
             t_ns,
-            round_index,
+            round_number,
             problem,
             plan,
             speed_mps=flight_plan.speed_mps,
@@ -61,7 +64,10 @@ class SessionRecorder:
         record = result.record
         self.log.uplinks(result.uplinks)
         self.log.learning(
-            record.round, accuracy=record.accuracy, cov=record.cov, loss=result.learnt.loss
+            record.round,
+            accuracy=record.accuracy,
+            cov=record.cov,
+            loss=self._loss(result.learnt.local_loss),
         )
         self.log.round(record)
         self.uplinks.append(result.uplinks)
@@ -77,6 +83,16 @@ class SessionRecorder:
     def phase(self, name: str) -> None:
         """Show the phase."""
         self.progress.phase(name)
+
+    def _loss(self, local_loss: NDArray[np.float64]) -> dict[str, float]:
+        """Mean training loss over a community's trained devices; NaN where none was trained."""
+        federation = self.world.federation
+        by_community = (local_loss[federation.members(c)] for c in range(len(federation.names)))
+        trained = (loss[np.isfinite(loss)] for loss in by_community)
+        return {
+            name: float(loss.mean()) if loss.size else math.nan
+            for name, loss in zip(federation.names, trained, strict=True)
+        }
 
 
 def fly_session(
@@ -97,11 +113,13 @@ def fly_session(
             _check_port(config.link.udp_port)
         folder = RunFolder.create(path)
         write_atomically(folder.config, config.to_toml())
+        write_atomically(folder.devices, world.devices_csv())
     summary: dict[str, Any] = {
         "status": "running",
         "name": config.name,
         "strategy": config.mission.strategy,
         "seed": config.seed,
+        "data": world.data_sources(),
         **environment(),
     }
     folder.write_summary(summary)
@@ -161,7 +179,7 @@ def _check_port(port: int) -> None:
 def _attach(log: FlightLog, world: World) -> None:
     """Put what is needed to understand the log into the log."""
     log.attach("config.toml", "application/toml", world.config.to_toml().encode())
-    log.attach("partition.csv", "text/csv", world.federation.partition_csv().encode())
+    log.attach("devices.csv", "text/csv", world.devices_csv().encode())
     log.metadata("libraries", environment()["libraries"])
 
 

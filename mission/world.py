@@ -1,6 +1,6 @@
 """What a run is made of before its first round: everything that can be refused, is refused here."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,24 @@ class World:
     def community_of(self) -> tuple[str, ...]:
         """(K,) the name of each device's community."""
         return tuple(self.federation.names[c] for c in self.federation.community_of)
+
+    def devices_csv(self) -> str:
+        """Where every device stands and what it owns: `labels` lists class:samples."""
+        lines = ["device,community,x_m,y_m,samples,p,labels"]
+        communities = self.federation.communities
+        counts = [row for community in communities for row in community.counts]
+        for device, (place, row) in enumerate(zip(self.devices_m, counts, strict=True)):
+            owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
+            x, y = place.tolist()
+            p = float(self.federation.p[device])
+            lines.append(
+                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned}"
+            )
+        return "\n".join(lines) + "\n"
+
+    def data_sources(self) -> dict[str, dict[str, object]]:
+        """Per community: where its data come from, and whether they are the official files."""
+        return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
 
 
 def build_world(config: RunConfig, *, data_dir: Path | None) -> World:

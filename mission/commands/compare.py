@@ -1,0 +1,36 @@
+"""`aerofed compare`."""
+
+import json
+from pathlib import Path
+
+from rich.console import Console
+
+
+def compare(run: Path, *others: Path, as_json: bool = False) -> int:
+    """Planned against flown: cross-track error, timing and packet error rates of runs.
+
+    Example: aerofed compare paper6
+
+    Parameters
+    ----------
+    run
+        A run's folder, or a flight log (.mcap).
+    others
+        More runs, to stand beside the first.
+    as_json
+        Print JSON, with every number at full precision, instead of tables.
+    """
+    from mission.compare import compare_run
+    from mission.compare_view import side_by_side, tables
+
+    comparisons = [compare_run(path) for path in (run, *others)]
+    console = Console()
+    if as_json:
+        data = [comparison.to_json() for comparison in comparisons]
+        console.print_json(json.dumps(data if others else data[0]))
+    elif others:
+        console.print(side_by_side(comparisons))
+    else:
+        for table in tables(comparisons[0]):
+            console.print(table)
+    return 0
