@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from flightdyn.airframe.parameters import QUAD_X, Airframe
+from flightdyn.atmosphere import pressure_pa, temperature_k
 from flightdyn.config import WindConfig
 from flightdyn.errors import AirframeError, ModelDivergedError
 from flightdyn.frames import (
@@ -19,6 +20,7 @@ from flightdyn.frames import (
     Triple,
     frozen,
     quaternion_from_euler,
+    wrap_pi,
 )
 from flightdyn.state import Kinematics
 from flightdyn.wind import FT_M, steady_wind_ned, wind_at_20ft
@@ -32,38 +34,35 @@ _RANKINE_PER_K = 1.8
 _PA_PER_PSF = 47.880258980336
 _RPM_PER_RADPS = 60 / math.tau
 _N_PER_LBF = 4.4482216152605
-_GAS_CONSTANT = 287.05287  # J/kg/K, dry air (ICAO 7488)
-_LAPSE_K_PER_M = 0.0065
-_G0 = 9.80665
 
 Getter = Callable[[], float]
 Setter = Callable[[float], None]
 
 
-def standard_atmosphere(alt_m: float) -> tuple[float, float]:
-    """Temperature (K) and pressure (Pa) at an altitude of the troposphere (ICAO 7488)."""
-    temperature = 288.15 - _LAPSE_K_PER_M * alt_m
-    exponent = _G0 / (_GAS_CONSTANT * _LAPSE_K_PER_M)
-    return temperature, 101_325.0 * (temperature / 288.15) ** exponent
-
-
-class _Quiet(jsbsim.FGLogger):  # type: ignore[misc]  # jsbsim is untyped
-    """Drops JSBSim's loading notes; its errors come as return values and exceptions."""
-
-    def __init__(self) -> None:
-        super().__init__()
-
-    def set_level(self, level: object) -> None:
-        """Nothing to keep."""
-
-    def message(self, text: str) -> None:
-        """Nothing to say."""
+def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
+    """Load the aircraft `name` with JSBSim's console notes held back."""
+    before = jsbsim.get_logger()
+    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.ERROR))
+    try:
+        loaded = fdm.load_model(name)
+    finally:
+        jsbsim.set_logger(before)
+    if not loaded:
+        raise AirframeError(f"JSBSim cannot load {name} from {_ROOT}")
 
 
 class Multirotor:
     """Rigid body, motors, propellers, inner loops and air, in SI units."""
 
-    def __init__(self, frame: LocalFrame, wind: WindConfig, *, dt_s: float, seed: int) -> None:
+    def __init__(
+        self,
+        frame: LocalFrame,
+        wind: WindConfig,
+        *,
+        dt_s: float,
+        seed: int,
+        heading_rad: float = 0.0,
+    ) -> None:
         """At rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
 
         Raises AirframeError where the airframe's files are incomplete.
@@ -73,12 +72,11 @@ class Multirotor:
         fdm = jsbsim.FGFDMExec(str(_ROOT))
         fdm.set_debug_level(0)
         fdm.set_dt(dt_s)  # before loading: filters and integrators take it when they are made
-        if not fdm.load_model(self.airframe.name):
-            raise AirframeError(f"JSBSim cannot load {self.airframe.name} from {_ROOT}")
+        _load(fdm, self.airframe.name)
         self._fdm = fdm
         self._known = {line.split(" ")[0] for line in fdm.get_property_catalog()}
         self._air(frame.origin.alt_msl_m)
-        self._place(frame.origin.lat_deg, frame.origin.lon_deg)
+        self._place(frame.origin.lat_deg, frame.origin.lon_deg, heading_rad)
         self._weather(wind, seed)
         self._bind()
         self.run: Callable[[], bool] = fdm.run
@@ -87,11 +85,11 @@ class Multirotor:
         self._origin_e = self._east()
 
     def _air(self, alt_msl_m: float) -> None:
-        temperature, pressure = standard_atmosphere(alt_msl_m)
-        self._set("atmosphere/delta-T", (temperature - 288.15) * _RANKINE_PER_K)
-        self._set("atmosphere/P-sl-psf", pressure / _PA_PER_PSF)
+        warmer = temperature_k(alt_msl_m) - temperature_k(0.0)
+        self._set("atmosphere/delta-T", warmer * _RANKINE_PER_K)
+        self._set("atmosphere/P-sl-psf", pressure_pa(alt_msl_m) / _PA_PER_PSF)
 
-    def _place(self, lat_deg: float, lon_deg: float, heading_rad: float = 0.0) -> None:
+    def _place(self, lat_deg: float, lon_deg: float, heading_rad: float) -> None:
         self._set("ic/lat-geod-deg", lat_deg)
         self._set("ic/long-gc-deg", lon_deg)
         self._set("ic/terrain-elevation-ft", 0.0)
@@ -206,7 +204,7 @@ class Multirotor:
     def attitude(self) -> Quaternion:
         """Attitude, body to NED."""
         roll, pitch, yaw = self._euler
-        return quaternion_from_euler(roll(), pitch(), yaw())
+        return quaternion_from_euler(roll(), pitch(), wrap_pi(yaw()))
 
     def rates(self) -> Triple:
         """Body rates (rad/s)."""

@@ -1,0 +1,141 @@
+"""The outer loop: where the reference wants to be against where the aircraft believes it is.
+
+Position P and velocity PI give an acceleration; the reference's acceleration is fed forward, led by
+the lag of the attitude loop. What the air does is measured, not modelled: the accelerometers' x and
+y axes feel no thrust, so what they show is drag and wind; the z axis shows what the ordered thrust
+is worth (battery, air density, inflow).
+"""
+
+import math
+from dataclasses import dataclass
+
+from flightdyn.airframe.parameters import Airframe
+from flightdyn.attitude import attitude_error, limit_thrust
+from flightdyn.config import LimitsConfig
+from flightdyn.frames import Triple, rotation_matrix, wrap_pi, yaw_of
+from flightdyn.inertial import NavState
+from flightdyn.inner_loops import InnerLoops
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of the outer loop. Chosen by step responses of this airframe."""
+
+    position: float = 1.6  # 1/s
+    velocity: float = 4.5  # 1/s
+    integral: float = 2.5  # 1/s2
+    integral_limit: float = 6.0  # m/s2
+    lead_s: float = 0.16  # lag of the attitude loop, led by the acceleration fed forward
+    drag_lag_s: float = 0.10  # of the measured drag
+    thrust_lag_s: float = 0.25  # of the thrust effectiveness
+    motor_lag_s: float = 0.06  # from ordered to measured thrust
+    most_thrust: float = 0.9  # share of the full thrust that the outer loop may ask for
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the outer loop is to follow."""
+
+    p: Triple
+    v: Triple
+    a: Triple  # already led
+    yaw: float
+    yaw_rate: float
+
+
+class Controller:
+    """Outer loop with its memory."""
+
+    def __init__(
+        self,
+        inner: InnerLoops,
+        airframe: Airframe,
+        limits: LimitsConfig,
+        *,
+        dt_s: float,
+        gravity_mps2: float,
+        gains: Gains | None = None,
+    ) -> None:
+        self._inner = inner
+        self._airframe = airframe
+        self._tilt = math.radians(limits.tilt_deg)
+        self._dt = dt_s
+        self._g = gravity_mps2
+        self._gains = gains or Gains()
+        self._full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
+        self.lead_s = self._gains.lead_s
+        self.saturated = False
+        self.lift = 0.0  # thrust ordered over weight
+        self.effectiveness = 1.0  # measured thrust over ordered thrust
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learnt in the air; for the ground."""
+        self._integral = [0.0, 0.0, 0.0]
+        self._drag = (0.0, 0.0)
+        self._lagged = 0.0
+        self.effectiveness = 1.0
+        self.saturated = False
+        self.lift = 0.0
+
+    def idle(self, nav: NavState, *, armed: bool) -> None:
+        """Motors turning without lift (armed), attitude left alone."""
+        zero = (0.0, 0.0, 0.0)
+        self.reset()
+        self._inner.command(zero, zero, self._airframe.idle_collective if armed else 0.0)
+
+    def fly(self, nav: NavState, force: Triple, to: Setpoint, *, learn: bool) -> None:
+        """One step; `force` is the measured specific force (body), `learn` off on the ground."""
+        k, dt = self._gains, self._dt
+        r = rotation_matrix(nav.q)
+        share = dt / k.drag_lag_s
+        dx, dy = self._drag
+        if learn:
+            dx, dy = dx + share * (force[0] - dx), dy + share * (force[1] - dy)
+            self._drag = (dx, dy)
+            if self._lagged > 0.05:
+                ratio = min(2.0, max(0.3, -force[2] / (self._full * self._lagged)))
+                self.effectiveness += dt / k.thrust_lag_s * (ratio - self.effectiveness)
+        drag = (r[0] * dx + r[1] * dy, r[3] * dx + r[4] * dy, r[6] * dx + r[7] * dy)
+        integral = self._integral
+        wanted = [0.0, 0.0, 0.0]
+        for i in range(3):
+            slip = to.v[i] + k.position * (to.p[i] - nav.p[i]) - nav.v[i]
+            if learn and not self.saturated:
+                bounded = integral[i] + k.integral * slip * dt
+                integral[i] = min(k.integral_limit, max(-k.integral_limit, bounded))
+            wanted[i] = to.a[i] + k.velocity * slip + integral[i] - drag[i]
+        wanted[2] -= self._g
+        full = self._full * self.effectiveness
+        thrust, self.saturated = limit_thrust(
+            (wanted[0], wanted[1], wanted[2]),
+            tilt_rad=self._tilt,
+            least=0.25 * self._g,
+            most=k.most_thrust * full,
+        )
+        along = -(thrust[0] * r[2] + thrust[1] * r[5] + thrust[2] * r[8])
+        collective = min(k.most_thrust, max(0.02, along / full))
+        self._lagged += dt / k.motor_lag_s * (collective - self._lagged)
+        self.lift = collective * full / self._g
+        error = attitude_error(r, thrust, yaw_of(nav.q), to.yaw)
+        rate = to.yaw_rate
+        self._inner.command(error, (r[6] * rate, r[7] * rate, r[8] * rate), collective)
+
+
+class Heading:
+    """The heading wanted, turned towards an order at a limited rate."""
+
+    def __init__(self, yaw: float, limits: LimitsConfig, *, dt_s: float) -> None:
+        self.yaw = yaw
+        self.rate = 0.0
+        self._most = math.radians(limits.yaw_rate_degps)
+        self._dt = dt_s
+
+    def turn(self, order: float) -> None:
+        """One step towards `order` (rad)."""
+        gap = wrap_pi(order - self.yaw)
+        # Eased in and out, so that the rate fed forward does not jump.
+        rate = min(self._most, max(-self._most, 2.0 * gap))
+        most = 4 * self._most * self._dt
+        self.rate = min(self.rate + most, max(self.rate - most, rate))
+        self.yaw = wrap_pi(self.yaw + self.rate * self._dt)

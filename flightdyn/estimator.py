@@ -1,0 +1,364 @@
+"""What the autopilot believes: an error-state INS/GNSS filter. The one home of filterpy.
+
+The nominal state is carried by the IMU outside the filter; filterpy's KalmanFilter holds the error
+of it (zero after every correction) and its covariance. Everything is fused in order at a horizon
+that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
+forward by the IMU increments since (the arrangement of PX4's EKF2).
+
+Error state (19): position, velocity, attitude (rotation vector in NED), gyroscope bias,
+accelerometer bias, correlated error of the GNSS position, error of the barometer. The last four
+are there because those errors are not white: a filter that took them for white would believe far
+too much in its position. Equations: J. Farrell, Aided Navigation (2008), chapter 11; J. Sola,
+Quaternion kinematics for the error-state Kalman filter (2017), 7.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from flightdyn.atmosphere import altitude_m, pressure_slope
+from flightdyn.config import SensorsConfig
+from flightdyn.frames import (
+    Triple,
+    frozen,
+    quaternion_from_euler,
+    quaternion_multiply,
+    rotation_matrix,
+    rotation_quaternion,
+    wrap_pi,
+)
+from flightdyn.inertial import ImuIncrement, NavState, propagate
+from flightdyn.sensors import BaroSample, MagSample
+from flightdyn.state import GnssFix, Vector
+
+STATES = 19
+POS, VEL, ATT, BG, BA, BGNSS = (slice(i, i + 3) for i in range(0, 18, 3))
+BBARO = 18
+
+# 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
+GATE_3 = 21.1
+GATE_1 = 15.1
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """One measurement against its prediction, before it was used."""
+
+    t_ns: int
+    kind: str  # "gnss position", "gnss velocity", "baro", "heading"
+    nis: float  # normalised innovation squared
+    dof: int
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Biases:
+    """What the filter takes off the sensors."""
+
+    gyro: Triple = (0.0, 0.0, 0.0)
+    accel: Triple = (0.0, 0.0, 0.0)
+    gnss: Triple = (0.0, 0.0, 0.0)
+    baro: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Where the filter starts from: means over a time at rest."""
+
+    rates: Triple
+    specific_force: Triple
+    field_frd_gauss: Triple
+    pressure_pa: float
+    duration_s: float
+
+
+def _skew(x: float, y: float, z: float) -> Vector:
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+class Estimator:
+    """Filter at the delayed horizon, prediction to now."""
+
+    def __init__(
+        self,
+        config: SensorsConfig,
+        *,
+        align: Alignment,
+        fix: GnssFix,
+        t_ns: int,
+        gravity_mps2: float,
+        step_s: float,
+    ) -> None:
+        """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
+        self._config = config
+        self._gravity = gravity_mps2
+        self._step_s = step_s
+        mag = config.mag
+        self._field = (mag.field_north_gauss, mag.field_east_gauss, mag.field_down_gauss)
+        self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
+        self._ground_m = altitude_m(align.pressure_pa)
+        self._pa_per_m = pressure_slope(align.pressure_pa)
+        # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
+        self._biases = Biases(
+            gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + gravity_mps2)
+        )
+        self.horizon = NavState(
+            t_ns,
+            (float(fix.pos_ned_m[0]), float(fix.pos_ned_m[1]), 0.0),
+            (0.0, 0.0, 0.0),
+            self._level(align),
+        )
+        self.now = self.horizon
+        self._increments: deque[ImuIncrement] = deque()
+        self._batch: list[ImuIncrement] = []
+        self._waiting: deque[BaroSample | MagSample] = deque()
+        self._fix: GnssFix | None = None
+        self.innovations: deque[Innovation] = deque(maxlen=64)
+        self.fused_ns: dict[str, int] = {}
+        self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
+        self._kf.x = np.zeros((STATES, 1))
+        self._kf.P = self._initial_covariance(align.duration_s)
+        self._noise()
+
+    def _level(self, align: Alignment) -> tuple[float, float, float, float]:
+        fx, fy, fz = align.specific_force
+        roll = math.atan2(-fy, -fz)
+        pitch = math.atan2(fx, math.hypot(fy, fz))
+        r = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0))
+        x, y, z = align.field_frd_gauss
+        north = r[0] * x + r[1] * y + r[2] * z
+        east = r[3] * x + r[4] * y + r[5] * z
+        return quaternion_from_euler(
+            roll, pitch, wrap_pi(self._declination - math.atan2(east, north))
+        )
+
+    def _heading_std(self) -> tuple[float, float]:
+        """White and constant error (rad) of a heading from the magnetometer."""
+        mag = self._config.mag
+        horizontal = math.hypot(mag.field_north_gauss, mag.field_east_gauss)
+        return mag.white_gauss / horizontal, mag.hard_iron_gauss / horizontal
+
+    def _initial_covariance(self, rest_s: float) -> Vector:
+        c = self._config
+        g = self._gravity
+        imu, gnss = c.imu, c.gnss
+        P = np.zeros((STATES, STATES))
+        horizontal = gnss.std_horizontal_m**2
+        for i in range(2):
+            # The first fix is the position: its error is the receiver's with the sign turned.
+            P[i, i] = horizontal + gnss.white_m**2 + 1e-6
+            P[i, 15 + i] = P[15 + i, i] = -horizontal
+            P[15 + i, 15 + i] = horizontal + 1e-9
+        P[2, 2] = 1e-4  # height is counted from here
+        P[17, 17] = gnss.std_vertical_m**2 + 1e-9
+        P[VEL, VEL] = np.eye(3) * 1e-4
+        accel = imu.accel_turn_on_mps2**2 + 1e-8
+        # Levelling takes an accelerometer bias b for a tilt of b / g: the two errors are one.
+        r = rotation_matrix(self.horizon.q)
+        R = np.array(r).reshape(3, 3)
+        tilt = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 0.0))) / g @ R
+        spread = np.diag([accel, accel, 1e-4])
+        P[BA, BA] = spread
+        P[ATT, BA] = tilt @ spread
+        P[BA, ATT] = P[ATT, BA].T
+        white, constant = self._heading_std()
+        heading = white**2 / max(1.0, rest_s / c.mag.interval_s) + constant**2
+        P[ATT, ATT] = tilt @ spread @ tilt.T + np.diag([1e-6, 1e-6, heading + 1e-6])
+        gyro = imu.gyro_noise_density**2 / rest_s + imu.gyro_random_walk**2 * rest_s
+        P[BG, BG] = np.eye(3) * (gyro + 1e-10)
+        P[BBARO, BBARO] = 1e-4
+        return P
+
+    def _noise(self) -> None:
+        """Process noise and transition of one filter step, and measurement noise."""
+        c, dt = self._config, self._step_s
+        imu, gnss = c.imu, c.gnss
+        # A little more than the sensors' own noise keeps the filter awake where they are exact.
+        accel = imu.accel_noise_density**2 + 1e-7
+        gyro = imu.gyro_noise_density**2 + 1e-10
+        Q = np.zeros((STATES, STATES))
+        for i in range(3):
+            Q[i, i] = accel * dt**3 / 3
+            Q[i, 3 + i] = Q[3 + i, i] = accel * dt**2 / 2
+            Q[3 + i, 3 + i] = accel * dt
+            Q[6 + i, 6 + i] = gyro * dt
+            Q[9 + i, 9 + i] = imu.gyro_random_walk**2 * dt
+            Q[12 + i, 12 + i] = imu.accel_random_walk**2 * dt
+        keep = math.exp(-dt / gnss.correlation_s)
+        std = np.array([gnss.std_horizontal_m] * 2 + [gnss.std_vertical_m])
+        Q[BGNSS, BGNSS] = np.diag(std**2 * (1 - keep**2))
+        # Drift since the ground pressure was taken: at first a random walk.
+        drift = c.baro.drift_pa / self._pa_per_m
+        Q[BBARO, BBARO] = 2 * drift**2 / c.baro.drift_correlation_s * dt
+        self._kf.Q = Q
+        F = np.eye(STATES)
+        F[POS, VEL] = np.eye(3) * dt
+        F[BGNSS, BGNSS] *= keep
+        self._kf.F = F
+        self._keep = keep
+        white, constant = self._heading_std()
+        self._r_pos = np.eye(3) * (gnss.white_m**2 + 1e-6)
+        self._r_vel = np.diag(
+            [gnss.std_vel_horizontal_mps**2 + 1e-6] * 2 + [gnss.std_vel_vertical_mps**2 + 1e-6]
+        )
+        self._r_baro = np.array([[(c.baro.white_pa / self._pa_per_m) ** 2 + 1e-6]])
+        # The offset left by calibration does not average out; white noise of many samples would.
+        self._r_mag = np.array([[white**2 + 4 * constant**2 + 1e-6]])
+        self._h_pos = np.zeros((3, STATES))
+        self._h_pos[:, POS] = np.eye(3)
+        self._h_pos[:, BGNSS] = np.eye(3)
+        self._h_vel = np.zeros((3, STATES))
+        self._h_vel[:, VEL] = np.eye(3)
+        self._h_baro = np.zeros((1, STATES))
+        self._h_baro[0, 2] = -1.0
+        self._h_baro[0, BBARO] = 1.0
+
+    @property
+    def biases(self) -> Biases:
+        """Present bias estimates."""
+        return self._biases
+
+    @property
+    def covariance(self) -> Vector:
+        """Covariance (19, 19) of the error state at the horizon; a copy."""
+        return frozen(self._kf.P)
+
+    def std(self, part: slice) -> Vector:
+        """Standard deviations of one part of the error state."""
+        return np.sqrt(np.diag(self._kf.P)[part])
+
+    def step(self, increment: ImuIncrement, fix: GnssFix | None) -> None:
+        """One IMU increment, and a GNSS solution if one arrived with it."""
+        self._increments.append(increment)
+        if fix is not None:
+            self._fix = fix
+        b = self._biases
+        self.now, _ = propagate(self.now, increment, b.gyro, b.accel, self._gravity)
+        horizon_ns = increment.t_ns - round(self._config.gnss.delay_s * 1e9)
+        moved = False
+        while self._increments and self._increments[0].t_ns <= horizon_ns:
+            self._batch.append(self._increments.popleft())
+            if sum(part.dt_s for part in self._batch) > self._step_s - 1e-9:
+                self._predict()
+                moved = self._correct() or moved
+        if moved:
+            self._replay()
+
+    def observe(self, sample: BaroSample | MagSample) -> None:
+        """A barometer or magnetometer sample of now; used when the horizon comes to it."""
+        self._waiting.append(sample)
+
+    def _predict(self) -> None:
+        """Carry the horizon over one filter step."""
+        b = self._biases
+        dn = de = dd = 0.0
+        r = rotation_matrix(self.horizon.q)
+        for part in self._batch:
+            self.horizon, (n, e, d) = propagate(
+                self.horizon, part, b.gyro, b.accel, self._gravity
+            )
+            dn, de, dd = dn + n, de + e, dd + d
+        self._batch.clear()
+        dt = self._step_s
+        F = self._kf.F
+        S = _skew(-dn, -de, -dd)
+        R = np.array(r).reshape(3, 3)
+        F[VEL, ATT] = S
+        F[POS, ATT] = S * (dt / 2)
+        F[VEL, BA] = R * -dt
+        F[POS, BA] = R * (-dt * dt / 2)
+        F[ATT, BG] = R * -dt
+        F[VEL, BG] = S @ R * (-dt / 2)
+        self._kf.predict()
+        keep, g = self._keep, b.gnss
+        self._biases = Biases(b.gyro, b.accel, (g[0] * keep, g[1] * keep, g[2] * keep), b.baro)
+
+    def _correct(self) -> bool:
+        """Fuse what was measured up to the horizon."""
+        t_ns = self.horizon.t_ns
+        used = False
+        if self._fix is not None and self._fix.t_ns <= t_ns:
+            used = self._fuse_gnss(self._fix) or used
+            self._fix = None
+        while self._waiting and self._waiting[0].t_ns <= t_ns:
+            sample = self._waiting.popleft()
+            if isinstance(sample, BaroSample):
+                used = self._fuse_baro(sample) or used
+            else:
+                used = self._fuse_mag(sample) or used
+        return used
+
+    def _fuse_gnss(self, fix: GnssFix) -> bool:
+        age = (self.horizon.t_ns - fix.t_ns) * 1e-9  # below one filter step
+        p, v, b = self.horizon.p, self.horizon.v, self._biases.gnss
+        z = np.array([fix.pos_ned_m[i] + v[i] * age - p[i] - b[i] for i in range(3)])
+        used = self._fuse("gnss position", z, self._h_pos, self._r_pos, GATE_3)
+        v = self.horizon.v
+        z = np.array([fix.vel_ned_mps[i] - v[i] for i in range(3)])
+        return self._fuse("gnss velocity", z, self._h_vel, self._r_vel, GATE_3) or used
+
+    def _fuse_baro(self, sample: BaroSample) -> bool:
+        height = altitude_m(sample.pressure_pa) - self._ground_m
+        z = np.array([height + self.horizon.p[2] - self._biases.baro])
+        return self._fuse("baro", z, self._h_baro, self._r_baro, GATE_1)
+
+    def _fuse_mag(self, sample: MagSample) -> bool:
+        """Heading from the horizontal field; tilt errors leak into it through the dip."""
+        x, y, z = sample.field_frd_gauss
+        r = rotation_matrix(self.horizon.q)
+        north = r[0] * x + r[1] * y + r[2] * z
+        east = r[3] * x + r[4] * y + r[5] * z
+        innovation = wrap_pi(self._declination - math.atan2(east, north))
+        m = self._field
+        size = math.hypot(m[0], m[1])
+        across = (-m[1] / size, m[0] / size)  # horizontal, to the right of the field
+        H = np.zeros((1, STATES))
+        # (field x across) / size: what a rotation vector does to the heading of the field.
+        H[0, 6] = -m[2] * across[1] / size
+        H[0, 7] = m[2] * across[0] / size
+        H[0, 8] = (m[0] * across[1] - m[1] * across[0]) / size
+        return self._fuse("heading", np.array([innovation]), H, self._r_mag, GATE_1)
+
+    def _fuse(self, kind: str, z: Vector, H: Vector, R: Vector, gate: float) -> bool:
+        """Use one measurement if its innovation is believable."""
+        kf = self._kf
+        S = H @ kf.P @ H.T + R
+        nis = float(z @ np.linalg.solve(S, z))
+        accepted = nis < gate
+        self.innovations.append(Innovation(self.horizon.t_ns, kind, nis, len(z), accepted))
+        if accepted:
+            kf.update(z.reshape(-1, 1), R=R, H=H)
+            self._fold()
+            self.fused_ns[kind] = self.horizon.t_ns
+        return accepted
+
+    def _fold(self) -> None:
+        """Move the estimated error into the nominal state."""
+        kf = self._kf
+        x = kf.x[:, 0].tolist()
+        kf.x = np.zeros((STATES, 1))
+        h, b = self.horizon, self._biases
+        self.horizon = NavState(
+            h.t_ns,
+            (h.p[0] + x[0], h.p[1] + x[1], h.p[2] + x[2]),
+            (h.v[0] + x[3], h.v[1] + x[4], h.v[2] + x[5]),
+            quaternion_multiply(rotation_quaternion(x[6], x[7], x[8]), h.q),
+        )
+        self._biases = Biases(
+            (b.gyro[0] + x[9], b.gyro[1] + x[10], b.gyro[2] + x[11]),
+            (b.accel[0] + x[12], b.accel[1] + x[13], b.accel[2] + x[14]),
+            (b.gnss[0] + x[15], b.gnss[1] + x[16], b.gnss[2] + x[17]),
+            b.baro + x[18],
+        )
+
+    def _replay(self) -> None:
+        """Carry the corrected horizon to now."""
+        state, b = self.horizon, self._biases
+        for part in self._batch:
+            state, _ = propagate(state, part, b.gyro, b.accel, self._gravity)
+        for part in self._increments:
+            state, _ = propagate(state, part, b.gyro, b.accel, self._gravity)
+        self.now = state

@@ -1,0 +1,231 @@
+"""Orders in, setpoints out: idle, hold, velocity and path."""
+
+import math
+from collections.abc import Callable
+
+from flightdyn.config import LimitsConfig
+from flightdyn.control import Controller, Heading, Setpoint
+from flightdyn.errors import FlightInputError
+from flightdyn.frames import Triple, yaw_of
+from flightdyn.inertial import NavState
+from flightdyn.landing import LandDetector
+from flightdyn.path import FlightPath, PathProgress
+from flightdyn.trajectory import Corner, Trajectory, brake_and_go, plan_path
+
+_LEASH_M = 1.5  # how far the reference of a velocity order may run ahead
+_LAG_FREE_M = 1.5  # lag along the path that the governor lets pass
+_LAG_STOP_M = 6.0  # lag at which the reference waits
+_LIMITED_RATE = 0.93  # the reference's clock slower than that: the speed cannot be held
+_STOPPED_MPS = 0.3
+_STOPPED_M = 0.5
+_COURSE_MPS = 1.5  # slower than that the course says nothing about where to look
+
+
+class Guidance:
+    """The order in force and how far it has been carried out."""
+
+    def __init__(
+        self, controller: Controller, limits: LimitsConfig, *, dt_s: float, yaw: float
+    ) -> None:
+        self._controller = controller
+        self._limits = limits
+        self._dt = dt_s
+        self._heading = Heading(yaw, limits, dt_s=dt_s)
+        self._yaw_order = yaw
+        self._land = LandDetector(dt_s=dt_s)
+        self._mode: Callable[[NavState], Setpoint | None] = self._idle
+        self._trajectory: Trajectory | None = None
+        self._t = 0.0  # on the trajectory's clock
+        self._rate = 1.0  # of the trajectory's clock
+        self._smooth_rate = 1.0
+        self._along: Triple = (0.0, 0.0, 0.0)
+        self._corners: list[Corner] = []
+        self._next = 0
+        self._over_s = 0.0
+        self._velocity: Triple = (0.0, 0.0, 0.0)
+        self._course_follows = False
+        self._point: Setpoint | None = None
+        self.progress = PathProgress()
+        self.armed = False
+
+    @property
+    def landed(self) -> bool:
+        """On the ground, as far as the belief tells."""
+        return self._land.landed
+
+    @property
+    def command(self) -> Triple | None:
+        """Where the aircraft is wanted; None while no order holds it anywhere."""
+        return None if self._point is None else self._point.p
+
+    def idle(self) -> None:
+        """Motors turn without lift when armed."""
+        self._mode = self._idle
+        self._point = None
+        self._trajectory = None
+
+    def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
+        """Go to `pos` and stay."""
+        _finite("hold", (*pos, yaw))
+        p, v = self._start(nav)
+        self._trajectory = brake_and_go(p, v, pos, self._limits)
+        self._begin(yaw, course=False)
+        self._corners = []
+
+    def follow(self, nav: NavState, path: FlightPath) -> None:
+        """Fly `path` and stay at its end."""
+        _, v = self._start(nav)
+        self._trajectory, self._corners = plan_path(path, self._limits, start_vel=v)
+        self._begin(self._heading.yaw, course=True)
+        self._next = 1
+        self.progress.passed = self._corners[0].count
+
+    def _begin(self, yaw: float, *, course: bool) -> None:
+        assert self._trajectory is not None
+        self._mode = self._track
+        self._t = self._trajectory.start_s
+        self._rate = self._smooth_rate = 1.0
+        self._over_s = 0.0
+        self._yaw_order = yaw
+        self._course_follows = course
+        self.progress = PathProgress()
+
+    def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
+        """Fly at `vel` (NED over ground), keeping to the line that it draws."""
+        _finite("velocity", (*vel, yaw))
+        if self._mode != self._at_velocity:
+            p, v = self._start(nav)
+            self._point = Setpoint(p, v, (0.0, 0.0, 0.0), self._heading.yaw, 0.0)
+        self._mode = self._at_velocity
+        self._velocity = vel
+        self._yaw_order = yaw
+        self._trajectory = None
+        self.progress = PathProgress()
+
+    def _start(self, nav: NavState) -> tuple[Triple, Triple]:
+        """Where a new reference begins: at the old one, so that nothing jumps."""
+        if self._point is None or math.dist(self._point.p, nav.p) > _LAG_STOP_M:
+            return nav.p, nav.v
+        return self._point.p, self._point.v
+
+    def step(self, nav: NavState, force: Triple) -> None:
+        """One guidance step."""
+        if not self.armed:
+            # What the aircraft stands on may have been turned: no heading to come back to.
+            self._heading.yaw = self._yaw_order = yaw_of(nav.q)
+            self._heading.rate = 0.0
+        point = self._mode(nav) if self.armed else None
+        self._point = point
+        if point is None:
+            self._controller.idle(nav, armed=self.armed)
+        else:
+            flying = not self._land.contact
+            if self._land.contact and point.v[2] > 0:
+                self._controller.idle(nav, armed=True)
+            else:
+                self._controller.fly(nav, force, point, learn=flying)
+        self._land.update(
+            armed=self.armed,
+            descend_mps=0.0 if point is None else point.v[2],
+            sink_mps=nav.v[2],
+            lift=self._controller.lift,
+        )
+
+    def _idle(self, nav: NavState) -> None:
+        return None
+
+    def _track(self, nav: NavState) -> Setpoint:
+        trajectory = self._trajectory
+        assert trajectory is not None
+        rate = self._governor(nav)
+        step = self._dt * rate
+        self._t = min(self._t + step, trajectory.end_s + 1.0)
+        ref = trajectory.at(self._t)
+        self._along = ref.v
+        lead = trajectory.acceleration(self._t + self._controller.lead_s * rate)
+        # Slowing the clock decelerates the reference along its own course.
+        slope = (rate - self._rate) / self._dt
+        self._rate = rate
+        a = tuple(lead[i] * rate * rate + ref.v[i] * slope for i in range(3))
+        v = (ref.v[0] * rate, ref.v[1] * rate, ref.v[2] * rate)
+        if self._course_follows and math.hypot(v[0], v[1]) > _COURSE_MPS:
+            self._yaw_order = math.atan2(v[1], v[0])
+        self._heading.turn(self._yaw_order)
+        self._finish(nav)
+        return Setpoint(
+            ref.p, v, (a[0], a[1], a[2]), self._heading.yaw, self._heading.rate
+        )
+
+    def _governor(self, nav: NavState) -> float:
+        """Rate of the reference's clock: it waits for an aircraft that cannot keep up."""
+        target = 1.0
+        if self._point is not None:
+            u = self._along
+            speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+            if speed > 0.5:
+                p = self._point.p
+                lag = sum((p[i] - nav.p[i]) * u[i] for i in range(3)) / speed
+                target = 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M)
+                target = min(1.0, max(0.0, target))
+        self._smooth_rate += self._dt / 1.5 * (target - self._smooth_rate)
+        self.progress.speed_limited = bool(self._corners) and self._smooth_rate < _LIMITED_RATE
+        most = 0.5 * self._dt  # the clock itself may not jump
+        return min(self._rate + most, max(self._rate - 2 * most, target))
+
+    def _finish(self, nav: NavState) -> None:
+        trajectory = self._trajectory
+        assert trajectory is not None
+        if self._t < trajectory.end_s or self.progress.finished:
+            return
+        self._over_s += self._dt
+        p = trajectory.at(self._t).p
+        off = math.dist(p, nav.p)
+        speed = math.sqrt(nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2)
+        if (off < _STOPPED_M and speed < _STOPPED_MPS) or self._over_s > 10.0:
+            self.progress.finished = True
+            self.progress.speed_limited = False
+            if self._corners:
+                self.progress.passed = self._corners[-1].count
+                self._next = len(self._corners)
+
+    def corner_near(self) -> bool:
+        """Whether the next corner may be passed before the guidance's next step."""
+        if self._next >= len(self._corners) - 1:
+            return False
+        corner = self._corners[self._next]
+        return self._t >= corner.t_s - corner.half_s - 0.5 - self._dt
+
+    def pass_corners(self, pos: Triple, vel: Triple) -> None:
+        """Count the corner whose plane of closest approach the position has crossed."""
+        while self._next < len(self._corners) - 1:
+            corner = self._corners[self._next]
+            if self._t < corner.t_s - corner.half_s - 0.5:
+                return
+            n = corner.normal or vel
+            beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
+            if beyond < 0 and self._t < corner.t_s + corner.half_s + 3.0:
+                return
+            self.progress.passed = corner.count
+            self._next += 1
+
+    def _at_velocity(self, nav: NavState) -> Setpoint:
+        """Reference that gathers speed towards the order and draws the aircraft along."""
+        last = self._point
+        assert last is not None
+        most = self._limits.acceleration_mps2 * self._dt
+        gap = [self._velocity[i] - last.v[i] for i in range(3)]
+        size = math.sqrt(sum(g * g for g in gap))
+        k = min(1.0, most / size) if size > 0 else 0.0
+        v = (last.v[0] + k * gap[0], last.v[1] + k * gap[1], last.v[2] + k * gap[2])
+        p = [last.p[i] + v[i] * self._dt for i in range(3)]
+        ahead = math.dist(p, nav.p)
+        if ahead > _LEASH_M:
+            p = [nav.p[i] + (p[i] - nav.p[i]) * _LEASH_M / ahead for i in range(3)]
+        self._heading.turn(self._yaw_order)
+        a = (k * gap[0] / self._dt, k * gap[1] / self._dt, k * gap[2] / self._dt)
+        return Setpoint((p[0], p[1], p[2]), v, a, self._heading.yaw, self._heading.rate)
+
+
+def _finite(order: str, values: tuple[float, ...]) -> None:
+    if not all(math.isfinite(value) for value in values):
+        raise FlightInputError(f"{order} {values}: finite numbers are needed")

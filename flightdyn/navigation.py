@@ -1,0 +1,234 @@
+"""Where the autopilot's knowledge comes from: sensors and filter, or the truth itself.
+
+Which of the two is chosen once, when the aircraft is made. After each tick of the physics `tick`
+hands body rates to the inner loops; `state` is what the guidance flies on.
+"""
+
+import math
+from typing import Protocol
+
+from flightdyn.clock import SimClock
+from flightdyn.config import SensorsConfig
+from flightdyn.estimator import Alignment, Estimator
+from flightdyn.errors import FlightInputError
+from flightdyn.frames import Triple, frozen
+from flightdyn.inertial import NavState, Preintegrator, propagate
+from flightdyn.inner_loops import InnerLoops
+from flightdyn.multirotor import Multirotor
+from flightdyn.random import RandomStreams
+from flightdyn.sensors import Baro, Gnss, ImuErrors, Magnetometer
+from flightdyn.state import GnssFix, Kinematics
+from flightdyn.wind import FT_M
+
+FILTER_STEP_S = 0.04
+
+
+class Navigation(Protocol):
+    """What the aircraft flies on."""
+
+    gnss: GnssFix | None
+    specific_force: Triple  # mean over the last guidance interval, biases taken off
+
+    def tick(self) -> None: ...
+
+    def update(self) -> NavState: ...
+
+    def position(self) -> Triple: ...
+
+    def belief(self) -> Kinematics: ...
+
+    def why_not_ready(self) -> str: ...
+
+
+class TrueNavigation:
+    """The autopilot is handed the truth: for tests of the control alone."""
+
+    def __init__(self, vehicle: Multirotor, inner: InnerLoops, clock: SimClock) -> None:
+        self._vehicle = vehicle
+        self._inner = inner
+        self._clock = clock
+        self.gnss: GnssFix | None = None
+        self.specific_force: Triple = (0.0, 0.0, 0.0)
+
+    def tick(self) -> None:
+        """True body rates to the inner loops."""
+        v = self._vehicle
+        self._inner.feed(v.rate_p(), v.rate_q(), v.rate_r())
+
+    def update(self) -> NavState:
+        """The truth."""
+        v = self._vehicle
+        self.specific_force = v.specific_force()
+        return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
+
+    def position(self) -> Triple:
+        """Position of this tick (m, NED)."""
+        return self._vehicle.position_ned()
+
+    def belief(self) -> Kinematics:
+        """The truth."""
+        return self._vehicle.kinematics(self._clock.t_ns)
+
+    def why_not_ready(self) -> str:
+        """Always ready."""
+        return ""
+
+
+class InertialNavigation:
+    """Sensors and filter."""
+
+    def __init__(
+        self,
+        config: SensorsConfig,
+        vehicle: Multirotor,
+        inner: InnerLoops,
+        clock: SimClock,
+        streams: RandomStreams,
+        *,
+        gravity_mps2: float,
+    ) -> None:
+        """Aligned at rest: the clock is run from before zero up to zero."""
+        self._config = config
+        self._vehicle = vehicle
+        self._inner = inner
+        self._clock = clock
+        self.imu = ImuErrors(config.imu, streams, dt_s=clock.dt_s)
+        self.receiver = Gnss(config.gnss, streams)
+        self.baro = Baro(config.baro, streams)
+        self.mag = Magnetometer(config.mag, streams)
+        self._gnss_ticks = clock.ticks(config.gnss.interval_s, what="sensors.gnss.interval_s")
+        self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
+        self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
+        self._sum = Preintegrator(clock.dt_s)
+        self._rates: Triple = (0.0, 0.0, 0.0)
+        self._gyro_bias: Triple = (0.0, 0.0, 0.0)
+        self.gnss: GnssFix | None = None
+        self._arrived: GnssFix | None = None
+        self.specific_force: Triple = (0.0, 0.0, 0.0)
+        self._gravity = gravity_mps2
+        self.estimator = self._align()
+
+    def _align(self) -> Estimator:
+        clock = self._clock
+        count = clock.ticks(self._config.alignment_s, what="sensors.alignment_s")
+        sums = [0.0] * 10
+        pressures = fields = 0
+        for _ in range(count):
+            self._vehicle.run()
+            clock.advance()
+            for i, value in enumerate(self._imu()):
+                sums[i] += value / count
+            if clock.tick % self._gnss_ticks == 0:
+                self._measure_gnss()
+            fix = self.receiver.deliver(clock.t_ns)
+            if fix is not None:
+                self.gnss = fix
+            if clock.tick % self._baro_ticks == 0:
+                sums[9] += self.baro.measure(clock.t_ns, self._vehicle.pressure_pa()).pressure_pa
+                pressures += 1
+            if clock.tick % self._mag_ticks == 0:
+                sample = self.mag.measure(clock.t_ns, self._vehicle.attitude())
+                for i, value in enumerate(sample.field_frd_gauss):
+                    sums[6 + i] += value
+                fields += 1
+        if self.gnss is None:
+            raise FlightInputError("the alignment is too short for a GNSS solution")
+        align = Alignment(
+            rates=(sums[0], sums[1], sums[2]),
+            specific_force=(sums[3], sums[4], sums[5]),
+            field_frd_gauss=(sums[6] / fields, sums[7] / fields, sums[8] / fields),
+            pressure_pa=sums[9] / pressures,
+            duration_s=self._config.alignment_s,
+        )
+        self._gyro_bias = align.rates
+        return Estimator(
+            self._config,
+            align=align,
+            fix=self.gnss,
+            t_ns=clock.t_ns,
+            gravity_mps2=self._gravity,
+            step_s=FILTER_STEP_S,
+        )
+
+    def _imu(self) -> tuple[float, float, float, float, float, float]:
+        v = self._vehicle
+        e = self.imu.next()
+        return (
+            v.rate_p() + e[0],
+            v.rate_q() + e[1],
+            v.rate_r() + e[2],
+            v.accel_x_fps2() * FT_M + e[3],
+            v.accel_y_fps2() * FT_M + e[4],
+            v.accel_z_fps2() * FT_M + e[5],
+        )
+
+    def _measure_gnss(self) -> None:
+        v = self._vehicle
+        self.receiver.measure(self._clock.t_ns, v.position_ned(), v.velocity_ned())
+
+    def tick(self) -> None:
+        """Sample the sensors that are due; believed body rates to the inner loops."""
+        p, q, r, fx, fy, fz = self._imu()
+        self._sum.add(p, q, r, fx, fy, fz)
+        b = self._gyro_bias
+        p, q, r = p - b[0], q - b[1], r - b[2]
+        self._rates = (p, q, r)
+        self._inner.feed(p, q, r)
+        tick = self._clock.tick
+        if tick % self._gnss_ticks == 0:
+            self._measure_gnss()
+        if tick % self._baro_ticks == 0:
+            pressure = self._vehicle.pressure_pa()
+            self.estimator.observe(self.baro.measure(self._clock.t_ns, pressure))
+        if tick % self._mag_ticks == 0:
+            self.estimator.observe(
+                self.mag.measure(self._clock.t_ns, self._vehicle.attitude())
+            )
+
+    def update(self) -> NavState:
+        """Bring the filter up to this tick."""
+        fix = self.receiver.deliver(self._clock.t_ns)
+        if fix is not None:
+            self.gnss = fix
+        step = self._sum.take(self._clock.t_ns)
+        estimator = self.estimator
+        estimator.step(step, fix)
+        biases = estimator.biases
+        self._gyro_bias = biases.gyro
+        k, (x, y, z), b = 1 / step.dt_s, step.velocity, biases.accel
+        self.specific_force = (x * k - b[0], y * k - b[1], z * k - b[2])
+        return estimator.now
+
+    def _here(self) -> NavState:
+        if self._sum.ticks == 0:
+            return self.estimator.now
+        step, b = self._sum.pending(self._clock.t_ns), self.estimator.biases
+        return propagate(self.estimator.now, step, b.gyro, b.accel, self._gravity)[0]
+
+    def position(self) -> Triple:
+        """Believed position of this tick (m, NED)."""
+        return self._here().p
+
+    def belief(self) -> Kinematics:
+        """Believed state of this tick."""
+        here = self._here()
+        return Kinematics(
+            t_ns=self._clock.t_ns,
+            pos_ned_m=frozen(here.p),
+            vel_ned_mps=frozen(here.v),
+            q_frd_to_ned=frozen(here.q),
+            omega_frd_radps=frozen(self._rates),
+        )
+
+    def why_not_ready(self) -> str:
+        """Empty once the filter may be flown on."""
+        estimator = self.estimator
+        if not self.receiver.on:
+            return "no GNSS"
+        if float(max(estimator.std(slice(0, 2)))) > 5.0:
+            return "position uncertain"
+        if float(max(estimator.std(slice(6, 8)))) > math.radians(5):
+            return "attitude uncertain"
+        if float(estimator.std(slice(8, 9))[0]) > math.radians(15):
+            return "heading uncertain"
+        return ""
