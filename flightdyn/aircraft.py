@@ -53,7 +53,7 @@ class Aircraft:
             self.navigation = InertialNavigation(
                 config.sensors, self.vehicle, inner, clock, streams, gravity_mps2=gravity
             )
-        self._nav = self.navigation.update()
+        self._nav = self.navigation.state()
         dt_s = config.guidance_interval_s
         self.controller = Controller(
             inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=gravity

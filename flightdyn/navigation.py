@@ -33,6 +33,8 @@ class Navigation(Protocol):
 
     def update(self) -> NavState: ...
 
+    def state(self) -> NavState: ...
+
     def position(self) -> Triple: ...
 
     def belief(self) -> Kinematics: ...
@@ -59,6 +61,11 @@ class TrueNavigation:
         """The truth."""
         v = self._vehicle
         self.specific_force = v.specific_force()
+        return self.state()
+
+    def state(self) -> NavState:
+        """The truth."""
+        v = self._vehicle
         return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
 
     def position(self) -> Triple:
@@ -104,7 +111,7 @@ class InertialNavigation:
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self._arrived: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, 0.0)
+        self.specific_force: Triple = (0.0, 0.0, -gravity_mps2)
         self._gravity = gravity_mps2
         self.estimator = self._align()
 
@@ -199,7 +206,8 @@ class InertialNavigation:
         self.specific_force = (x * k - b[0], y * k - b[1], z * k - b[2])
         return estimator.now
 
-    def _here(self) -> NavState:
+    def state(self) -> NavState:
+        """Believed state of this tick."""
         if self._sum.ticks == 0:
             return self.estimator.now
         step, b = self._sum.pending(self._clock.t_ns), self.estimator.biases
@@ -207,11 +215,11 @@ class InertialNavigation:
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
-        return self._here().p
+        return self.state().p
 
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
-        here = self._here()
+        here = self.state()
         return Kinematics(
             t_ns=self._clock.t_ns,
             pos_ned_m=frozen(here.p),
