@@ -1,6 +1,7 @@
 """Which point of a planned path each sample of a flown track belongs to."""
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,8 @@ def align(track_m: Floats, waypoints_m: Floats, *, turn_deg: float = 5.0) -> Ali
     Progress along the path may not fall, and the sum of squared distances is the least that is
     possible under that: so a path that crosses or retraces itself is matched leg by leg, which
     the nearest point of the whole path would not do. Solved exactly on path nodes at most 0.5 m
-    apart (more on paths beyond 2 km) by dynamic programming, then refined between the nodes.
+    apart (more on paths beyond 2 km) by dynamic programming, then refined between the nodes; so
+    where two legs are about equally near, the leg that is up to 0.25 m farther may be taken.
 
     Corners are interior waypoints at which the path turns by more than `turn_deg`; waypoints
     that coincide count once.
@@ -72,7 +74,7 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
     """The path's points and points between them, with where along the path they are."""
     spacing = max(_SPACING_M, float(at_m[-1]) / _MOST_NODES)
     pieces = [
-        np.linspace(start, end, max(1, int((end - start) // spacing)), endpoint=False)
+        np.linspace(start, end, math.ceil((end - start) / spacing), endpoint=False)
         for start, end in itertools.pairwise(at_m)
     ]
     along = np.concatenate((*pieces, at_m[-1:]))

@@ -1,5 +1,6 @@
 """Flights made up for tests of the log: a point mass that follows its plan imperfectly."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,7 +167,7 @@ def _round(drone: PointMass, index: int, made: Fixed, log: FlightLog) -> None:
     records = _uplinks(index, world, problem, plan, reached, rng)
     made.uplinks.extend(records)
     log.uplinks(records)
-    gain = 1 - np.exp(-(index + 1) / 4)
+    gain = 1 - math.exp(-(index + 1) / 4)
     accuracy = {"digits": 0.35 + 0.6 * gain, "colour-shapes": 0.15 + 0.5 * gain}
     cov = {"digits": 0.9 * (1 - gain), "colour-shapes": 1.1 - 0.6 * gain}
     log.learning(index, accuracy=accuracy, cov=cov, loss={"digits": 0.4, "colour-shapes": 1.2})
