@@ -27,6 +27,7 @@ class Gains:
     integral_limit: float = 6.0  # m/s2
     lead_s: float = 0.16  # lag of the attitude loop, led by the acceleration fed forward
     drag_lag_s: float = 0.10  # of the measured drag
+    drag_limit: float = 12.0  # m/s2; more is a collision
     thrust_lag_s: float = 0.25  # of the thrust effectiveness
     motor_lag_s: float = 0.06  # from ordered to measured thrust
     most_thrust: float = 0.9  # share of the full thrust that the outer loop may ask for
@@ -60,7 +61,7 @@ class Controller:
         self._airframe = airframe
         self._tilt = math.radians(limits.tilt_deg)
         self._dt = dt_s
-        self._g = gravity_mps2
+        self._g = self.gravity_mps2 = gravity_mps2
         self._gains = gains or Gains()
         self._full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
         self.lead_s = self._gains.lead_s
@@ -84,14 +85,19 @@ class Controller:
         self.reset()
         self._inner.command(zero, zero, self._airframe.idle_collective if armed else 0.0)
 
-    def fly(self, nav: NavState, force: Triple, to: Setpoint, *, learn: bool) -> None:
-        """One step; `force` is the measured specific force (body), `learn` off on the ground."""
+    def fly(self, nav: NavState, force: Triple, to: Setpoint, *, flying: bool) -> None:
+        """One step; `force` is the measured specific force (body).
+
+        Where it may stand on the ground (not `flying`) the aircraft stays level and learns nothing.
+        """
         k, dt = self._gains, self._dt
         r = rotation_matrix(nav.q)
         share = dt / k.drag_lag_s
         dx, dy = self._drag
-        if learn:
+        if flying:
             dx, dy = dx + share * (force[0] - dx), dy + share * (force[1] - dy)
+            most = k.drag_limit
+            dx, dy = min(most, max(-most, dx)), min(most, max(-most, dy))
             self._drag = (dx, dy)
             if self._lagged > 0.05:
                 ratio = min(2.0, max(0.3, -force[2] / (self._full * self._lagged)))
@@ -101,10 +107,12 @@ class Controller:
         wanted = [0.0, 0.0, 0.0]
         for i in range(3):
             slip = to.v[i] + k.position * (to.p[i] - nav.p[i]) - nav.v[i]
-            if learn and not self.saturated:
+            if flying and not self.saturated:
                 bounded = integral[i] + k.integral * slip * dt
                 integral[i] = min(k.integral_limit, max(-k.integral_limit, bounded))
             wanted[i] = to.a[i] + k.velocity * slip + integral[i] - drag[i]
+        if not flying:
+            wanted[0] = wanted[1] = 0.0
         wanted[2] -= self._g
         full = self._full * self.effectiveness
         thrust, self.saturated = limit_thrust(

@@ -12,7 +12,7 @@ from flightdyn.landing import LandDetector
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.trajectory import Corner, Trajectory, brake_and_go, plan_path
 
-_LEASH_M = 1.5  # how far the reference of a velocity order may run ahead
+_LEASH_M = 0.6  # how far the reference of a velocity order may run ahead
 _LAG_FREE_M = 1.5  # lag along the path that the governor lets pass
 _LAG_STOP_M = 6.0  # lag at which the reference waits
 _LIMITED_RATE = 0.93  # the reference's clock slower than that: the speed cannot be held
@@ -119,16 +119,17 @@ class Guidance:
         if point is None:
             self._controller.idle(nav, armed=self.armed)
         else:
-            flying = not self._land.contact
+            flying = not self._land.touching
             if self._land.contact and point.v[2] > 0:
                 self._controller.idle(nav, armed=True)
             else:
-                self._controller.fly(nav, force, point, learn=flying)
+                self._controller.fly(nav, force, point, flying=flying)
         self._land.update(
             armed=self.armed,
             descend_mps=0.0 if point is None else point.v[2],
             sink_mps=nav.v[2],
             lift=self._controller.lift,
+            knock_mps2=-force[2] - self._controller.lift * self._controller.gravity_mps2,
         )
 
     def _idle(self, nav: NavState) -> None:
@@ -218,9 +219,8 @@ class Guidance:
         k = min(1.0, most / size) if size > 0 else 0.0
         v = (last.v[0] + k * gap[0], last.v[1] + k * gap[1], last.v[2] + k * gap[2])
         p = [last.p[i] + v[i] * self._dt for i in range(3)]
-        ahead = math.dist(p, nav.p)
-        if ahead > _LEASH_M:
-            p = [nav.p[i] + (p[i] - nav.p[i]) * _LEASH_M / ahead for i in range(3)]
+        for i in range(3):
+            p[i] = nav.p[i] + min(_LEASH_M, max(-_LEASH_M, p[i] - nav.p[i]))
         self._heading.turn(self._yaw_order)
         a = (k * gap[0] / self._dt, k * gap[1] / self._dt, k * gap[2] / self._dt)
         return Setpoint((p[0], p[1], p[2]), v, a, self._heading.yaw, self._heading.rate)
