@@ -1,5 +1,7 @@
 """The standard atmosphere's troposphere (ICAO 7488)."""
 
+import math
+
 _T0_K = 288.15
 _P0_PA = 101_325.0
 _LAPSE_K_PER_M = 0.0065
@@ -15,12 +17,12 @@ def temperature_k(alt_m: float) -> float:
 
 def pressure_pa(alt_m: float) -> float:
     """Static pressure at an altitude."""
-    return _P0_PA * (temperature_k(alt_m) / _T0_K) ** _EXPONENT
+    return _P0_PA * math.pow(temperature_k(alt_m) / _T0_K, _EXPONENT)
 
 
 def altitude_m(pressure: float) -> float:
     """The altitude at which the atmosphere has that pressure (Pa)."""
-    return _T0_K / _LAPSE_K_PER_M * (1 - (pressure / _P0_PA) ** (1 / _EXPONENT))
+    return _T0_K / _LAPSE_K_PER_M * (1 - math.pow(pressure / _P0_PA, 1 / _EXPONENT))
 
 
 def pressure_slope(pressure: float) -> float:

@@ -79,7 +79,7 @@ class Controller:
         self.saturated = False
         self.lift = 0.0
 
-    def idle(self, nav: NavState, *, armed: bool) -> None:
+    def idle(self, *, armed: bool) -> None:
         """Motors turning without lift (armed), attitude left alone."""
         zero = (0.0, 0.0, 0.0)
         self.reset()

@@ -257,9 +257,7 @@ class Estimator:
         dn = de = dd = 0.0
         r = rotation_matrix(self.horizon.q)
         for part in self._batch:
-            self.horizon, (n, e, d) = propagate(
-                self.horizon, part, b.gyro, b.accel, self._gravity
-            )
+            self.horizon, (n, e, d) = propagate(self.horizon, part, b.gyro, b.accel, self._gravity)
             dn, de, dd = dn + n, de + e, dd + d
         self._batch.clear()
         dt = self._step_s

@@ -33,7 +33,7 @@ class Guidance:
         self._heading = Heading(yaw, limits, dt_s=dt_s)
         self._yaw_order = yaw
         self._land = LandDetector(dt_s=dt_s)
-        self._mode: Callable[[NavState], Setpoint | None] = self._idle
+        self._mode: Callable[[NavState], Setpoint] | None = None
         self._trajectory: Trajectory | None = None
         self._t = 0.0  # on the trajectory's clock
         self._rate = 1.0  # of the trajectory's clock
@@ -60,7 +60,7 @@ class Guidance:
 
     def idle(self) -> None:
         """Motors turn without lift when armed."""
-        self._mode = self._idle
+        self._mode = None
         self._point = None
         self._trajectory = None
 
@@ -114,14 +114,14 @@ class Guidance:
             # What the aircraft stands on may have been turned: no heading to come back to.
             self._heading.yaw = self._yaw_order = yaw_of(nav.q)
             self._heading.rate = 0.0
-        point = self._mode(nav) if self.armed else None
+        point = self._mode(nav) if self._mode and self.armed else None
         self._point = point
         if point is None:
-            self._controller.idle(nav, armed=self.armed)
+            self._controller.idle(armed=self.armed)
         else:
             flying = not self._land.touching
             if self._land.contact and point.v[2] > 0:
-                self._controller.idle(nav, armed=True)
+                self._controller.idle(armed=True)
             else:
                 self._controller.fly(nav, force, point, flying=flying)
         self._land.update(
@@ -131,9 +131,6 @@ class Guidance:
             lift=self._controller.lift,
             knock_mps2=-force[2] - self._controller.lift * self._controller.gravity_mps2,
         )
-
-    def _idle(self, nav: NavState) -> None:
-        return None
 
     def _track(self, nav: NavState) -> Setpoint:
         trajectory = self._trajectory
@@ -153,9 +150,7 @@ class Guidance:
             self._yaw_order = math.atan2(v[1], v[0])
         self._heading.turn(self._yaw_order)
         self._finish(nav)
-        return Setpoint(
-            ref.p, v, (a[0], a[1], a[2]), self._heading.yaw, self._heading.rate
-        )
+        return Setpoint(ref.p, v, (a[0], a[1], a[2]), self._heading.yaw, self._heading.rate)
 
     def _governor(self, nav: NavState) -> float:
         """Rate of the reference's clock: it waits for an aircraft that cannot keep up."""

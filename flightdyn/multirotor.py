@@ -26,7 +26,7 @@ from flightdyn.state import Kinematics
 from flightdyn.wind import FT_M, steady_wind_ned, wind_at_20ft
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
-import jsbsim  # noqa: E402
+import jsbsim
 
 _ROOT = Path(__file__).parent / "airframe"
 _MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
@@ -36,7 +36,7 @@ _RPM_PER_RADPS = 60 / math.tau
 _N_PER_LBF = 4.4482216152605
 
 Getter = Callable[[], float]
-Setter = Callable[[float], None]
+Setter = Callable[[float], bool]
 
 
 def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
@@ -117,7 +117,10 @@ class Multirotor:
         # JSBSim makes unknown properties without a word.
         if name.replace("[0]", "") not in self._known:
             raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
-        return self._fdm.get_property_manager().get_node(name)
+        node = self._fdm.get_property_manager().get_node(name)
+        if node is None:
+            raise AirframeError(f"JSBSim lists {name!r} but does not hand it out")
+        return node
 
     def _getter(self, name: str) -> Getter:
         getter: Getter = self._node(name).get_double_value

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from flightdyn.clock import SimClock
 from flightdyn.config import SensorsConfig
-from flightdyn.estimator import Alignment, Estimator
 from flightdyn.errors import FlightInputError
+from flightdyn.estimator import Alignment, Estimator
 from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import NavState, Preintegrator, propagate
 from flightdyn.inner_loops import InnerLoops
@@ -188,9 +188,7 @@ class InertialNavigation:
             pressure = self._vehicle.pressure_pa()
             self.estimator.observe(self.baro.measure(self._clock.t_ns, pressure))
         if tick % self._mag_ticks == 0:
-            self.estimator.observe(
-                self.mag.measure(self._clock.t_ns, self._vehicle.attitude())
-            )
+            self.estimator.observe(self.mag.measure(self._clock.t_ns, self._vehicle.attitude()))
 
     def update(self) -> NavState:
         """Bring the filter up to this tick."""

@@ -235,9 +235,7 @@ def _run(builder: _Builder, leg: _Leg, v0: float, v1: float, length: float, end:
     )
     last = max((i for i, part in enumerate(parts) if part[2] > 0), default=0)
     for i, (v, accel, duration) in enumerate(parts):
-        builder.add(
-            _scale(leg.u, v), _scale(leg.u, accel), duration, end if i == last else None
-        )
+        builder.add(_scale(leg.u, v), _scale(leg.u, accel), duration, end if i == last else None)
 
 
 def plan_path(
