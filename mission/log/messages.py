@@ -121,7 +121,8 @@ def gnss(frame: LocalFrame, fix: GnssFix) -> bytes:
     """LocationFix of a receiver's solution, stamped with the instant that it describes."""
     h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
     data: bytes = fox.LocationFix(
-        timestamp=timestamp(fix.t_ns),
+        # A receiver's first solutions may describe instants before the clock's zero.
+        timestamp=timestamp(max(fix.t_ns, 0)),
         frame_id="gnss",
         **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
         position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
