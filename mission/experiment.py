@@ -19,6 +19,7 @@ from mission.pilot import stop_sequence
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
 from mission.stopwatch import Stopwatch
+from mission.strategies import Strategy
 from mission.track import Flight
 from mission.world import World
 from sitl.observer import VehicleObserver
@@ -100,25 +101,27 @@ class Experiment:
             while not self.finished:
                 await self._ideal_round()
             return
-        config, world = self.world.config, self.world
+        await self._fly(self.world.strategy)
+
+    async def _fly(self, strategy: Strategy) -> None:
+        world = self.world
         async with open_flyer(
-            config, area=world.area, streams=world.streams, observers=self.observers
+            world.config, area=world.area, streams=world.streams, observers=self.observers
         ) as flyer:
             self.recorder.phase("take-off")
             with self.stopwatch("fly"):
                 await flyer.take_off()
-                if world.strategy.approach_m is not None:
-                    await flyer.go_to(world.strategy.approach_m)
+                if strategy.approach_m is not None:
+                    await flyer.go_to(strategy.approach_m)
             while not self.finished:
-                await self._flown_round(flyer)
+                await self._flown_round(flyer, strategy)
             self.recorder.phase("landing")
             with self.stopwatch("fly"):
                 await flyer.land()
             self.sim_s = flyer.vehicle.t_ns / 1e9
 
-    async def _flown_round(self, flyer: Flyer) -> None:
-        world, strategy, number = self.world, self.world.strategy, self.rounds_done + 1
-        assert strategy is not None
+    async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
+        world, number = self.world, self.rounds_done + 1
         mission = world.config.mission
         self.recorder.phase("planning")
         start = flyer.here()
@@ -126,7 +129,7 @@ class Experiment:
             problem = RoundProblem(
                 devices_m=world.devices_m,
                 importance=learning.importance(
-                    world.federation, self.state, fairness_cov=strategy.fairness
+                    world.federation, self.state, fairness=strategy.fairness
                 ),
                 start_m=world.area.from_ned(start.est_ned_m),
                 steps=mission.steps,
@@ -181,7 +184,7 @@ class Experiment:
 
     async def _ideal_round(self) -> None:
         everyone = np.ones(len(self.world.devices_m), dtype=bool)
-        importance = learning.importance(self.world.federation, self.state, fairness_cov=True)
+        importance = learning.importance(self.world.federation, self.state, fairness=True)
         learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
         record = RoundRecord(

@@ -70,7 +70,7 @@ class SessionRecorder:
             loss=self._loss(result.learnt.local_loss),
         )
         self.log.round(record)
-        self.uplinks.append(result.uplinks)
+        self.uplinks.extend(result.uplinks)
         self.rounds.append(record)
         flight_s = self.stopwatch.wall_s.get("fly", 0.0)
         elapsed_s = record.start_t_s + record.duration_s

@@ -27,8 +27,15 @@ class Sortie:
 class Strategy(Protocol):
     """Chooses path and schedule, round by round."""
 
-    fairness: bool  # whether importance carries the coefficient of variation
-    approach_m: Floats | None  # (2,) where to be before the first round; None: above home
+    @property
+    def fairness(self) -> bool:
+        """Whether importance carries the coefficient of variation."""
+        ...
+
+    @property
+    def approach_m(self) -> Floats | None:
+        """(2,) where to be before the first round; None: above home."""
+        ...
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """Plan one round from the start in `problem`."""

@@ -1,0 +1,284 @@
+"""Whole runs: MAVSDK flies the autopilot, JSBSim flies, devices train, a folder is left behind."""
+
+import csv
+import gzip
+import hashlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from mission.cli import call
+
+# Small enough for a test, large enough that something can be lost and something learnt.
+SMALL = (
+    "--set", "mission.steps=5",
+    "--set", "mission.path_budget_m=300",
+    "--set", "communities.0.devices=3",
+    "--set", "communities.1.devices=3",
+    "--set", "learning.local_epochs=1",
+    "--set", "planner.kind=paper",
+    "--quiet",
+)  # fmt: skip
+
+
+def fly(out: Path, *more: str, rounds: int = 2) -> int:
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def digests(folder: Path) -> dict[str, str]:
+    names = ("rounds.csv", "uplinks.csv", "devices.csv", "flight.mcap")
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "first"
+    assert fly(out) == 0
+    return out
+
+
+def test_a_run_leaves_what_it_promises(run: Path) -> None:
+    assert {path.name for path in run.iterdir()} == {
+        "config.toml", "devices.csv", "rounds.csv", "uplinks.csv", "flight.mcap", "summary.json",
+        "figures",
+    }  # fmt: skip
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (run / "figures").iterdir())
+    rounds, uplinks = rows(run / "rounds.csv"), rows(run / "uplinks.csv")
+    assert [row["round"] for row in rounds] == ["1", "2"]
+    assert len(uplinks) == sum(int(row["scheduled"]) for row in rounds) > 0
+    for row in rounds:
+        assert 100 < float(row["flown_path_m"]) <= 1.02 * float(row["plan_path_m"]) + 5
+        assert float(row["plan_path_m"]) <= 300 + 1e-3
+        assert 0 < float(row["accuracy_digits"]) <= 1
+        mine = [u for u in uplinks if u["round"] == row["round"]]
+        for name in ("plan", "true"):
+            total = sum(float(u["importance"]) * (1 - float(u[f"{name}_per"])) for u in mine)
+            assert float(row[f"{name}_objective"]) == pytest.approx(total, abs=1e-9)
+    assert float(rounds[1]["budget_used_m"]) == pytest.approx(
+        sum(float(row["flown_path_m"]) for row in rounds)
+    )
+    summary = json.loads((run / "summary.json").read_text())
+    assert (summary["status"], summary["rounds"], summary["seed"]) == ("finished", 2, 1)
+    assert summary["real_time_factor"] > 1
+    assert {"setup", "plan", "fly", "learn"} <= summary["wall_s"].keys()
+
+
+def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
+    for uplink in rows(run / "uplinks.csv"):
+        plan, true, est = (
+            complex(float(uplink[f"{name}_x_m"]), float(uplink[f"{name}_y_m"]))
+            for name in ("plan", "true", "est")
+        )
+        # The autopilot may cut a corner by 5 m of its belief, which GNSS puts a metre or two off.
+        assert abs(est - plan) < 6.0
+        assert 0.0 < abs(true - est) < 6.0
+        assert abs(float(uplink["true_alt_m"]) - 60.0) < 2.0
+
+
+def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
+    with (run / "flight.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None
+        counts = {
+            summary.channels[c].topic: n
+            for c, n in summary.statistics.channel_message_counts.items()
+        }
+        assert {a.name for a in reader.iter_attachments()} >= {"config.toml", "devices.csv"}
+    schemas = {schema.name for schema in summary.schemas.values()}
+    assert {"foxglove.PoseInFrame", "foxglove.LocationFix", "foxglove.FrameTransform"} <= schemas
+    assert counts["/tf"] > 100
+
+
+def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["compare", str(run), "--as-json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found["rounds"]) == 2
+    assert 0.0 < found["total"]["cross_track_rms_m"] < 3.0
+    assert call(["compare", str(run)]) == 0
+    assert "cross" in capsys.readouterr().out.lower()
+
+
+def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_path: Path) -> None:
+    burn = [sys.executable, "-c", "while True: pass"]
+    load = [subprocess.Popen(burn) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        assert fly(tmp_path / "again") == 0
+    finally:
+        for process in load:
+            process.kill()
+            process.wait()
+    assert digests(tmp_path / "again") == digests(run)
+
+
+def test_another_seed_gives_another_flight(run: Path, tmp_path: Path) -> None:
+    assert fly(tmp_path / "other", "--seed", "2", rounds=1) == 0
+    assert digests(tmp_path / "other")["devices.csv"] != digests(run)["devices.csv"]
+
+
+@pytest.mark.parametrize("strategy", ["no_cov", "barycenter", "rectangular"])
+def test_every_flying_strategy_flies(tmp_path: Path, strategy: str) -> None:
+    out = tmp_path / strategy
+    assert fly(out, "--set", f"mission.strategy={strategy}") == 0
+    rounds, uplinks = rows(out / "rounds.csv"), rows(out / "uplinks.csv")
+    assert len(rounds) == 2
+    assert all(float(u["slot_t_s"]) > 0 for u in uplinks)
+    if strategy == "barycenter":
+        assert [float(row["budget_used_m"]) for row in rounds] == [100.0, 200.0]
+        assert all(5.0 <= float(row["duration_s"]) < 12.0 for row in rounds)
+
+
+def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "ideal"
+    assert fly(out, "--set", "mission.strategy=ideal", rounds=3) == 0
+    assert [row["delivered"] for row in rows(out / "rounds.csv")] == ["6", "6", "6"]
+    assert rows(out / "uplinks.csv") == []
+
+
+def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
+    out = tmp_path / "budget"
+    assert fly(out, "--set", "mission.total_budget_m=350", rounds=9) == 0
+    rounds = rows(out / "rounds.csv")
+    assert len(rounds) < 9
+    assert float(rounds[-1]["budget_used_m"]) <= 350 * 1.02
+
+
+def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    out = tmp_path / "udp"
+    assert fly(out, "--set", "link.kind=udp", "--set", f"link.udp_port={port}", rounds=1) == 0
+    assert rows(out / "uplinks.csv") == [u for u in rows(run / "uplinks.csv") if u["round"] == "1"]
+
+
+def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
+    out = tmp_path / "cut"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", "500", *SMALL],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline:
+        if (out / "rounds.csv").exists() and len(rows(out / "rounds.csv")) >= 1:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+    with (out / "flight.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics.message_count > 100
+    assert list((out / "figures").glob("*.png"))
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1, printed.err
+    for word in words:
+        assert word in printed.err
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--set", "mission.stepz=3"], ["mission.stepz", "did you mean steps?"]),
+        (["--set", "mission.steps=many"], ["mission.steps", "'many'"]),
+        (["--set", "mission.speed_mps=99"], ["mission.speed_mps = 99", "22"]),
+        (["--set", "mission"], ["--set mission", "KEY=VALUE"]),
+        (["--data-dir", "nowhere"], ["--data-dir nowhere", "no such folder"]),
+        (["--seed", "-1"], ["seed = -1", "greater than or equal to 0"]),
+        (["--sed", "1"], ["--sed"]),
+    ],
+)
+def test_wrong_input_is_one_line_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], words: list[str]
+) -> None:
+    assert fly(tmp_path / "out", *more) == 2
+    refused(capsys, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_used_folder_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = digests(run)
+    assert fly(run) == 2
+    refused(capsys, str(run), "already used")
+    assert digests(run) == before
+
+
+def test_a_file_as_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert fly(tmp_path / "file") == 2
+    refused(capsys, str(tmp_path / "file"), "not a folder")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_unwritable_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    # Root may write anywhere but here.
+    assert fly(Path("/proc/aerofed")) == 2
+    refused(capsys, "/proc/aerofed", "cannot write")
+
+
+def test_a_port_in_use_is_a_link_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        more = ("--set", "link.kind=udp", "--set", f"link.udp_port={port}")
+        assert fly(tmp_path / "out", *more) == 5
+    refused(capsys, str(port), "in use")
+    assert not (tmp_path / "out").exists()
+
+
+PAPER = ("--set", "communities.0.task=mnist", "--set", "communities.1.task=digits")
+
+
+def test_missing_data_files_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "data").mkdir()
+    assert fly(tmp_path / "out", *PAPER, "--data-dir", str(tmp_path / "data")) == 2
+    refused(capsys, "mnist", str(tmp_path / "data"), "train-images-idx3-ubyte")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("damage", ["truncated", "header"])
+def test_a_damaged_data_file_is_named(
+    tmp_path: Path, shared_data: Path, capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
+    shutil.copytree(shared_data / "small" / "mnist", tmp_path / "data")
+    (tmp_path / "data").chmod(0o755)
+    path = tmp_path / "data" / "train-images-idx3-ubyte.gz"
+    path.chmod(0o644)
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:-1000])
+    else:
+        path.write_bytes(gzip.compress(b"\0\0\x0d\x03" + gzip.decompress(path.read_bytes())[4:]))
+    assert fly(tmp_path / "out", *PAPER, "--data-dir", str(tmp_path / "data")) == 2
+    refused(capsys, "train-images-idx3-ubyte.gz")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_paper_s_experiment_runs_on_real_data(tmp_path: Path, shared_data: Path) -> None:
+    out = tmp_path / "paper"
+    code = call(
+        ["run", "configs/paper.toml", "--data-dir", str(shared_data / "small"), "--rounds", "1",
+         "--out", str(out), "--quiet"]
+    )  # fmt: skip
+    assert code == 0
+    assert {"accuracy_cifar10", "accuracy_mnist"} <= rows(out / "rounds.csv")[0].keys()
