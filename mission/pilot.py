@@ -130,7 +130,7 @@ class Pilot:
                 await self._mission.upload_mission(items)
                 back = await self._mission.download_mission()
             except MavsdkError as error:
-                logger.warning("mission upload, attempt %d: %s", attempt, error)
+                logger.info("mission upload, attempt %d: %s", attempt, error)
                 self._check_alive("take a mission")
                 failure = f"the vehicle did not take the mission of {len(items)} items: {error}"
                 continue
@@ -312,6 +312,7 @@ def _essence(item: MissionItem) -> tuple[int, ...]:
 
 
 def _log(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
-    severity = {LogLevel.WARN: logging.WARNING, LogLevel.ERROR: logging.WARNING}
-    logger.log(severity.get(level, logging.DEBUG), "mavsdk: %s", message)
+    # MAVSDK's complaints are for whoever debugs; what matters of them becomes our own errors.
+    worth = logging.INFO if level in (LogLevel.WARN, LogLevel.ERROR) else logging.DEBUG
+    logger.log(worth, "mavsdk: %s", message)
     return True

@@ -98,7 +98,9 @@ class PathProgram:
             # "Solution may be inaccurate": the caller evaluates every path by itself.
             warnings.simplefilter("ignore", UserWarning)
             try:
-                self._problem.solve(solver=cp.CLARABEL, enforce_dpp=True)
+                # A warm solver keeps the scaling of the data it met first, and the plan would
+                # depend on what was planned before.
+                self._problem.solve(solver=cp.CLARABEL, enforce_dpp=True, warm_start=False)
             except cp.error.SolverError as error:
                 raise SolverError("clarabel", str(error)) from error
         if self._problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
