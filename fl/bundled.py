@@ -30,7 +30,7 @@ def digits() -> Dataset:
     )
 
 
-def colour_shapes(*, train: int = 3000, validation: int = 1000) -> Dataset:
+def colour_shapes(*, train: int = 6000, validation: int = 1000) -> Dataset:
     """Generated images of 16x16 RGB pixels: five shapes in warm or cool colours, 10 classes.
 
     Class 2 s + w is shape s, warm (w = 0) or cool (w = 1). Place, size, angle, colour,
