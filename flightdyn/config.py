@@ -104,7 +104,7 @@ class BaroConfig(_Model):
 class MagConfig(_Model):
     """Magnetometer and the field at home (default: central Europe, WMM2025 rounded)."""
 
-    interval_s: float = Field(default=0.08, ge=0.004, le=2, description="between samples")
+    interval_s: float = Field(default=0.2, ge=0.004, le=2, description="between samples")
     field_north_gauss: float = Field(default=0.214, ge=-0.7, le=0.7, description="field at home")
     field_east_gauss: float = Field(default=0.013, ge=-0.7, le=0.7, description="field at home")
     field_down_gauss: float = Field(default=0.430, ge=-0.7, le=0.7, description="field at home")

@@ -15,6 +15,7 @@ Quaternion kinematics for the error-state Kalman filter (2017), 7.
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -37,14 +38,15 @@ from flightdyn.state import GnssFix, Vector
 STATES = 19
 POS, VEL, ATT, BG, BA, BGNSS = (slice(i, i + 3) for i in range(0, 18, 3))
 BBARO = 18
+BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocity
+_CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
 GATE_3 = 21.1
 GATE_1 = 15.1
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """One measurement against its prediction, before it was used."""
 
     t_ns: int
@@ -54,8 +56,7 @@ class Innovation:
     accepted: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Biases:
+class Biases(NamedTuple):
     """What the filter takes off the sensors."""
 
     gyro: Triple = (0.0, 0.0, 0.0)
@@ -75,10 +76,6 @@ class Alignment:
     duration_s: float
 
 
-def _skew(x: float, y: float, z: float) -> Vector:
-    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-
-
 class Estimator:
     """Filter at the delayed horizon, prediction to now."""
 
@@ -96,8 +93,9 @@ class Estimator:
         self._config = config
         self._gravity = gravity_mps2
         self._step_s = step_s
+        self._step_ns = round(step_s * 1e9)
+        self._delay_ns = round(config.gnss.delay_s * 1e9)
         mag = config.mag
-        self._field = (mag.field_north_gauss, mag.field_east_gauss, mag.field_down_gauss)
         self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
         self._ground_m = altitude_m(align.pressure_pa)
         self._pa_per_m = pressure_slope(align.pressure_pa)
@@ -114,8 +112,10 @@ class Estimator:
         self.now = self.horizon
         self._increments: deque[ImuIncrement] = deque()
         self._batch: list[ImuIncrement] = []
-        self._waiting: deque[BaroSample | MagSample] = deque()
-        self._fix: GnssFix | None = None
+        self._baro: deque[BaroSample] = deque()
+        self._mag: deque[MagSample] = deque()
+        self._fixes: deque[GnssFix] = deque()
+        self._corrected_ns = t_ns
         self.innovations: deque[Innovation] = deque(maxlen=64)
         self.fused_ns: dict[str, int] = {}
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
@@ -200,21 +200,26 @@ class Estimator:
         self._kf.F = F
         self._keep = keep
         white, constant = self._heading_std()
-        self._r_pos = np.eye(3) * (gnss.white_m**2 + 1e-6)
-        self._r_vel = np.diag(
-            [gnss.std_vel_horizontal_mps**2 + 1e-6] * 2 + [gnss.std_vel_vertical_mps**2 + 1e-6]
-        )
-        self._r_baro = np.array([[(c.baro.white_pa / self._pa_per_m) ** 2 + 1e-6]])
         # The offset left by calibration does not average out; white noise of many samples would.
-        self._r_mag = np.array([[white**2 + 4 * constant**2 + 1e-6]])
-        self._h_pos = np.zeros((3, STATES))
-        self._h_pos[:, POS] = np.eye(3)
-        self._h_pos[:, BGNSS] = np.eye(3)
-        self._h_vel = np.zeros((3, STATES))
-        self._h_vel[:, VEL] = np.eye(3)
-        self._h_baro = np.zeros((1, STATES))
-        self._h_baro[0, 2] = -1.0
-        self._h_baro[0, BBARO] = 1.0
+        heading_var = white**2 + 4 * constant**2 + 1e-6
+        self._baro_var = (c.baro.white_pa / self._pa_per_m) ** 2 + 1e-6
+        position = gnss.white_m**2 + 1e-6
+        horizontal = gnss.std_vel_horizontal_mps**2 + 1e-6
+        vertical = gnss.std_vel_vertical_mps**2 + 1e-6
+        self._R = np.diag(
+            [position] * 3 + [horizontal] * 2 + [vertical, self._baro_var, heading_var]
+        )
+        H = np.zeros((8, STATES))
+        H[0:3, POS] = H[0:3, BGNSS] = H[3:6, VEL] = np.eye(3)
+        H[BARO, 2] = -1.0
+        H[BARO, BBARO] = 1.0
+        # Heading of the horizontal field: (field x across) / size, with `across` horizontal and
+        # to the right of the field. Tilt errors leak into it through the dip.
+        mag = c.mag
+        n, e, d = mag.field_north_gauss, mag.field_east_gauss, mag.field_down_gauss
+        H[HEADING, ATT] = (-d * n, -d * e, n * n + e * e)
+        H[HEADING, ATT] /= n * n + e * e
+        self._H = H
 
     @property
     def biases(self) -> Biases:
@@ -234,36 +239,41 @@ class Estimator:
         """One IMU increment, and a GNSS solution if one arrived with it."""
         self._increments.append(increment)
         if fix is not None:
-            self._fix = fix
+            self._fixes.append(fix)
         b = self._biases
         self.now, _ = propagate(self.now, increment, b.gyro, b.accel, self._gravity)
-        horizon_ns = increment.t_ns - round(self._config.gnss.delay_s * 1e9)
-        moved = False
-        while self._increments and self._increments[0].t_ns <= horizon_ns:
-            self._batch.append(self._increments.popleft())
-            if sum(part.dt_s for part in self._batch) > self._step_s - 1e-9:
+        horizon_ns = increment.t_ns - self._delay_ns
+        increments, batch = self._increments, self._batch
+        while increments and increments[0].t_ns <= horizon_ns:
+            part = increments.popleft()
+            batch.append(part)
+            if part.t_ns - self.horizon.t_ns >= self._step_ns:
                 self._predict()
-                moved = self._correct() or moved
-        if moved:
-            self._replay()
+                if self._correct():
+                    self._replay()
 
-    def observe(self, sample: BaroSample | MagSample) -> None:
-        """A barometer or magnetometer sample of now; used when the horizon comes to it."""
-        self._waiting.append(sample)
+    def observe_baro(self, sample: BaroSample) -> None:
+        """A barometer sample of now; used when the horizon comes to it."""
+        self._baro.append(sample)
+
+    def observe_mag(self, sample: MagSample) -> None:
+        """A magnetometer sample of now; used when the horizon comes to it."""
+        self._mag.append(sample)
 
     def _predict(self) -> None:
         """Carry the horizon over one filter step."""
         b = self._biases
         dn = de = dd = 0.0
-        r = rotation_matrix(self.horizon.q)
+        R = np.array(rotation_matrix(self.horizon.q)).reshape(3, 3)
+        state = self.horizon
+        dt = sum(part.dt_s for part in self._batch)
         for part in self._batch:
-            self.horizon, (n, e, d) = propagate(self.horizon, part, b.gyro, b.accel, self._gravity)
+            state, (n, e, d) = propagate(state, part, b.gyro, b.accel, self._gravity)
             dn, de, dd = dn + n, de + e, dd + d
+        self.horizon = state
         self._batch.clear()
-        dt = self._step_s
         F = self._kf.F
-        S = _skew(-dn, -de, -dd)
-        R = np.array(r).reshape(3, 3)
+        S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
         F[VEL, ATT] = S
         F[POS, ATT] = S * (dt / 2)
         F[VEL, BA] = R * -dt
@@ -272,66 +282,92 @@ class Estimator:
         F[VEL, BG] = S @ R * (-dt / 2)
         self._kf.predict()
         keep, g = self._keep, b.gnss
-        self._biases = Biases(b.gyro, b.accel, (g[0] * keep, g[1] * keep, g[2] * keep), b.baro)
+        self._biases = b._replace(gnss=(g[0] * keep, g[1] * keep, g[2] * keep))
 
     def _correct(self) -> bool:
-        """Fuse what was measured up to the horizon."""
+        """Fuse what was measured up to the horizon, with the receiver or without it in time."""
         t_ns = self.horizon.t_ns
-        used = False
-        if self._fix is not None and self._fix.t_ns <= t_ns:
-            used = self._fuse_gnss(self._fix) or used
-            self._fix = None
-        while self._waiting and self._waiting[0].t_ns <= t_ns:
-            sample = self._waiting.popleft()
-            if isinstance(sample, BaroSample):
-                used = self._fuse_baro(sample) or used
-            else:
-                used = self._fuse_mag(sample) or used
-        return used
+        fix: GnssFix | None = None
+        while self._fixes and self._fixes[0].t_ns <= t_ns:
+            fix = self._fixes.popleft()
+        if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
+            return False
+        self._corrected_ns = t_ns
+        z = np.zeros(8)
+        R = self._R
+        rows: list[tuple[str, slice, float]] = []
+        if fix is not None:
+            self._residual_gnss(z, fix)
+            rows.append(("gnss position", slice(0, 3), GATE_3))
+            rows.append(("gnss velocity", slice(3, 6), GATE_3))
+        if self._baro and self._baro[0].t_ns <= t_ns:
+            R[BARO, BARO] = self._residual_baro(z)
+            rows.append(("baro", slice(BARO, BARO + 1), GATE_1))
+        mag: MagSample | None = None
+        while self._mag and self._mag[0].t_ns <= t_ns:
+            mag = self._mag.popleft()
+        # A heading of another instant would be wrong by what the aircraft turned since.
+        if mag is not None and mag.t_ns == t_ns:
+            z[HEADING] = self._residual_heading(mag)
+            rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
+        return self._fuse(z, rows)
 
-    def _fuse_gnss(self, fix: GnssFix) -> bool:
+    def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
+        (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v
+        bn, be, bd = self._biases.gnss
         age = (self.horizon.t_ns - fix.t_ns) * 1e-9  # below one filter step
-        p, v, b = self.horizon.p, self.horizon.v, self._biases.gnss
-        z = np.array([fix.pos_ned_m[i] + v[i] * age - p[i] - b[i] for i in range(3)])
-        used = self._fuse("gnss position", z, self._h_pos, self._r_pos, GATE_3)
-        v = self.horizon.v
-        z = np.array([fix.vel_ned_mps[i] - v[i] for i in range(3)])
-        return self._fuse("gnss velocity", z, self._h_vel, self._r_vel, GATE_3) or used
+        n, e, d = fix.pos_ned_m.tolist()
+        un, ue, ud = fix.vel_ned_mps.tolist()
+        z[:6] = (
+            n + vn * age - pn - bn,
+            e + ve * age - pe - be,
+            d + vd * age - pd - bd,
+            un - vn,
+            ue - ve,
+            ud - vd,
+        )
 
-    def _fuse_baro(self, sample: BaroSample) -> bool:
-        height = altitude_m(sample.pressure_pa) - self._ground_m
-        z = np.array([height + self.horizon.p[2] - self._biases.baro])
-        return self._fuse("baro", z, self._h_baro, self._r_baro, GATE_1)
+    def _residual_baro(self, z: Vector) -> float:
+        """Mean height of the waiting samples against the horizon's; returns its variance."""
+        (_, _, down), (_, _, sink) = self.horizon.p, self.horizon.v
+        t_ns = self.horizon.t_ns
+        total, count = 0.0, 0
+        while self._baro and self._baro[0].t_ns <= t_ns:
+            sample = self._baro.popleft()
+            age = (t_ns - sample.t_ns) * 1e-9
+            total += altitude_m(sample.pressure_pa) - self._ground_m + down - sink * age
+            count += 1
+        z[BARO] = total / count - self._biases.baro
+        return self._baro_var / count
 
-    def _fuse_mag(self, sample: MagSample) -> bool:
-        """Heading from the horizontal field; tilt errors leak into it through the dip."""
+    def _residual_heading(self, sample: MagSample) -> float:
         x, y, z = sample.field_frd_gauss
         r = rotation_matrix(self.horizon.q)
         north = r[0] * x + r[1] * y + r[2] * z
         east = r[3] * x + r[4] * y + r[5] * z
-        innovation = wrap_pi(self._declination - math.atan2(east, north))
-        m = self._field
-        size = math.hypot(m[0], m[1])
-        across = (-m[1] / size, m[0] / size)  # horizontal, to the right of the field
-        H = np.zeros((1, STATES))
-        # (field x across) / size: what a rotation vector does to the heading of the field.
-        H[0, 6] = -m[2] * across[1] / size
-        H[0, 7] = m[2] * across[0] / size
-        H[0, 8] = (m[0] * across[1] - m[1] * across[0]) / size
-        return self._fuse("heading", np.array([innovation]), H, self._r_mag, GATE_1)
+        return wrap_pi(self._declination - math.atan2(east, north))
 
-    def _fuse(self, kind: str, z: Vector, H: Vector, R: Vector, gate: float) -> bool:
-        """Use one measurement if its innovation is believable."""
-        kf = self._kf
+    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]]) -> bool:
+        """Use the measurements whose innovations are believable, all at once."""
+        kf, H, R = self._kf, self._H, self._R
         S = H @ kf.P @ H.T + R
-        nis = float(z @ np.linalg.solve(S, z))
-        accepted = nis < gate
-        self.innovations.append(Innovation(self.horizon.t_ns, kind, nis, len(z), accepted))
-        if accepted:
-            kf.update(z.reshape(-1, 1), R=R, H=H)
-            self._fold()
-            self.fused_ns[kind] = self.horizon.t_ns
-        return accepted
+        use: list[int] = []
+        t_ns = self.horizon.t_ns
+        for kind, part, gate in rows:
+            y = z[part]
+            nis = float(y @ np.linalg.solve(S[part, part], y))
+            accepted = nis < gate
+            self.innovations.append(Innovation(t_ns, kind, nis, len(y), accepted))
+            if accepted:
+                use.extend(range(part.start, part.stop))
+                self.fused_ns[kind] = t_ns
+        if not use:
+            return False
+        if len(use) < 8:
+            z, H, R = z[use], H[use], R[np.ix_(use, use)]
+        kf.update(z[:, None], R=R, H=H)
+        self._fold()
+        return True
 
     def _fold(self) -> None:
         """Move the estimated error into the nominal state."""

@@ -12,7 +12,7 @@ from flightdyn.config import SensorsConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.estimator import Alignment, Estimator
 from flightdyn.frames import Triple, frozen
-from flightdyn.inertial import NavState, Preintegrator, propagate
+from flightdyn.inertial import ImuSample, NavState, integrate, propagate
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
 from flightdyn.random import RandomStreams
@@ -20,7 +20,7 @@ from flightdyn.sensors import Baro, Gnss, ImuErrors, Magnetometer
 from flightdyn.state import GnssFix, Kinematics
 from flightdyn.wind import FT_M
 
-FILTER_STEP_S = 0.04
+FILTER_STEP_S = 0.1
 
 
 class Navigation(Protocol):
@@ -106,13 +106,14 @@ class InertialNavigation:
         self._gnss_ticks = clock.ticks(config.gnss.interval_s, what="sensors.gnss.interval_s")
         self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
-        self._sum = Preintegrator(clock.dt_s)
-        self._rates: Triple = (0.0, 0.0, 0.0)
+        self._errors = iter(self.imu)
+        self._samples: list[ImuSample] = []
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self._arrived: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -gravity_mps2)
         self._gravity = gravity_mps2
+        self._due = 0
         self.estimator = self._align()
 
     def _align(self) -> Estimator:
@@ -123,7 +124,7 @@ class InertialNavigation:
         for _ in range(count):
             self._vehicle.run()
             clock.advance()
-            for i, value in enumerate(self._imu()):
+            for i, value in enumerate(self._sample_imu()):
                 sums[i] += value / count
             if clock.tick % self._gnss_ticks == 0:
                 self._measure_gnss()
@@ -148,6 +149,7 @@ class InertialNavigation:
             duration_s=self._config.alignment_s,
         )
         self._gyro_bias = align.rates
+        self._last: ImuSample = (*align.rates, *align.specific_force)
         return Estimator(
             self._config,
             align=align,
@@ -157,9 +159,9 @@ class InertialNavigation:
             step_s=FILTER_STEP_S,
         )
 
-    def _imu(self) -> tuple[float, float, float, float, float, float]:
+    def _sample_imu(self) -> ImuSample:
         v = self._vehicle
-        e = self.imu.next()
+        e = next(self._errors)
         return (
             v.rate_p() + e[0],
             v.rate_q() + e[1],
@@ -175,27 +177,37 @@ class InertialNavigation:
 
     def tick(self) -> None:
         """Sample the sensors that are due; believed body rates to the inner loops."""
-        p, q, r, fx, fy, fz = self._imu()
-        self._sum.add(p, q, r, fx, fy, fz)
-        b = self._gyro_bias
-        p, q, r = p - b[0], q - b[1], r - b[2]
-        self._rates = (p, q, r)
-        self._inner.feed(p, q, r)
-        tick = self._clock.tick
+        sample = self._sample_imu()
+        self._samples.append(sample)
+        bp, bq, br = self._gyro_bias
+        self._inner.feed(sample[0] - bp, sample[1] - bq, sample[2] - br)
+        if self._clock.tick >= self._due:
+            self._measure()
+
+    def _measure(self) -> None:
+        """Sample what is due now, and note when the next sensor is."""
+        clock, tick = self._clock, self._clock.tick
         if tick % self._gnss_ticks == 0:
             self._measure_gnss()
         if tick % self._baro_ticks == 0:
             pressure = self._vehicle.pressure_pa()
-            self.estimator.observe(self.baro.measure(self._clock.t_ns, pressure))
+            self.estimator.observe_baro(self.baro.measure(clock.t_ns, pressure))
         if tick % self._mag_ticks == 0:
-            self.estimator.observe(self.mag.measure(self._clock.t_ns, self._vehicle.attitude()))
+            attitude = self._vehicle.attitude()
+            self.estimator.observe_mag(self.mag.measure(clock.t_ns, attitude))
+        self._due = min(
+            (tick // n + 1) * n for n in (self._gnss_ticks, self._baro_ticks, self._mag_ticks)
+        )
 
     def update(self) -> NavState:
         """Bring the filter up to this tick."""
-        fix = self.receiver.deliver(self._clock.t_ns)
+        t_ns = self._clock.t_ns
+        fix = self.receiver.deliver(t_ns)
         if fix is not None:
             self.gnss = fix
-        step = self._sum.take(self._clock.t_ns)
+        step = integrate(self._samples, t_ns, self._clock.dt_s)
+        self._last = self._samples[-1]
+        self._samples.clear()
         estimator = self.estimator
         estimator.step(step, fix)
         biases = estimator.biases
@@ -206,9 +218,10 @@ class InertialNavigation:
 
     def state(self) -> NavState:
         """Believed state of this tick."""
-        if self._sum.ticks == 0:
+        if not self._samples:
             return self.estimator.now
-        step, b = self._sum.pending(self._clock.t_ns), self.estimator.biases
+        step = integrate(self._samples, self._clock.t_ns, self._clock.dt_s)
+        b = self.estimator.biases
         return propagate(self.estimator.now, step, b.gyro, b.accel, self._gravity)[0]
 
     def position(self) -> Triple:
@@ -223,8 +236,13 @@ class InertialNavigation:
             pos_ned_m=frozen(here.p),
             vel_ned_mps=frozen(here.v),
             q_frd_to_ned=frozen(here.q),
-            omega_frd_radps=frozen(self._rates),
+            omega_frd_radps=frozen(self._rates()),
         )
+
+    def _rates(self) -> Triple:
+        sample = self._samples[-1] if self._samples else self._last
+        b = self._gyro_bias
+        return (sample[0] - b[0], sample[1] - b[1], sample[2] - b[2])
 
     def why_not_ready(self) -> str:
         """Empty once the filter may be flown on."""

@@ -30,34 +30,30 @@ class ImuErrors:
         self._config = config
         self._rng = streams.generator("sensor/imu")
         turn_on = [config.gyro_turn_on_radps] * 3 + [config.accel_turn_on_mps2] * 3
-        self._bias: Vector = self._rng.standard_normal(6) * turn_on
+        # (6,) gyroscope, accelerometer: at the end of the block drawn last
+        self.bias: Vector = self._rng.standard_normal(6) * turn_on
         density = [config.gyro_noise_density] * 3 + [config.accel_noise_density] * 3
         walk = [config.gyro_random_walk] * 3 + [config.accel_random_walk] * 3
         self._white = np.array(density) / math.sqrt(dt_s)
         self._walk = np.array(walk) * math.sqrt(dt_s)
         self._block = max(1, round(1.0 / dt_s))
-        self._rows: Iterator[list[float]] = iter(())
+        self._fault: list[float] | None = None
 
-    @property
-    def bias(self) -> Vector:
-        """Bias (6,) at the end of the block drawn last: gyroscope, then accelerometer."""
-        return self._bias
+    def add_bias(self, bias: Row6) -> None:
+        """A fault: shift rates and specific force from the next tick on."""
+        self._fault = [a + b for a, b in zip(self._fault or [0.0] * 6, bias, strict=True)]
 
-    def add_bias(self, bias: Vector) -> None:
-        """A fault: shift the bias (6,) from the next tick on."""
-        self._bias = self._bias + bias
-        self._rows = iter([[a + b for a, b in zip(r, bias, strict=True)] for r in self._rows])
-
-    def next(self) -> list[float]:
-        """The errors of the next tick: three of rates, three of specific force."""
-        row = next(self._rows, None)
-        if row is None:
+    def __iter__(self) -> Iterator[list[float]]:
+        """The errors tick by tick: three of rates, three of specific force."""
+        while True:
             noise = self._rng.standard_normal((2, self._block, 6))
-            bias = self._bias + np.cumsum(noise[1] * self._walk, axis=0)
-            self._bias = bias[-1]
-            self._rows = iter((bias + noise[0] * self._white).tolist())
-            row = next(self._rows)
-        return row
+            bias = self.bias + np.cumsum(noise[1] * self._walk, axis=0)
+            self.bias = bias[-1]
+            for row in (bias + noise[0] * self._white).tolist():
+                if self._fault is None:
+                    yield row
+                else:
+                    yield [a + b for a, b in zip(row, self._fault, strict=True)]
 
 
 class _GaussMarkov:
