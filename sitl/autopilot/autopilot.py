@@ -1,0 +1,127 @@
+"""The autopilot as a whole: messages in, flight, telemetry out. Without I/O and without a clock."""
+
+from flightdyn.aircraft import Aircraft
+from sitl.autopilot import messages as m
+from sitl.autopilot.codec.wire import Wire
+from sitl.autopilot.commands import CommandServer
+from sitl.autopilot.enums import Message, MissionResult, MissionType, Severity
+from sitl.autopilot.flight import Flight
+from sitl.autopilot.items import check_item
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.monitor import Monitor
+from sitl.autopilot.parameter_server import ParameterServer
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.reporter import EventSink, Reporter
+from sitl.autopilot.streams import Streams
+from sitl.autopilot.transfer import MissionTransfer
+
+COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+
+
+class Autopilot:
+    """Serves MAVLink and flies the aircraft.
+
+    `tick` belongs to simulated time, once a physics tick; `watch` a few times a simulated second.
+    `receive`, `poll` and `due` belong to wall time, whose `now` the caller brings.
+    """
+
+    def __init__(
+        self, aircraft: Aircraft, parameters: Parameters, *, system: int, sink: EventSink
+    ) -> None:
+        self._outbox: m.Outbox = []
+        self._report = Reporter(self._outbox, sink)
+        self._wire = Wire(system, COMPONENT)
+        self._streams = Streams()
+        self.parameters = parameters
+        self.flight = Flight(
+            aircraft, parameters, home=aircraft.frame.origin, reporter=self._report
+        )
+        self.monitor = Monitor(aircraft, self.flight, reporter=self._report)
+        self._transfer = MissionTransfer(self._outbox, check=check_item, store=self._store)
+        self._parameter_server = ParameterServer(self._outbox, parameters)
+        self._commands = CommandServer(
+            self._outbox,
+            aircraft=aircraft,
+            flight=self.flight,
+            streams=self._streams,
+            reporter=self._report,
+        )
+        self.tick = self.flight.tick
+        self.watch = self.monitor.watch
+
+    @property
+    def mode(self) -> Mode:
+        """The flight mode."""
+        return self.flight.mode
+
+    def receive(self, data: bytes, now: float, source: object = None) -> None:
+        """Take bytes that arrived from `source`."""
+        for peer, body in self._wire.read(data, source):
+            self._handle(peer, body, now)
+
+    def greet(self) -> None:
+        """Let a newcomer know that the vehicle is here."""
+        self._report.nudged.add(Message.HEARTBEAT)
+
+    def poll(self, now: float) -> list[bytes]:
+        """Frames to send now: answers, news, and telemetry that is due."""
+        self._transfer.poll(now)
+        self._parameter_server.poll(now)
+        nudged = self._report.nudged
+        kinds = self._streams.take_due(now, (*nudged, *self._commands.asked))
+        nudged.clear()
+        self._commands.asked.clear()
+        frames: list[bytes] = []
+        # State first: whoever reads an answer already knows the state that it led to.
+        if kinds:
+            snapshot = self.monitor.snapshot()
+            for kind in kinds:
+                if kind is Message.MISSION_CURRENT:
+                    in_mission = self.flight.mode is Mode.MISSION
+                    body = self.flight.mission.message(in_mission_mode=in_mission)
+                    frames += self._wire.frames(m.Envelope(body))
+                else:
+                    frames.append(self._wire.telemetry(kind, snapshot))
+        for envelope in self._outbox:
+            frames += self._wire.frames(envelope)
+        self._outbox.clear()
+        return frames
+
+    def due(self) -> float:
+        """When `poll` has something to do at the latest."""
+        timers = (self._streams.due(), self._transfer.due(), self._parameter_server.due())
+        return min(timer for timer in timers if timer is not None)
+
+    def _handle(self, peer: m.Peer, body: m.Incoming, now: float) -> None:
+        if self._transfer.receive(peer, body, now):
+            return
+        if self._parameter_server.receive(peer, body, now):
+            return
+        match body:
+            case m.CommandOrder():
+                self._commands.receive(peer, body, now)
+            case m.MissionSetCurrent(seq):
+                reason = self.flight.rewind_mission(seq)
+                if reason is not None:
+                    self._report.say(Severity.WARNING, f"Set current item refused: {reason}")
+                self._report.mission_changed()
+            case m.SetMode(custom_mode):
+                refusal = self._commands.set_mode(custom_mode)
+                if refusal is not None:
+                    self._report.say(Severity.WARNING, f"Set mode refused: {refusal.reason}")
+            case m.Ping(time_us, seq):
+                self._outbox.append(m.Envelope(m.Pong(time_us, seq), peer))
+            case m.TimeSync(0, sender_ns):
+                own_ns = int(now * 1e9)
+                self._outbox.append(m.Envelope(m.TimeSync(own_ns, sender_ns), peer))
+            case m.Heartbeat(ground_station=True):
+                self.monitor.heard_ground_station(now)
+
+    def _store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
+        if kind is MissionType.MISSION:
+            if self.flight.mode is Mode.MISSION and self.flight.moving:
+                self._report.say(Severity.WARNING, "Mission is being flown: hold before a new one")
+                return MissionResult.DENIED
+            self.flight.mission.replace(items)
+            self._report.mission_changed()
+        return MissionResult.ACCEPTED

@@ -1,0 +1,139 @@
+"""Protocol messages out: from our values to pymavlink's objects."""
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot import messages as m
+from sitl.autopilot.codec.units import deg_e7
+from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
+from sitl.errors import ProtocolError
+
+_TEXT_BYTES = 50  # of one STATUSTEXT
+_EVERYBODY = m.Peer(0, 0)
+
+
+def _item(body: m.MissionItem, to: m.Peer) -> Any:
+    scaled = body.frame in GLOBAL_FRAMES
+    return mav.MAVLink_mission_item_int_message(
+        to.system,
+        to.component,
+        body.seq,
+        body.frame,
+        body.command,
+        0,
+        int(body.autocontinue),
+        *body.params,
+        deg_e7(body.x) if scaled else round(body.x),
+        deg_e7(body.y) if scaled else round(body.y),
+        body.z,
+        int(body.mission_type),
+    )
+
+
+def _request(body: m.MissionRequest, to: m.Peer) -> Any:
+    return mav.MAVLink_mission_request_int_message(
+        to.system, to.component, body.seq, int(body.mission_type)
+    )
+
+
+def _count(body: m.MissionCount, to: m.Peer) -> Any:
+    return mav.MAVLink_mission_count_message(
+        to.system, to.component, body.count, int(body.mission_type)
+    )
+
+
+def _mission_ack(body: m.MissionAck, to: m.Peer) -> Any:
+    return mav.MAVLink_mission_ack_message(
+        to.system, to.component, int(body.result), int(body.mission_type)
+    )
+
+
+def _mission_current(body: m.MissionCurrent, _: m.Peer) -> Any:
+    return mav.MAVLink_mission_current_message(
+        body.seq, body.total, int(body.state), 1 if body.in_mission_mode else 2
+    )
+
+
+def _command_ack(body: m.CommandAck, to: m.Peer) -> Any:
+    return mav.MAVLink_command_ack_message(
+        body.command,
+        int(body.result),
+        target_system=to.system,
+        target_component=to.component,
+    )
+
+
+def _param_value(body: m.ParamValue, _: m.Peer) -> Any:
+    value = body.value
+    if body.kind is ParamType.INT32:
+        value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+    return mav.MAVLink_param_value_message(
+        body.name.encode(), value, int(body.kind), body.count, body.index
+    )
+
+
+def _param_refused(body: m.ParamRefused, to: m.Peer) -> Any:
+    return mav.MAVLink_param_error_message(
+        to.system, to.component, body.name.encode(), body.index, int(body.error)
+    )
+
+
+def _pong(body: m.Pong, to: m.Peer) -> Any:
+    return mav.MAVLink_ping_message(body.time_us, body.seq, to.system, to.component)
+
+
+def _interval(body: m.MessageInterval, _: m.Peer) -> Any:
+    interval_us = round(body.interval_s * 1e6) if body.interval_s > 0 else round(body.interval_s)
+    return mav.MAVLink_message_interval_message(body.message_id, interval_us)
+
+
+_ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
+    m.MissionItem: _item,
+    m.MissionRequest: _request,
+    m.MissionCount: _count,
+    m.MissionAck: _mission_ack,
+    m.MissionCurrent: _mission_current,
+    m.MissionItemReached: lambda body, _: mav.MAVLink_mission_item_reached_message(body.seq),
+    m.CommandAck: _command_ack,
+    m.ParamValue: _param_value,
+    m.ParamRefused: _param_refused,
+    m.Pong: _pong,
+    m.TimeSync: lambda body, _: mav.MAVLink_timesync_message(body.remote_ns, body.sender_ns),
+    m.MessageInterval: _interval,
+}
+
+
+class StatusTexts:
+    """Splits status texts into messages; numbers those that need more than one."""
+
+    def __init__(self) -> None:
+        self._last_id = 0
+
+    def encode(self, body: m.StatusText) -> Sequence[Any]:
+        """The STATUSTEXT messages of one text, in order."""
+        data = body.text.encode("ascii", "replace")
+        if len(data) <= _TEXT_BYTES:
+            return (mav.MAVLink_statustext_message(int(body.severity), data),)
+        self._last_id = self._last_id % 65535 + 1
+        chunks = [data[i : i + _TEXT_BYTES] for i in range(0, len(data), _TEXT_BYTES)]
+        if len(chunks[-1]) == _TEXT_BYTES:
+            chunks.append(b"")  # a text ends with a chunk that is not full
+        return tuple(
+            mav.MAVLink_statustext_message(int(body.severity), chunk, self._last_id, index)
+            for index, chunk in enumerate(chunks)
+        )
+
+
+def encode(envelope: m.Envelope) -> Any:
+    """The pymavlink message of an envelope that is no status text.
+
+    Raises:
+        ProtocolError: no message carries such a value.
+    """
+    encoder = _ENCODERS.get(type(envelope.body))
+    if encoder is None:
+        raise ProtocolError(f"no MAVLink message for {type(envelope.body).__name__}")
+    return encoder(envelope.body, envelope.to or _EVERYBODY)

@@ -1,0 +1,291 @@
+"""Telemetry out: from a snapshot of the vehicle to pymavlink's objects."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.frames import euler_from_quaternion
+from sitl.autopilot.codec import units as u
+from sitl.autopilot.enums import Message
+from sitl.autopilot.snapshot import Snapshot
+
+_UNKNOWN_U16 = 65535
+_ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED
+_BASE_MODE = (
+    mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    | mav.MAV_MODE_FLAG_AUTO_ENABLED
+    | mav.MAV_MODE_FLAG_GUIDED_ENABLED
+    | mav.MAV_MODE_FLAG_STABILIZE_ENABLED
+)
+_CAPABILITIES = (
+    mav.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | mav.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mav.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | mav.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | mav.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | mav.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | mav.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
+_SOFTWARE_VERSION = 0 << 24 | 1 << 16 | 0 << 8 | mav.FIRMWARE_VERSION_TYPE_DEV
+_UID = int.from_bytes(b"aerofed")
+
+
+def _euler(s: Snapshot) -> tuple[float, float, float]:
+    w, x, y, z = (float(part) for part in s.belief.q_frd_to_ned)
+    return euler_from_quaternion((w, x, y, z))
+
+
+def _heartbeat(s: Snapshot) -> Any:
+    return mav.MAVLink_heartbeat_message(
+        mav.MAV_TYPE_QUADROTOR,
+        mav.MAV_AUTOPILOT_PX4,
+        _BASE_MODE | (_ARMED_FLAG if s.armed else 0),
+        s.custom_mode,
+        int(s.system_state),
+        3,
+    )
+
+
+def _sys_status(s: Snapshot) -> Any:
+    return mav.MAVLink_sys_status_message(
+        onboard_control_sensors_present=int(s.sensors_present),
+        onboard_control_sensors_enabled=int(s.sensors_present),
+        onboard_control_sensors_health=int(s.sensors_healthy),
+        load=0,
+        voltage_battery=u.mv(s.battery.voltage_v),
+        current_battery=u.ca(s.battery.current_a),
+        battery_remaining=u.percent(s.battery.remaining),
+        drop_rate_comm=0,
+        errors_comm=0,
+        errors_count1=0,
+        errors_count2=0,
+        errors_count3=0,
+        errors_count4=0,
+    )
+
+
+def _system_time(s: Snapshot) -> Any:
+    return mav.MAVLink_system_time_message(time_unix_usec=0, time_boot_ms=u.ms(s.t_ns))
+
+
+def _gps_raw(s: Snapshot) -> Any:
+    fix, position = s.gnss, s.gnss_position
+    if fix is None or position is None:
+        return mav.MAVLink_gps_raw_int_message(
+            time_usec=u.us(s.t_ns),
+            fix_type=mav.GPS_FIX_TYPE_NO_FIX,
+            lat=0,
+            lon=0,
+            alt=0,
+            eph=_UNKNOWN_U16,
+            epv=_UNKNOWN_U16,
+            vel=_UNKNOWN_U16,
+            cog=_UNKNOWN_U16,
+            satellites_visible=0,
+        )
+    north, east = float(fix.vel_ned_mps[0]), float(fix.vel_ned_mps[1])
+    return mav.MAVLink_gps_raw_int_message(
+        time_usec=u.us(fix.t_ns),
+        fix_type=mav.GPS_FIX_TYPE_3D_FIX,
+        lat=u.deg_e7(position.lat_deg),
+        lon=u.deg_e7(position.lon_deg),
+        alt=u.mm(position.alt_msl_m),
+        eph=u.clamped(fix.std_horizontal_m * 100, 0, _UNKNOWN_U16 - 1),
+        epv=u.clamped(fix.std_vertical_m * 100, 0, _UNKNOWN_U16 - 1),
+        vel=u.ucm_s(math.hypot(north, east)),
+        cog=u.cdeg(math.atan2(east, north)),
+        satellites_visible=fix.satellites,
+        alt_ellipsoid=u.mm(position.alt_msl_m),
+        h_acc=u.umm(fix.std_horizontal_m),
+        v_acc=u.umm(fix.std_vertical_m),
+        vel_acc=u.umm(fix.std_velocity_mps),
+    )
+
+
+def _attitude(s: Snapshot) -> Any:
+    roll, pitch, yaw = _euler(s)
+    return mav.MAVLink_attitude_message(
+        u.ms(s.t_ns), roll, pitch, yaw, *map(float, s.belief.omega_frd_radps)
+    )
+
+
+def _attitude_quaternion(s: Snapshot) -> Any:
+    return mav.MAVLink_attitude_quaternion_message(
+        u.ms(s.t_ns),
+        *map(float, s.belief.q_frd_to_ned),
+        *map(float, s.belief.omega_frd_radps),
+    )
+
+
+def _local_position(s: Snapshot) -> Any:
+    return mav.MAVLink_local_position_ned_message(
+        u.ms(s.t_ns), *map(float, s.belief.pos_ned_m), *map(float, s.belief.vel_ned_mps)
+    )
+
+
+def _global_position(s: Snapshot) -> Any:
+    _, _, yaw = _euler(s)
+    vx, vy, vz = map(float, s.belief.vel_ned_mps)
+    return mav.MAVLink_global_position_int_message(
+        time_boot_ms=u.ms(s.t_ns),
+        lat=u.deg_e7(s.position.lat_deg),
+        lon=u.deg_e7(s.position.lon_deg),
+        alt=u.mm(s.position.alt_msl_m),
+        relative_alt=u.mm(s.position.alt_msl_m - s.home.alt_msl_m),
+        vx=u.cm_s(vx),
+        vy=u.cm_s(vy),
+        vz=u.cm_s(vz),
+        hdg=u.cdeg(yaw),
+    )
+
+
+def _vfr_hud(s: Snapshot) -> Any:
+    _, _, yaw = _euler(s)
+    vx, vy, vz = map(float, s.belief.vel_ned_mps)
+    return mav.MAVLink_vfr_hud_message(
+        airspeed=0.0,  # the aircraft has no airspeed sensor
+        groundspeed=math.hypot(vx, vy),
+        heading=round(math.degrees(yaw)) % 360,
+        throttle=0,
+        alt=s.position.alt_msl_m,
+        climb=-vz,
+    )
+
+
+def _altitude(s: Snapshot) -> Any:
+    return mav.MAVLink_altitude_message(
+        time_usec=u.us(s.t_ns),
+        altitude_monotonic=s.position.alt_msl_m,
+        altitude_amsl=s.position.alt_msl_m,
+        altitude_local=s.belief.alt_rel_m,
+        altitude_relative=s.position.alt_msl_m - s.home.alt_msl_m,
+        altitude_terrain=math.nan,
+        bottom_clearance=math.nan,
+    )
+
+
+def _home(s: Snapshot) -> Any:
+    return mav.MAVLink_home_position_message(
+        latitude=u.deg_e7(s.home.lat_deg),
+        longitude=u.deg_e7(s.home.lon_deg),
+        altitude=u.mm(s.home.alt_msl_m),
+        x=float(s.home_ned_m[0]),
+        y=float(s.home_ned_m[1]),
+        z=float(s.home_ned_m[2]),
+        q=[math.nan, 0.0, 0.0, 0.0],  # NaN: the heading at take-off is not part of it
+        approach_x=math.nan,
+        approach_y=math.nan,
+        approach_z=math.nan,
+        time_usec=u.us(s.t_ns),
+    )
+
+
+def _origin(s: Snapshot) -> Any:
+    return mav.MAVLink_gps_global_origin_message(
+        latitude=u.deg_e7(s.origin.lat_deg),
+        longitude=u.deg_e7(s.origin.lon_deg),
+        altitude=u.mm(s.origin.alt_msl_m),
+        time_usec=u.us(s.t_ns),
+    )
+
+
+def _extended_state(s: Snapshot) -> Any:
+    return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, int(s.landed_state))
+
+
+def _battery(s: Snapshot) -> Any:
+    charge = mav.MAV_BATTERY_CHARGE_STATE_OK
+    if s.battery_critical:
+        charge = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    elif s.battery_low:
+        charge = mav.MAV_BATTERY_CHARGE_STATE_LOW
+    return mav.MAVLink_battery_status_message(
+        id=0,
+        battery_function=mav.MAV_BATTERY_FUNCTION_ALL,
+        type=mav.MAV_BATTERY_TYPE_LIPO,
+        temperature=2**15 - 1,  # unknown
+        voltages=[u.mv(s.battery.voltage_v)] + [_UNKNOWN_U16] * 9,
+        current_battery=u.ca(s.battery.current_a),
+        current_consumed=u.clamped(s.battery.consumed_mah, 0, 2**31 - 1),
+        energy_consumed=-1,  # unknown
+        battery_remaining=u.percent(s.battery.remaining),
+        charge_state=charge,
+    )
+
+
+def _version(_: Snapshot) -> Any:
+    return mav.MAVLink_autopilot_version_message(
+        capabilities=_CAPABILITIES,
+        flight_sw_version=_SOFTWARE_VERSION,
+        middleware_sw_version=0,
+        os_sw_version=0,
+        board_version=0,
+        flight_custom_version=[0] * 8,
+        middleware_custom_version=[0] * 8,
+        os_custom_version=[0] * 8,
+        vendor_id=0,
+        product_id=0,
+        uid=_UID,
+    )
+
+
+def _flight_information(s: Snapshot) -> Any:
+    return mav.MAVLink_flight_information_message(
+        time_boot_ms=u.ms(s.t_ns),
+        arming_time_utc=u.us(s.armed_t_ns),
+        takeoff_time_utc=0,
+        flight_uuid=s.flights,
+    )
+
+
+def _ground_truth(s: Snapshot) -> Any:
+    vx, vy, vz = map(float, s.truth.vel_ned_mps)
+    rates = tuple(map(float, s.truth.omega_frd_radps))
+    return mav.MAVLink_hil_state_quaternion_message(
+        time_usec=u.us(s.t_ns),
+        attitude_quaternion=[float(part) for part in s.truth.q_frd_to_ned],
+        rollspeed=rates[0],
+        pitchspeed=rates[1],
+        yawspeed=rates[2],
+        lat=u.deg_e7(s.true_position.lat_deg),
+        lon=u.deg_e7(s.true_position.lon_deg),
+        alt=u.mm(s.true_position.alt_msl_m),
+        vx=u.cm_s(vx),
+        vy=u.cm_s(vy),
+        vz=u.cm_s(vz),
+        ind_airspeed=0,
+        true_airspeed=0,
+        xacc=0,
+        yacc=0,
+        zacc=0,
+    )
+
+
+_ENCODERS: dict[Message, Callable[[Snapshot], Any]] = {
+    Message.HEARTBEAT: _heartbeat,
+    Message.SYS_STATUS: _sys_status,
+    Message.SYSTEM_TIME: _system_time,
+    Message.GPS_RAW_INT: _gps_raw,
+    Message.ATTITUDE: _attitude,
+    Message.ATTITUDE_QUATERNION: _attitude_quaternion,
+    Message.LOCAL_POSITION_NED: _local_position,
+    Message.GLOBAL_POSITION_INT: _global_position,
+    Message.VFR_HUD: _vfr_hud,
+    Message.ALTITUDE: _altitude,
+    Message.HOME_POSITION: _home,
+    Message.GPS_GLOBAL_ORIGIN: _origin,
+    Message.EXTENDED_SYS_STATE: _extended_state,
+    Message.BATTERY_STATUS: _battery,
+    Message.AUTOPILOT_VERSION: _version,
+    Message.FLIGHT_INFORMATION: _flight_information,
+    Message.HIL_STATE_QUATERNION: _ground_truth,
+}
+
+TELEMETRY = frozenset(_ENCODERS)
+
+
+def encode_telemetry(kind: Message, snapshot: Snapshot) -> Any:
+    """The pymavlink message of `kind`, which is one of `TELEMETRY`."""
+    return _ENCODERS[kind](snapshot)

@@ -1,0 +1,128 @@
+"""What each mission item may be, judged as it is uploaded."""
+
+import math
+from collections.abc import Callable
+
+from sitl.autopilot.enums import (
+    GLOBAL_FRAMES,
+    RELATIVE_FRAMES,
+    Command,
+    MissionResult,
+    MissionType,
+)
+from sitl.autopilot.messages import MissionItem
+
+# Items with a position; those of the second set may leave it open (NaN): "right here".
+_PLACES = frozenset({Command.NAV_WAYPOINT, Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TIME})
+_OPEN_PLACES = frozenset({Command.NAV_TAKEOFF, Command.NAV_LAND})
+_DELAYS = frozenset({Command.NAV_DELAY, Command.CONDITION_DELAY})
+_PLAIN = frozenset(
+    {
+        Command.NAV_RETURN_TO_LAUNCH,
+        Command.CONDITION_YAW,
+        Command.DO_CHANGE_SPEED,
+        Command.DO_JUMP,
+        *_DELAYS,
+    }
+)
+_FENCE_POLYGONS = frozenset(
+    {Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION}
+)
+_FENCE_CIRCLES = frozenset({Command.NAV_FENCE_CIRCLE_INCLUSION, Command.NAV_FENCE_CIRCLE_EXCLUSION})
+NAVIGATION = _PLACES | _OPEN_PLACES | frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_DELAY})
+_SPEED_TYPES = (0, 1)  # air speed, ground speed: the same to a multirotor that measures neither
+
+
+def check_item(item: MissionItem) -> MissionResult:
+    """Whether the vehicle can carry out `item`, and if not, what is wrong with it."""
+    return _CHECKS[item.mission_type](item)
+
+
+def _mission(item: MissionItem) -> MissionResult:
+    if item.command in _PLACES:
+        return _place(item) or _times(item) or MissionResult.ACCEPTED
+    if item.command in _OPEN_PLACES:
+        here = math.isnan(item.x) and math.isnan(item.y)
+        altitude = MissionResult.ACCEPTED if math.isfinite(item.z) else MissionResult.INVALID_PARAM7
+        wrong_frame = item.frame not in GLOBAL_FRAMES
+        if here:
+            return MissionResult.UNSUPPORTED_FRAME if wrong_frame else altitude
+        return _place(item) or MissionResult.ACCEPTED
+    if item.command in _PLAIN:
+        return _plain(item) or MissionResult.ACCEPTED
+    return MissionResult.UNSUPPORTED
+
+
+def _place(item: MissionItem) -> MissionResult | None:
+    if item.frame not in GLOBAL_FRAMES:
+        return MissionResult.UNSUPPORTED_FRAME
+    if not abs(item.x) <= 90.0:
+        return MissionResult.INVALID_PARAM5_X
+    if not abs(item.y) <= 180.0:
+        return MissionResult.INVALID_PARAM6_Y
+    low, high = (-500.0, 10_000.0) if item.frame in RELATIVE_FRAMES else (-1_000.0, 20_000.0)
+    return None if low <= item.z <= high else MissionResult.INVALID_PARAM7
+
+
+def _times(item: MissionItem) -> MissionResult | None:
+    """Hold time and acceptance radius: not given (NaN), or not negative."""
+    first, second = item.params[0], item.params[1]
+    if first < 0 or math.isinf(first):
+        return MissionResult.INVALID_PARAM1
+    if item.command == Command.NAV_WAYPOINT and (second < 0 or math.isinf(second)):
+        return MissionResult.INVALID_PARAM2
+    return None
+
+
+def _plain(item: MissionItem) -> MissionResult | None:
+    first, second = item.params[0], item.params[1]
+    if item.command == Command.DO_CHANGE_SPEED:
+        if first not in _SPEED_TYPES:
+            return MissionResult.INVALID_PARAM1
+        # -1 keeps the speed, -2 returns to the default.
+        return None if second in (-1.0, -2.0) or second > 0 else MissionResult.INVALID_PARAM2
+    if item.command in _DELAYS:
+        return None if 0.0 <= first < math.inf else MissionResult.INVALID_PARAM1
+    if item.command == Command.CONDITION_YAW:
+        return None if math.isfinite(first) else MissionResult.INVALID_PARAM1
+    if item.command == Command.DO_JUMP:
+        if not (0 <= first < math.inf):
+            return MissionResult.INVALID_PARAM1
+        return None if 0 <= second < math.inf else MissionResult.INVALID_PARAM2
+    return None
+
+
+def _fence(item: MissionItem) -> MissionResult:
+    if item.command == Command.NAV_FENCE_RETURN_POINT:
+        return MissionResult.UNSUPPORTED
+    if item.command in _FENCE_POLYGONS:
+        if not item.params[0] >= 3:
+            return MissionResult.INVALID_PARAM1
+    elif item.command in _FENCE_CIRCLES:
+        if not 0 < item.params[0] < math.inf:
+            return MissionResult.INVALID_PARAM1
+    else:
+        return MissionResult.UNSUPPORTED
+    return _horizontal(item)
+
+
+def _rally(item: MissionItem) -> MissionResult:
+    if item.command != Command.NAV_RALLY_POINT:
+        return MissionResult.UNSUPPORTED
+    return _place(item) or MissionResult.ACCEPTED
+
+
+def _horizontal(item: MissionItem) -> MissionResult:
+    if item.frame not in GLOBAL_FRAMES:
+        return MissionResult.UNSUPPORTED_FRAME
+    if not abs(item.x) <= 90.0:
+        return MissionResult.INVALID_PARAM5_X
+    return MissionResult.ACCEPTED if abs(item.y) <= 180.0 else MissionResult.INVALID_PARAM6_Y
+
+
+_CHECKS: dict[MissionType, Callable[[MissionItem], MissionResult]] = {
+    MissionType.MISSION: _mission,
+    MissionType.FENCE: _fence,
+    MissionType.RALLY: _rally,
+    MissionType.ALL: lambda _: MissionResult.UNSUPPORTED,
+}

@@ -1,0 +1,118 @@
+"""The state of health: what telemetry reports of it, and what is said when it changes."""
+
+import math
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.state import GnssFix
+from sitl.autopilot.enums import LandedState, Sensor, Severity, SystemState
+from sitl.autopilot.flight import Flight
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.snapshot import Snapshot
+
+_GNSS_CURRENT_S = 1.5  # a solution is current for so long
+_SATELLITES_UNKNOWN = 255
+_PRESENT = (
+    Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.BARO | Sensor.GNSS
+    | Sensor.RATE_CONTROL | Sensor.ATTITUDE_CONTROL | Sensor.YAW_CONTROL
+    | Sensor.ALTITUDE_CONTROL | Sensor.POSITION_CONTROL | Sensor.MOTORS
+    | Sensor.AHRS | Sensor.BATTERY | Sensor.PREARM_CHECK
+)  # fmt: skip
+_NEEDS_GNSS = Sensor.GNSS | Sensor.POSITION_CONTROL
+_ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
+
+
+class Monitor:
+    """Watches the aircraft in simulated time and describes it for telemetry."""
+
+    def __init__(self, aircraft: Aircraft, flight: Flight, *, reporter: Reporter) -> None:
+        self._aircraft = aircraft
+        self._flight = flight
+        self._report = reporter
+        self._gnss: GnssFix | None = None
+        self._gnss_at_ns = 0
+        self._landed = LandedState.UNDEFINED
+        self._limited = False
+        self.ground_station_at = math.nan  # wall time of the last heartbeat from one
+
+    def heard_ground_station(self, now: float) -> None:
+        """A ground station is alive."""
+        self.ground_station_at = now
+
+    def watch(self) -> None:
+        """Look at what may have changed; a few times a simulated second."""
+        self._note_gnss()
+        landed = self._flight.landed_state
+        if landed is not self._landed:
+            self._landed = landed
+            self._report.landed_state()
+        limited = self._aircraft.progress.speed_limited
+        if limited is not self._limited:
+            self._limited = limited
+            if limited:
+                self._report.say(Severity.WARNING, "Ordered speed cannot be held")
+
+    def _note_gnss(self) -> None:
+        aircraft = self._aircraft
+        fix = aircraft.gnss
+        if fix is None and aircraft.ready:
+            # No receiver, and yet it knows where it is: flown on the truth. That is a fix, too.
+            at = aircraft.belief
+            fix = GnssFix(at.t_ns, at.pos_ned_m, at.vel_ned_mps, 0.0, 0.0, 0.0, _SATELLITES_UNKNOWN)
+        if fix is not self._gnss:
+            self._gnss, self._gnss_at_ns = fix, aircraft.t_ns
+
+    def gnss_age_s(self) -> float:
+        """Simulated seconds since a solution arrived; infinite where there was none."""
+        self._note_gnss()
+        if self._gnss is None:
+            return math.inf
+        return (self._aircraft.t_ns - self._gnss_at_ns) * 1e-9
+
+    def snapshot(self) -> Snapshot:
+        """The vehicle as it is."""
+        aircraft, flight = self._aircraft, self._flight
+        belief, truth = aircraft.belief, aircraft.truth
+        fix = self._gnss if self.gnss_age_s() < _GNSS_CURRENT_S else None
+        return Snapshot(
+            t_ns=aircraft.t_ns,
+            belief=belief,
+            position=aircraft.frame.to_geodetic(np.asarray(belief.pos_ned_m)),
+            truth=truth,
+            true_position=aircraft.frame.to_geodetic(np.asarray(truth.pos_ned_m)),
+            origin=aircraft.frame.origin,
+            home=flight.home,
+            home_ned_m=flight.home_ned_m,
+            gnss=fix,
+            gnss_position=None if fix is None else aircraft.frame.to_geodetic(fix.pos_ned_m),
+            battery=aircraft.battery,
+            battery_low=False,
+            battery_critical=False,
+            custom_mode=flight.mode.custom_mode,
+            armed=aircraft.armed,
+            system_state=self._system_state(),
+            landed_state=flight.landed_state,
+            sensors_present=_PRESENT,
+            sensors_healthy=self._healthy(fix is not None),
+            armed_t_ns=flight.armed_t_ns,
+            flights=flight.flights,
+        )
+
+    def _system_state(self) -> SystemState:
+        if self._flight.mode is Mode.TERMINATED:
+            return SystemState.FLIGHT_TERMINATION
+        if self._aircraft.armed:
+            return SystemState.ACTIVE
+        return SystemState.STANDBY if self._aircraft.ready else SystemState.CALIBRATING
+
+    def _healthy(self, gnss: bool) -> Sensor:
+        healthy = _PRESENT
+        if not self._aircraft.ready:
+            healthy &= ~_ALIGNED
+        if not gnss:
+            healthy &= ~_NEEDS_GNSS
+        if self._flight.not_ready():
+            healthy &= ~Sensor.PREARM_CHECK
+        return healthy

@@ -1,0 +1,134 @@
+"""The vehicle's parameters: names, meaning and limits in one table, values in one place.
+
+Names, units and meanings are PX4's where PX4 has the parameter; defaults are this vehicle's.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sitl.autopilot.enums import ParamError, ParamType
+from sitl.errors import SitlInputError
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """One parameter: its name on the wire, its default and what it may be."""
+
+    name: str
+    default: float
+    low: float
+    high: float
+    unit: str
+    text: str
+    kind: ParamType = ParamType.REAL32
+
+
+def _choice(name: str, default: int, high: int, text: str) -> Spec:
+    return Spec(name, default, 0, high, "", text, ParamType.INT32)
+
+
+_FLIGHT = (
+    Spec("MIS_TAKEOFF_ALT", 10.0, 1.0, 500.0, "m", "height of a take-off that names none"),
+    Spec("MPC_XY_CRUISE", 10.0, 0.5, 30.0, "m/s", "speed of legs that name none"),
+    Spec("MPC_XY_VEL_MAX", 25.0, 1.0, 30.0, "m/s", "greatest horizontal speed"),
+    Spec("MPC_Z_VEL_MAX_UP", 4.0, 0.5, 8.0, "m/s", "greatest climb speed"),
+    Spec("MPC_Z_VEL_MAX_DN", 3.0, 0.5, 5.0, "m/s", "greatest descent speed"),
+    Spec("MPC_TKO_SPEED", 3.0, 0.5, 5.0, "m/s", "climb speed of a take-off"),
+    Spec("MPC_LAND_SPEED", 0.7, 0.3, 2.0, "m/s", "descent speed close to the ground"),
+    Spec("MPC_LAND_ALT2", 5.0, 1.0, 50.0, "m", "height below which the landing speed rules"),
+    Spec("MPC_ACC_HOR", 3.0, 1.0, 8.0, "m/s2", "deceleration of a stop"),
+    Spec("NAV_ACC_RAD", 5.0, 0.05, 200.0, "m", "acceptance radius where an item names none"),
+    Spec("MIS_DIST_1WP", 20_000.0, 100.0, 100_000.0, "m", "farthest item from home"),
+    Spec("RTL_RETURN_ALT", 30.0, 1.0, 500.0, "m", "least height of the way home"),
+    Spec("RTL_MIN_DIST", 10.0, 0.5, 100.0, "m", "closer to home than this nobody climbs first"),
+    Spec("COM_DISARM_LAND", 1.0, 0.1, 20.0, "s", "on the ground for this long means landed"),
+)
+_FAILSAFE = (
+    _choice("NAV_DLL_ACT", 0, 5, "ground station lost: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    Spec("COM_DL_LOSS_T", 10.0, 1.0, 300.0, "s", "silence (wall time) that means lost"),
+    _choice("COM_LOW_BAT_ACT", 3, 3, "0 warn 1 return at low 2 land at low 3 critical: return"),
+    Spec("BAT_LOW_THR", 0.15, 0.05, 0.5, "", "charge that counts as low"),
+    Spec("BAT_CRIT_THR", 0.10, 0.03, 0.5, "", "charge that counts as critical"),
+    Spec("BAT_EMERGEN_THR", 0.05, 0.01, 0.3, "", "charge at which to land at once"),
+    _choice("COM_POSLOSS_ACT", 3, 5, "GNSS lost: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    Spec("COM_POS_FS_DELAY", 20.0, 1.0, 100.0, "s", "GNSS outage (simulated) before acting"),
+    _choice("GF_ACTION", 1, 5, "fence breach: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    Spec("GF_MAX_HOR_DIST", 0.0, 0.0, 50_000.0, "m", "fence: distance from home, 0 for none"),
+    Spec("GF_MAX_VER_DIST", 0.0, 0.0, 5_000.0, "m", "fence: height above home, 0 for none"),
+)
+TABLE: tuple[Spec, ...] = tuple(sorted(_FLIGHT + _FAILSAFE, key=lambda spec: spec.name))
+SPECS: Mapping[str, Spec] = {spec.name: spec for spec in TABLE}
+
+
+class Parameters:
+    """The values in force. Reading is by name; writing checks name and limits."""
+
+    def __init__(self, overrides: Mapping[str, float] | None = None) -> None:
+        """Defaults, then `overrides`.
+
+        Raises:
+            SitlInputError: an override names no parameter or lies outside its limits.
+        """
+        self._values = {spec.name: spec.default for spec in TABLE}
+        self.apply(overrides or {}, "parameters")
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def apply(self, values: Mapping[str, float], origin: str) -> None:
+        """Set all of `values`, or none.
+
+        Raises:
+            SitlInputError: a name or value is not acceptable; says which, and what is.
+        """
+        for name, value in values.items():
+            error = self.check(name, value)
+            if error is ParamError.DOES_NOT_EXIST:
+                raise SitlInputError(f"{origin}: no parameter {name}; there are {known_names()}")
+            if error is not None:
+                spec = SPECS[name]
+                raise SitlInputError(
+                    f"{origin}: {name} = {value:g} is not within [{spec.low:g}, {spec.high:g}]"
+                )
+        self._values.update({name: _stored(SPECS[name], value) for name, value in values.items()})
+
+    def check(self, name: str, value: float) -> ParamError | None:
+        """Why `name` cannot take `value`; None if it can."""
+        spec = SPECS.get(name)
+        if spec is None:
+            return ParamError.DOES_NOT_EXIST
+        if not (math.isfinite(value) and spec.low <= _stored(spec, value) <= spec.high):
+            return ParamError.VALUE_OUT_OF_RANGE
+        return None
+
+    def set(self, name: str, value: float) -> ParamError | None:
+        """Set one parameter; the reason if it cannot be."""
+        error = self.check(name, value)
+        if error is None:
+            self._values[name] = _stored(SPECS[name], value)
+        return error
+
+    def reset(self) -> None:
+        """Back to the defaults."""
+        self._values = {spec.name: spec.default for spec in TABLE}
+
+    def as_dict(self) -> dict[str, float]:
+        """All values by name, in the order of the table."""
+        return dict(self._values)
+
+
+def known_names() -> str:
+    """All names, for messages."""
+    return ", ".join(spec.name for spec in TABLE)
+
+
+def _stored(spec: Spec, value: float) -> float:
+    """What the wire can carry of `value`, without the noise of single precision.
+
+    MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
+    digits it is 0.7 again, and stays the same however often it is read and written.
+    """
+    if spec.kind is ParamType.INT32:
+        return float(round(value)) if math.isfinite(value) else value
+    return float(f"{value:.6g}")

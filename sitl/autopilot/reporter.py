@@ -1,0 +1,63 @@
+"""What the autopilot tells: to ground stations as messages, to observers as events."""
+
+from collections.abc import Callable
+
+from sitl.autopilot import messages as m
+from sitl.autopilot.enums import Message, Severity
+from sitl.autopilot.modes import Mode
+from sitl.observer import EventKind
+
+EventSink = Callable[[EventKind, str, int | None, int], None]
+
+
+class Reporter:
+    """Sends news out at once; `nudged` are the telemetry messages that have changed."""
+
+    def __init__(self, outbox: m.Outbox, sink: EventSink) -> None:
+        self._outbox = outbox
+        self._sink = sink
+        self.nudged: set[Message] = set()
+
+    def say(self, severity: Severity, text: str) -> None:
+        """A status text."""
+        self._outbox.append(m.Envelope(m.StatusText(severity, text)))
+        self._sink("status", text, None, int(severity))
+
+    def mode(self, mode: Mode, why: str) -> None:
+        """The flight mode has changed."""
+        self.nudged |= {Message.HEARTBEAT, Message.EXTENDED_SYS_STATE, Message.MISSION_CURRENT}
+        self._sink("mode", f"{mode.name} ({why})", None, int(Severity.INFO))
+
+    def armed(self, armed: bool) -> None:
+        """The motors have been released or stopped."""
+        self.nudged |= {Message.HEARTBEAT, Message.EXTENDED_SYS_STATE}
+        self._sink("armed", "armed" if armed else "disarmed", None, int(Severity.INFO))
+
+    def landed_state(self) -> None:
+        """The landed state has changed."""
+        self.nudged.add(Message.EXTENDED_SYS_STATE)
+
+    def mission_changed(self) -> None:
+        """Current item, total or state of the mission have changed."""
+        self.nudged.add(Message.MISSION_CURRENT)
+
+    def home_changed(self) -> None:
+        """Home is elsewhere."""
+        self.nudged.add(Message.HOME_POSITION)
+
+    def reached(self, seq: int, *, place: bool) -> None:
+        """A mission item has been reached (`place`) or carried out."""
+        self._outbox.append(m.Envelope(m.MissionItemReached(seq)))
+        self.nudged.add(Message.MISSION_CURRENT)
+        if place:
+            self._sink("reached", f"item {seq}", seq, int(Severity.INFO))
+
+    def failsafe(self, text: str) -> None:
+        """A failsafe has acted, or has ended."""
+        self._outbox.append(m.Envelope(m.StatusText(Severity.CRITICAL, text)))
+        self._sink("failsafe", text, None, int(Severity.CRITICAL))
+
+    def fault(self, text: str) -> None:
+        """A fault has been injected or removed."""
+        self._outbox.append(m.Envelope(m.StatusText(Severity.WARNING, text)))
+        self._sink("fault", text, None, int(Severity.WARNING))

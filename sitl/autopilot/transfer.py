@@ -1,0 +1,187 @@
+"""Mission transfer: upload, download and clearing of the vehicle's three lists.
+
+The MAVLink mission protocol from the vehicle's side. It asks for every item itself and asks
+again when none comes, so it survives loss, duplication and reordering; a list is replaced only
+once the new one is complete.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from sitl.autopilot import messages as m
+from sitl.autopilot.enums import MissionResult, MissionType, Severity
+
+REQUEST_AGAIN_S = 0.25
+REQUESTS_PER_ITEM = 16
+DOWNLOAD_KEPT_S = 10.0
+MAX_ITEMS = 5000
+
+Check = Callable[[m.MissionItem], MissionResult]
+Store = Callable[[MissionType, tuple[m.MissionItem, ...]], MissionResult]
+
+
+@dataclass(slots=True)
+class _Upload:
+    peer: m.Peer
+    kind: MissionType
+    count: int
+    deadline: float
+    asked: int = 1
+    items: list[m.MissionItem] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Download:
+    items: tuple[m.MissionItem, ...]
+    until: float
+
+
+class MissionTransfer:
+    """Serves the mission protocol; holds the lists that were accepted.
+
+    `check` judges each item as it comes; `store` judges the complete list and takes it.
+    """
+
+    def __init__(self, outbox: m.Outbox, *, check: Check, store: Store) -> None:
+        self._outbox = outbox
+        self._check = check
+        self._store = store
+        self._lists: dict[MissionType, tuple[m.MissionItem, ...]] = {
+            kind: () for kind in MissionType if kind is not MissionType.ALL
+        }
+        self._upload: _Upload | None = None
+        self._downloads: dict[tuple[m.Peer, MissionType], _Download] = {}
+        self._completed: tuple[m.Peer, MissionType, int] | None = None
+
+    def receive(self, peer: m.Peer, message: m.Incoming, now: float) -> bool:
+        """Handle a message of the mission protocol; False for one that is none."""
+        match message:
+            case m.MissionCount():
+                self._count(peer, message, now)
+            case m.MissionItem():
+                self._item(peer, message, now)
+            case m.MissionRequestList():
+                self._list(peer, message, now)
+            case m.MissionRequest():
+                self._request(peer, message, now)
+            case m.MissionClearAll():
+                self._clear(peer, message)
+            case m.MissionAck():
+                self._downloads.pop((peer, message.mission_type), None)
+            case m.MissionPartialList():
+                self._refuse_partial(peer, message)
+            case _:
+                return False
+        return True
+
+    def poll(self, now: float) -> None:
+        """Ask again for an item that has not come; give up in the end."""
+        upload = self._upload
+        if upload is not None and now >= upload.deadline:
+            if upload.asked >= REQUESTS_PER_ITEM:
+                self._finish(upload, MissionResult.OPERATION_CANCELLED)
+            else:
+                upload.asked += 1
+                self._ask(upload, now)
+        for key, download in list(self._downloads.items()):
+            if now >= download.until:
+                del self._downloads[key]
+
+    def due(self) -> float | None:
+        """When `poll` has something to do; None for never."""
+        return None if self._upload is None else self._upload.deadline
+
+    def _count(self, peer: m.Peer, message: m.MissionCount, now: float) -> None:
+        kind = message.mission_type
+        busy = self._upload is not None and self._upload.peer != peer
+        if kind not in self._lists:
+            self._ack(peer, kind, MissionResult.UNSUPPORTED)
+        elif busy:
+            self._ack(peer, kind, MissionResult.DENIED)
+        elif message.count > MAX_ITEMS:
+            self._upload = None
+            self._ack(peer, kind, MissionResult.NO_SPACE)
+        elif message.count == 0:
+            self._upload = None
+            self._ack(peer, kind, self._take(kind, ()))
+        else:
+            # Always from the first item: the same count may announce another list.
+            self._completed = None
+            self._upload = _Upload(peer, kind, message.count, now)
+            self._ask(self._upload, now)
+
+    def _item(self, peer: m.Peer, item: m.MissionItem, now: float) -> None:
+        upload = self._upload
+        if upload is None or (upload.peer, upload.kind) != (peer, item.mission_type):
+            if self._completed == (peer, item.mission_type, item.seq):
+                # The last item again: our acknowledgement was lost.
+                self._ack(peer, item.mission_type, MissionResult.ACCEPTED)
+            return
+        if item.seq != len(upload.items):
+            return  # a duplicate, or overtaken by another; what is missing is asked for again
+        verdict = self._check(item)
+        if verdict is not MissionResult.ACCEPTED:
+            self._finish(upload, verdict)
+            return
+        upload.items.append(item)
+        if len(upload.items) < upload.count:
+            upload.asked = 1
+            self._ask(upload, now)
+            return
+        verdict = self._take(upload.kind, tuple(upload.items))
+        self._finish(upload, verdict)
+        if verdict is MissionResult.ACCEPTED:
+            self._completed = (peer, upload.kind, upload.count - 1)
+
+    def _list(self, peer: m.Peer, message: m.MissionRequestList, now: float) -> None:
+        items = self._lists.get(message.mission_type)
+        if items is None:
+            self._ack(peer, message.mission_type, MissionResult.UNSUPPORTED)
+            return
+        # What was announced is what will be sent, even if somebody replaces the list meanwhile.
+        self._downloads[peer, message.mission_type] = _Download(items, now + DOWNLOAD_KEPT_S)
+        self._send(peer, m.MissionCount(len(items), message.mission_type))
+
+    def _request(self, peer: m.Peer, message: m.MissionRequest, now: float) -> None:
+        download = self._downloads.get((peer, message.mission_type))
+        if download is not None:
+            download.until = now + DOWNLOAD_KEPT_S
+            items = download.items
+        else:
+            items = self._lists.get(message.mission_type, ())
+        if message.seq < len(items):
+            self._send(peer, items[message.seq])
+        else:
+            self._ack(peer, message.mission_type, MissionResult.INVALID_SEQUENCE)
+
+    def _clear(self, peer: m.Peer, message: m.MissionClearAll) -> None:
+        every = message.mission_type is MissionType.ALL
+        kinds = tuple(self._lists) if every else (message.mission_type,)
+        verdicts = [self._take(kind, ()) for kind in kinds]
+        refused = [v for v in verdicts if v is not MissionResult.ACCEPTED]
+        self._ack(peer, message.mission_type, refused[0] if refused else MissionResult.ACCEPTED)
+
+    def _refuse_partial(self, peer: m.Peer, message: m.MissionPartialList) -> None:
+        self._ack(peer, message.mission_type, MissionResult.UNSUPPORTED)
+        text = "Partial mission lists are not supported: transfer the whole list"
+        self._outbox.append(m.Envelope(m.StatusText(Severity.WARNING, text)))
+
+    def _take(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
+        verdict = self._store(kind, items)
+        if verdict is MissionResult.ACCEPTED:
+            self._lists[kind] = items
+        return verdict
+
+    def _ask(self, upload: _Upload, now: float) -> None:
+        upload.deadline = now + REQUEST_AGAIN_S
+        self._send(upload.peer, m.MissionRequest(len(upload.items), upload.kind))
+
+    def _finish(self, upload: _Upload, result: MissionResult) -> None:
+        self._upload = None
+        self._ack(upload.peer, upload.kind, result)
+
+    def _ack(self, peer: m.Peer, kind: MissionType, result: MissionResult) -> None:
+        self._send(peer, m.MissionAck(result, kind))
+
+    def _send(self, peer: m.Peer, body: m.Outgoing) -> None:
+        self._outbox.append(m.Envelope(body, peer))

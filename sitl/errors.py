@@ -1,0 +1,17 @@
+"""What can go wrong in the simulated vehicle; every exception of the package derives from one."""
+
+
+class SitlError(Exception):
+    """Root of the exceptions that this package raises."""
+
+
+class SitlInputError(SitlError):
+    """The user gave something unusable; the message names it and says what is allowed."""
+
+
+class LinkError(SitlError):
+    """A link cannot be opened or used; the message names its address."""
+
+
+class ProtocolError(SitlError):
+    """The autopilot was about to say something that MAVLink cannot carry."""

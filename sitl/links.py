@@ -1,0 +1,201 @@
+"""How MAVLink bytes reach the vehicle: in this process or over UDP."""
+
+import asyncio
+import socket
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
+from typing import Protocol
+
+from sitl.errors import LinkError
+
+Wake = Callable[[], None]
+_DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
+_BACKLOG = 4096  # chunks or datagrams read at a time at most
+_RECEIVE_BYTES = 2048
+
+
+class Link(Protocol):
+    """A way for bytes in and out. All but `open` never block and never wait."""
+
+    def open(self, wake: Wake) -> None:
+        """Start; `wake` is called in the event loop whenever something has arrived."""
+
+    def receive(self) -> list[tuple[Hashable, bytes]]:
+        """What has arrived: from whom, and the bytes."""
+
+    def newcomers(self) -> bool:
+        """Whether somebody has joined since this was asked last."""
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        """Send whole MAVLink frames to everybody on the link."""
+
+    def close(self) -> None:
+        """Stop; may be called twice."""
+
+
+class RawLink:
+    """Bytes handed over within the process, for MAVSDK's raw:// connection.
+
+    `feed` may be called from any thread; `send` of the other side is called in the event loop.
+    """
+
+    def __init__(self) -> None:
+        self._arrived: deque[bytes] = deque()
+        self._send: Callable[[bytes], object] | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._wake: Wake | None = None
+        self._joined = False
+
+    def attach(self, send: Callable[[bytes], object]) -> None:
+        """Hand the vehicle's bytes to `send` from now on."""
+        self._send = send
+        self._joined = True
+        self._notify()
+
+    def detach(self) -> None:
+        """The other side is gone; what is sent is dropped."""
+        self._send = None
+
+    def feed(self, data: bytes) -> None:
+        """Bytes for the vehicle; from any thread."""
+        self._arrived.append(data)
+        self._notify()
+
+    def _notify(self) -> None:
+        loop, wake = self._loop, self._wake
+        if loop is not None and wake is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(wake)
+
+    def open(self, wake: Wake) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._wake = wake
+
+    def receive(self) -> list[tuple[Hashable, bytes]]:
+        chunks: list[tuple[Hashable, bytes]] = []
+        while self._arrived:
+            chunks.append((None, self._arrived.popleft()))
+        return chunks
+
+    def newcomers(self) -> bool:
+        joined, self._joined = self._joined, False
+        return joined
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        send = self._send
+        if send is not None and frames:
+            send(b"".join(frames))
+
+    def close(self) -> None:
+        self._wake = None
+        self._loop = None
+
+
+class UdpLink:
+    """MAVLink over UDP.
+
+    `udpout://host:port` sends to that address from a free port; `udpin://host:port` listens
+    there and sends to everybody who has spoken.
+    """
+
+    def __init__(self, url: str) -> None:
+        """Check the address; nothing is opened yet.
+
+        Raises:
+            LinkError: `url` is neither of the two forms.
+        """
+        scheme, separator, address = url.partition("://")
+        host, colon, port = address.rpartition(":")
+        valid = separator and colon and host and port.isdecimal() and int(port) < 65536
+        if scheme not in ("udpin", "udpout") or not valid or (scheme == "udpout" and port == "0"):
+            raise LinkError(f"{url}: no UDP address; udpin://HOST:PORT or udpout://HOST:PORT")
+        self._url = url
+        self._listens = scheme == "udpin"
+        self._address = (host, int(port))
+        self._peers: dict[tuple[str, int], None] = {}
+        self._socket: socket.socket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._joined = False
+        self.dropped = 0  # datagrams that the system would not take
+
+    @property
+    def port(self) -> int:
+        """The local port.
+
+        Raises:
+            LinkError: the link is not open.
+        """
+        return int(self._opened().getsockname()[1])
+
+    def open(self, wake: Wake) -> None:
+        """Bind and listen.
+
+        Raises:
+            LinkError: the address is in use or cannot be had; the message names it.
+        """
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.setblocking(False)
+            if self._listens:
+                sock.bind(self._address)
+            else:
+                sock.bind(("", 0))
+                self._peers[socket.gethostbyname(self._address[0]), self._address[1]] = None
+        except OSError as error:
+            sock.close()
+            raise LinkError(f"{self._url}: cannot be opened: {error.strerror or error}") from None
+        self._socket = sock
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(sock.fileno(), wake)
+
+    def receive(self) -> list[tuple[Hashable, bytes]]:
+        sock = self._opened()
+        chunks: list[tuple[Hashable, bytes]] = []
+        while len(chunks) < _BACKLOG:
+            try:
+                data, peer = sock.recvfrom(_RECEIVE_BYTES)
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue  # somebody we sent to is not there (any more)
+            if self._listens and peer not in self._peers:
+                self._peers[peer] = None
+                self._joined = True
+            chunks.append((peer, data))
+        return chunks
+
+    def newcomers(self) -> bool:
+        joined, self._joined = self._joined, False
+        return joined
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        sock = self._opened()
+        for datagram in _packed(frames):
+            for peer in self._peers:
+                try:
+                    sock.sendto(datagram, peer)
+                except (BlockingIOError, ConnectionError):
+                    self.dropped += 1  # UDP may lose; the protocols above cope
+
+    def close(self) -> None:
+        if self._socket is not None:
+            if self._loop is not None and not self._loop.is_closed():
+                self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkError(f"{self._url}: not open")
+        return self._socket
+
+
+def _packed(frames: Sequence[bytes]) -> list[bytes]:
+    """Whole frames joined into datagrams."""
+    datagrams: list[bytes] = []
+    pending = b""
+    for frame in frames:
+        if pending and len(pending) + len(frame) > _DATAGRAM:
+            datagrams.append(pending)
+            pending = b""
+        pending += frame
+    return [*datagrams, pending] if pending else datagrams

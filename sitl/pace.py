@@ -1,0 +1,163 @@
+"""How simulated time runs against wall time: still, as ordered, or as fast as it can."""
+
+import asyncio
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from sitl.links import Link
+from sitl.vehicle import Vehicle
+
+_CHUNK_NS = 40_000_000  # simulated time between looks at the links
+_CHUNK_WALL_S = 0.01  # and wall time, on a slow machine
+_BREATH_EVERY_NS = 1_000_000_000
+_BREATH_S = 0.001  # MAVSDK loses telemetry without a pause now and then
+
+
+@dataclass(slots=True)
+class Statistics:
+    """How long simulated time has run, and what it cost."""
+
+    sim_s: float = 0.0
+    wall_s: float = 0.0  # while simulated time ran
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds in one of wall time; NaN before any."""
+        return self.sim_s / self.wall_s if self.wall_s > 0 else math.nan
+
+
+class Simulation:
+    """Runs a vehicle in the event loop: an asynchronous context manager.
+
+    Simulated time runs while the vehicle is moving, at `speed` times real time (infinite: flat
+    out), and stands still otherwise; with `free_running` it always runs. Messages are exchanged
+    in wall time throughout, so that the vehicle never falls silent.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *links: Link,
+        speed: float = math.inf,
+        free_running: bool = False,
+    ) -> None:
+        if not speed > 0:
+            raise ValueError(f"speed = {speed}: must be positive")
+        self.vehicle = vehicle
+        self.statistics = Statistics()
+        self._links: Sequence[Link] = links
+        self._speed = speed
+        self._free_running = free_running
+        self._wake = asyncio.Event()
+        self._task: asyncio.Task[None] | None = None
+        self._body: asyncio.Task[object] | None = None
+        self._interrupted = False
+        self._on_time = -math.inf  # wall time at which the present simulated time is due
+
+    async def __aenter__(self) -> Self:
+        """Open the links and start.
+
+        Raises:
+            LinkError: a link cannot be opened; none is left open.
+        """
+        try:
+            for link in self._links:
+                link.open(self._wake.set)
+        except BaseException:
+            self._close()
+            raise
+        self._body = asyncio.current_task()
+        self._task = asyncio.create_task(self._run(), name="simulation")
+        self._task.add_done_callback(self._stopped)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop and close the links; an error of the simulation ends the block that it failed in."""
+        task, body = self._task, self._body
+        self._task = self._body = None
+        if task is None:
+            return
+        task.cancel()
+        (outcome,) = await asyncio.gather(task, return_exceptions=True)
+        self._close()
+        if self._interrupted and body is not None:
+            body.uncancel()
+        if isinstance(outcome, BaseException) and not isinstance(outcome, asyncio.CancelledError):
+            raise outcome
+
+    def _stopped(self, task: asyncio.Task[None]) -> None:
+        """The simulation has ended: if by an error, nobody must wait for the vehicle any longer."""
+        if not task.cancelled() and task.exception() is not None and self._body is not None:
+            self._interrupted = True
+            self._body.cancel()
+
+    async def _run(self) -> None:
+        while True:
+            self._exchange()
+            if self._free_running or self.vehicle.moving:
+                await self._advance()
+            else:
+                await self._idle()
+
+    def _exchange(self) -> None:
+        """Take what has arrived and send what is due."""
+        vehicle = self.vehicle
+        self._wake.clear()
+        now = time.monotonic()
+        for index, link in enumerate(self._links):
+            for source, data in link.receive():
+                vehicle.receive(data, now, (index, source))
+            if link.newcomers():
+                vehicle.greet()
+        frames = vehicle.outgoing(now)
+        if frames:
+            for link in self._links:
+                link.send(frames)
+
+    async def _idle(self) -> None:
+        """Wait for a message or for the next telemetry."""
+        timeout = self.vehicle.due() - time.monotonic()
+        if timeout <= 0:
+            await asyncio.sleep(0)
+            return
+        try:
+            async with asyncio.timeout(timeout):
+                await self._wake.wait()
+        except TimeoutError:
+            pass
+
+    async def _advance(self) -> None:
+        """A stretch of simulated time, and the pause that the pace asks for."""
+        vehicle = self.vehicle
+        began, started_ns = time.monotonic(), vehicle.t_ns
+        until_ns, until = started_ns + _CHUNK_NS, began + _CHUNK_WALL_S
+        step = vehicle.step
+        while True:
+            step()
+            if not (vehicle.moving or self._free_running):
+                break
+            if vehicle.t_ns >= until_ns or time.monotonic() >= until:
+                break
+        sim_s = (vehicle.t_ns - started_ns) * 1e-9
+        if math.isinf(self._speed):
+            breath = vehicle.t_ns // _BREATH_EVERY_NS != started_ns // _BREATH_EVERY_NS
+            await asyncio.sleep(_BREATH_S if breath else 0)
+        else:
+            # A machine that falls behind does not rush afterwards.
+            self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
+            await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
+        self.statistics.sim_s += sim_s
+        self.statistics.wall_s += time.monotonic() - began
+
+    def _close(self) -> None:
+        for link in self._links:
+            link.close()

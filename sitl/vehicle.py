@@ -1,0 +1,130 @@
+"""The vehicle: aircraft and autopilot, one tick at a time. It owns simulated time."""
+
+from collections.abc import Hashable, Sequence
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint, GnssFix
+from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.parameter_file import load_parameters
+from sitl.autopilot.parameters import Parameters
+from sitl.config import VehicleConfig
+from sitl.errors import SitlInputError
+from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
+
+_WATCH_HZ = 10.0  # how often the autopilot looks at its health, simulated time
+
+
+class Vehicle:
+    """An aircraft under its autopilot.
+
+    `step` is one tick of simulated time. `receive` and `outgoing` are MAVLink, in wall time;
+    nothing that comes in moves simulated time.
+    """
+
+    def __init__(
+        self,
+        config: VehicleConfig,
+        *,
+        home: GeodeticPoint,
+        streams: RandomStreams,
+        observers: Sequence[VehicleObserver] = (),
+        aircraft: Aircraft | None = None,
+    ) -> None:
+        """Build the configured aircraft, or take `aircraft` as it is.
+
+        Raises:
+            SitlInputError: a parameter or a rate is not acceptable; says which and why.
+        """
+        self.aircraft = aircraft or Aircraft(config.aircraft, home=home, streams=streams)
+        parameters = Parameters(config.parameters)
+        if config.parameter_file is not None and config.parameter_file.exists():
+            parameters.apply(load_parameters(config.parameter_file), str(config.parameter_file))
+            parameters.apply(config.parameters, "parameters")
+        self.autopilot = Autopilot(
+            self.aircraft, parameters, system=config.system_id, sink=self._happened
+        )
+        self._observers = list(observers)
+        self._tick = 0
+        self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
+        self._sample_every = self._ticks_per(config.sample_rate_hz, "sample_rate_hz")
+        self._sampled_gnss: GnssFix | None = None
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self.aircraft.t_ns
+
+    @property
+    def moving(self) -> bool:
+        """Whether a manoeuvre is under way, for which simulated time should run."""
+        return self.autopilot.flight.moving
+
+    def add_observer(self, observer: VehicleObserver) -> None:
+        """Tell `observer` from now on."""
+        self._observers.append(observer)
+
+    def step(self) -> None:
+        """One tick of simulated time."""
+        self.aircraft.step()
+        self.autopilot.tick()
+        self._tick += 1
+        if self._tick % self._watch_every == 0:
+            self.autopilot.watch()
+        if self._tick % self._sample_every == 0:
+            self._sample()
+
+    def receive(self, data: bytes, now: float, source: Hashable = None) -> None:
+        """Take MAVLink bytes from `source` at the wall time `now` (monotonic seconds)."""
+        self.autopilot.receive(data, now, source)
+
+    def greet(self) -> None:
+        """Somebody has joined a link: send a heartbeat at once, not within a second."""
+        self.autopilot.greet()
+
+    def outgoing(self, now: float) -> list[bytes]:
+        """MAVLink frames to send at the wall time `now`, each whole."""
+        return self.autopilot.poll(now)
+
+    def due(self) -> float:
+        """The wall time at which `outgoing` has something to say at the latest."""
+        return self.autopilot.due()
+
+    def _ticks_per(self, rate_hz: float, name: str) -> int:
+        every = 1e9 / rate_hz / self.aircraft.dt_ns
+        if abs(every - round(every)) > 1e-6 or every < 0.5:
+            rate = 1e9 / self.aircraft.dt_ns
+            raise SitlInputError(f"{name} = {rate_hz:g}: the physics rate {rate:g} is no multiple")
+        return round(every)
+
+    def _sample(self) -> None:
+        aircraft = self.aircraft
+        fix = aircraft.gnss
+        fresh = fix if fix is not self._sampled_gnss else None
+        self._sampled_gnss = fix
+        sample = VehicleSample(
+            t_ns=aircraft.t_ns,
+            truth=aircraft.truth,
+            belief=aircraft.belief,
+            cmd_pos_ned_m=aircraft.cmd_pos_ned_m,
+            gnss=fresh,
+            battery=aircraft.battery,
+            mode=self.autopilot.mode.name,
+            armed=aircraft.armed,
+        )
+        for observer in self._observers:
+            observer.sampled(sample)
+
+    def _happened(self, kind: EventKind, text: str, seq: int | None, severity: int) -> None:
+        aircraft = self.aircraft
+        event = VehicleEvent(
+            t_ns=aircraft.t_ns,
+            kind=kind,
+            text=text,
+            truth=aircraft.truth,
+            belief=aircraft.belief,
+            seq=seq,
+            severity=severity,
+        )
+        for observer in self._observers:
+            observer.happened(event)

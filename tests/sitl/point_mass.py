@@ -1,0 +1,116 @@
+"""A point mass with the aircraft's interface: exact, quick, without noise.
+
+The protocol tests fly it, so that they do not depend on physics and cost almost nothing.
+"""
+
+import math
+
+import numpy as np
+
+from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.path import FlightPath, PathProgress
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
+
+
+class PointMass:
+    """Moves along straight lines at the ordered speed, starting and stopping at once."""
+
+    def __init__(self, home: GeodeticPoint, *, rate_hz: int = 50, ready_after_s: float = 0.2):
+        self.dt_ns = 1_000_000_000 // rate_hz
+        self.t_ns = 0
+        self.frame = LocalFrame(home)
+        self.armed = False
+        self.progress = PathProgress()
+        self.battery = BatteryState(16.0, 0.0, 0.0, 1.0)
+        self.gnss: GnssFix | None = None
+        self.gnss_works = True
+        self.cmd_pos_ned_m: Vector | None = None
+        self.injected: list[object] = []
+        self.paths: list[FlightPath] = []
+        self._ready_ns = int(ready_after_s * 1e9)
+        self._pos = np.zeros(3)
+        self._vel = np.zeros(3)
+        self._yaw = 0.0
+        self._path: FlightPath | None = None
+        self._velocity: Vector | None = None
+
+    @property
+    def ready(self) -> bool:
+        return self.t_ns >= self._ready_ns
+
+    @property
+    def why_not_ready(self) -> str:
+        return "" if self.ready else "aligning"
+
+    @property
+    def on_ground(self) -> bool:
+        return bool(self._pos[2] >= 0.0)
+
+    @property
+    def belief(self) -> Kinematics:
+        return Kinematics(
+            self.t_ns,
+            self._pos.copy(),
+            self._vel.copy(),
+            np.array(quaternion_from_euler(0.0, 0.0, self._yaw)),
+            np.zeros(3),
+        )
+
+    truth = belief
+
+    def arm(self) -> None:
+        self.armed = True
+
+    def disarm(self) -> None:
+        self.armed = False
+        self._path = self._velocity = self.cmd_pos_ned_m = None
+        self.progress = PathProgress()
+
+    def idle(self) -> None:
+        self._path = self._velocity = self.cmd_pos_ned_m = None
+
+    def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
+        self.follow(FlightPath(np.array([self._pos, pos_ned_m]), np.array([5.0]), np.ones(2)))
+        self._yaw = math.remainder(yaw_rad, math.tau)
+
+    def velocity(self, vel_ned_mps: Vector, yaw_rad: float) -> None:
+        self.idle()
+        self._velocity = np.array(vel_ned_mps)
+        self._yaw = math.remainder(yaw_rad, math.tau)
+
+    def follow(self, path: FlightPath) -> None:
+        self.idle()
+        self.paths.append(path)
+        self._path = path
+        self.progress = PathProgress(passed=1)
+
+    def step(self) -> None:
+        self.t_ns += self.dt_ns
+        if self.gnss_works and self.t_ns % 200_000_000 == 0:
+            self.gnss = GnssFix(self.t_ns, self._pos.copy(), self._vel.copy(), 0.7, 1.2, 0.1, 12)
+        before = self._pos.copy()
+        self._vel = np.zeros(3)
+        if self.armed:
+            self._move(self.dt_ns * 1e-9)
+        elif self._pos[2] < 0:
+            self._pos[2] += 5.0 * self.dt_ns * 1e-9
+        self._pos[2] = min(self._pos[2], 0.0)
+        self._vel = (self._pos - before) / (self.dt_ns * 1e-9)
+
+    def _move(self, left_s: float) -> None:
+        if self._velocity is not None:
+            self._pos += self._velocity * left_s
+        path, progress = self._path, self.progress
+        while path is not None and not progress.finished and left_s > 0:
+            goal = path.points_ned_m[progress.passed]
+            self.cmd_pos_ned_m = np.array(goal)
+            way = goal - self._pos
+            distance = float(np.linalg.norm(way))
+            reach = float(path.speeds_mps[progress.passed - 1]) * left_s
+            if distance > reach:
+                self._pos += way / distance * reach
+                return
+            self._pos = np.array(goal)
+            left_s *= 1.0 - distance / reach
+            progress.passed += 1
+            progress.finished = progress.passed == len(path.points_ned_m)
