@@ -14,6 +14,8 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
 from flightdyn.wind import gust_ned
 
+_SLOW = 5  # guidance steps between looks at battery and ground
+
 
 def _triple(vector: Vector) -> Triple:
     return float(vector[0]), float(vector[1]), float(vector[2])
@@ -63,12 +65,14 @@ class Aircraft:
         )
         self._battery = Battery(config.battery)
         self._gusts = config.wind.gusts
+        self._run = self.vehicle.run
         self._near = False
+        self._slow = 0
         self.armed = False
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
-        self.vehicle.run()
+        self._run()
         clock = self._clock
         clock.tick += 1
         self.navigation.tick()
@@ -83,12 +87,21 @@ class Aircraft:
         if self._near:
             guidance.pass_corners(nav.p, nav.v)
         guidance.step(nav, self.navigation.specific_force)
-        self._near = guidance.corner_near()
-        dt_s = self.config.guidance_interval_s
-        volts = self._battery.draw(self.vehicle.electrical_power_w(), dt_s)
-        self.vehicle.set_battery_voltage(volts)
+        self._near = guidance.corner_near(nav)
         if self._gusts:
             self.vehicle.set_gust(gust_ned(self._gusts, self._clock.t_ns * 1e-9))
+        self._slow += 1
+        if self._slow == _SLOW:
+            self._slow = 0
+            self._housekeep()
+
+    def _housekeep(self) -> None:
+        """What does not need the guidance's rate."""
+        volts = self._battery.draw(
+            self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
+        )
+        self.vehicle.set_battery_voltage(volts)
+        self.vehicle.watch_ground()
 
     @property
     def t_ns(self) -> int:

@@ -8,6 +8,7 @@ is worth (battery, air density, inflow).
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flightdyn.airframe.parameters import Airframe
 from flightdyn.attitude import attitude_error, limit_thrust
@@ -33,8 +34,7 @@ class Gains:
     most_thrust: float = 0.9  # share of the full thrust that the outer loop may ask for
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(NamedTuple):
     """What the outer loop is to follow."""
 
     p: Triple
@@ -72,7 +72,7 @@ class Controller:
 
     def reset(self) -> None:
         """Forget what was learnt in the air; for the ground."""
-        self._integral = [0.0, 0.0, 0.0]
+        self._integral = (0.0, 0.0, 0.0)
         self._drag = (0.0, 0.0)
         self._lagged = 0.0
         self.effectiveness = 1.0
@@ -103,20 +103,28 @@ class Controller:
                 ratio = min(2.0, max(0.3, -force[2] / (self._full * self._lagged)))
                 self.effectiveness += dt / k.thrust_lag_s * (ratio - self.effectiveness)
         drag = (r[0] * dx + r[1] * dy, r[3] * dx + r[4] * dy, r[6] * dx + r[7] * dy)
-        integral = self._integral
-        wanted = [0.0, 0.0, 0.0]
-        for i in range(3):
-            slip = to.v[i] + k.position * (to.p[i] - nav.p[i]) - nav.v[i]
-            if flying and not self.saturated:
-                bounded = integral[i] + k.integral * slip * dt
-                integral[i] = min(k.integral_limit, max(-k.integral_limit, bounded))
-            wanted[i] = to.a[i] + k.velocity * slip + integral[i] - drag[i]
-        if not flying:
-            wanted[0] = wanted[1] = 0.0
-        wanted[2] -= self._g
+        kp, kv, ki = k.position, k.velocity, k.integral * dt
+        learning = flying and not self.saturated
+        (px, py, pz), (vx, vy, vz), (ax, ay, az) = to.p, to.v, to.a
+        (x, y, z), (u, v, w) = nav.p, nav.v
+        sx = vx + kp * (px - x) - u
+        sy = vy + kp * (py - y) - v
+        sz = vz + kp * (pz - z) - w
+        ix, iy, iz = self._integral
+        if learning:
+            most = k.integral_limit
+            ix = min(most, max(-most, ix + ki * sx))
+            iy = min(most, max(-most, iy + ki * sy))
+            iz = min(most, max(-most, iz + ki * sz))
+            self._integral = (ix, iy, iz)
+        wanted = (
+            ax + kv * sx + ix - drag[0] if flying else 0.0,
+            ay + kv * sy + iy - drag[1] if flying else 0.0,
+            az + kv * sz + iz - drag[2] - self._g,
+        )
         full = self._full * self.effectiveness
         thrust, self.saturated = limit_thrust(
-            (wanted[0], wanted[1], wanted[2]),
+            wanted,
             tilt_rad=self._tilt,
             least=0.25 * self._g,
             most=k.most_thrust * full,

@@ -18,6 +18,8 @@ _LAG_STOP_M = 6.0  # lag at which the reference waits
 _LIMITED_RATE = 0.93  # the reference's clock slower than that: the speed cannot be held
 _STOPPED_MPS = 0.3
 _STOPPED_M = 0.5
+_EARLY_S = 0.5  # before its blend a corner cannot be passed, whatever the position says
+_LATE_S = 3.0  # after it, it is passed, however far off
 _COURSE_MPS = 1.5  # slower than that the course says nothing about where to look
 
 
@@ -138,31 +140,35 @@ class Guidance:
         rate = self._governor(nav)
         step = self._dt * rate
         self._t = min(self._t + step, trajectory.end_s + 1.0)
-        ref = trajectory.at(self._t)
-        self._along = ref.v
-        lead = trajectory.acceleration(self._t + self._controller.lead_s * rate)
-        # Slowing the clock decelerates the reference along its own course.
-        slope = (rate - self._rate) / self._dt
-        self._rate = rate
-        a = tuple(lead[i] * rate * rate + ref.v[i] * slope for i in range(3))
-        v = (ref.v[0] * rate, ref.v[1] * rate, ref.v[2] * rate)
+        p, v, a = trajectory.at(self._t, lead_s=self._controller.lead_s * rate)
+        self._along = v
+        if rate != 1.0 or self._rate != 1.0:
+            # Slowing the clock decelerates the reference along its own course.
+            slope, square = (rate - self._rate) / self._dt, rate * rate
+            a = (
+                a[0] * square + v[0] * slope,
+                a[1] * square + v[1] * slope,
+                a[2] * square + v[2] * slope,
+            )
+            v = (v[0] * rate, v[1] * rate, v[2] * rate)
+            self._rate = rate
         if self._course_follows and math.hypot(v[0], v[1]) > _COURSE_MPS:
             self._yaw_order = math.atan2(v[1], v[0])
         self._heading.turn(self._yaw_order)
         self._finish(nav)
-        return Setpoint(ref.p, v, (a[0], a[1], a[2]), self._heading.yaw, self._heading.rate)
+        return Setpoint(p, v, a, self._heading.yaw, self._heading.rate)
 
     def _governor(self, nav: NavState) -> float:
         """Rate of the reference's clock: it waits for an aircraft that cannot keep up."""
         target = 1.0
-        if self._point is not None:
-            u = self._along
-            speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-            if speed > 0.5:
-                p = self._point.p
-                lag = sum((p[i] - nav.p[i]) * u[i] for i in range(3)) / speed
-                target = 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M)
-                target = min(1.0, max(0.0, target))
+        ux, uy, uz = self._along
+        square = ux * ux + uy * uy + uz * uz
+        if square > 0.25 and self._point is not None:
+            (px, py, pz), (x, y, z) = self._point.p, nav.p
+            ahead = (px - x) * ux + (py - y) * uy + (pz - z) * uz
+            lag = ahead / math.sqrt(square)
+            if lag > _LAG_FREE_M:
+                target = max(0.0, 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M))
         self._smooth_rate += self._dt / 1.5 * (target - self._smooth_rate)
         self.progress.speed_limited = bool(self._corners) and self._smooth_rate < _LIMITED_RATE
         most = 0.5 * self._dt  # the clock itself may not jump
@@ -184,22 +190,29 @@ class Guidance:
                 self.progress.passed = self._corners[-1].count
                 self._next = len(self._corners)
 
-    def corner_near(self) -> bool:
+    def corner_near(self, nav: NavState) -> bool:
         """Whether the next corner may be passed before the guidance's next step."""
         if self._next >= len(self._corners) - 1:
             return False
         corner = self._corners[self._next]
-        return self._t >= corner.t_s - corner.half_s - 0.5 - self._dt
+        if self._t < corner.t_s - corner.half_s - _EARLY_S - self._dt:
+            return False
+        if corner.normal is None:
+            return True
+        (x, y, z), (cx, cy, cz), (nx, ny, nz) = nav.p, corner.point, corner.normal
+        beyond = (x - cx) * nx + (y - cy) * ny + (z - cz) * nz
+        vx, vy, vz = nav.v
+        return beyond + 2 * self._dt * (abs(vx) + abs(vy) + abs(vz)) + 0.2 > 0
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
         """Count the corner whose plane of closest approach the position has crossed."""
         while self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
-            if self._t < corner.t_s - corner.half_s - 0.5:
+            if self._t < corner.t_s - corner.half_s - _EARLY_S:
                 return
             n = corner.normal or vel
             beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
-            if beyond < 0 and self._t < corner.t_s + corner.half_s + 3.0:
+            if beyond < 0 and self._t < corner.t_s + corner.half_s + _LATE_S:
                 return
             self.progress.passed = corner.count
             self._next += 1

@@ -29,6 +29,7 @@ os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
 import jsbsim
 
 _ROOT = Path(__file__).parent / "airframe"
+_CONTACT_HEIGHT_FT = 20.0
 _MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
 _RANKINE_PER_K = 1.8
 _PA_PER_PSF = 47.880258980336
@@ -161,11 +162,20 @@ class Multirotor:
         self.set_battery_voltage = put("fcs/in/battery-v")
         self._direct = put("fcs/in/direct")
         self._motor = [put(f"fcs/in/motor-{i}") for i in range(4)]
+        self._height = get("position/h-agl-ft")
+        self._contacts = put("simulation/models/FGGroundReactions/enabled")
         self._health = [put(f"fcs/in/health-{i}") for i in range(4)]
 
     def arm(self, armed: bool) -> None:
         """Let the inner loops drive the motors, or stop them and zero their integrators."""
         self._hold(0.0 if armed else -1.0)
+
+    def watch_ground(self) -> None:
+        """Look for contact near the ground only, where a fifth of the time is well spent on it.
+
+        To be called at least ten times a second: nothing falls 6 m in that time.
+        """
+        self._contacts(1.0 if self._height() < _CONTACT_HEIGHT_FT else 0.0)
 
     def drive(self, motors: tuple[float, ...] | None) -> None:
         """Give the motors the duty cycles (0..1) of an external autopilot; None: inner loops."""

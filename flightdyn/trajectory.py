@@ -10,16 +10,17 @@ is averaged over a window, so that acceleration ramps instead of jumping (a jerk
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.path import FlightPath
 
 _SAME_POINT_M = 1e-3  # closer points are one corner
+_SPILL = 0.2  # of the acceptance radius: how far off the legs a blend may be outside of it
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(NamedTuple):
     """Constant acceleration from `t0`; `area` is the integral of position up to `t0`."""
 
     t0: float
@@ -29,8 +30,7 @@ class Piece:
     area: Triple
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(NamedTuple):
     """One instant of a trajectory."""
 
     p: Triple
@@ -52,30 +52,40 @@ class Corner:
 class Trajectory:
     """Position, velocity and acceleration over time, smooth, from `-window / 2` to `end_s`."""
 
-    def __init__(self, pieces: list[Piece], end: Triple, end_s: float, *, window_s: float) -> None:
+    def __init__(self, pieces: list[Piece], end_s: float, *, window_s: float) -> None:
         self._pieces = pieces
         self._starts = [piece.t0 for piece in pieces]
-        self._end = end
+        self._ends = [*self._starts[1:], math.inf]
         self._half = max(window_s / 2, 1e-3)
-        self._last = end_s
         self.start_s = -self._half
         self.end_s = end_s + self._half
 
-    def _piece(self, t: float) -> Piece:
-        return self._pieces[max(0, bisect_right(self._starts, t) - 1)]
-
-    def velocity(self, t: float) -> Triple:
-        """Velocity before averaging."""
-        piece = self._piece(t)
-        s = max(t - piece.t0, 0.0)
-        v, a = piece.v, piece.a
-        return (v[0] + a[0] * s, v[1] + a[1] * s, v[2] + a[2] * s)
-
-    def at(self, t: float) -> Reference:
-        """The averaged reference at `t`."""
+    def at(self, t: float, *, lead_s: float = 0.0) -> Reference:
+        """The averaged reference at `t`, its acceleration taken `lead_s` later."""
         h = self._half
-        area0, p0, v0 = self._sample(t - h)
-        area1, p1, v1 = self._sample(t + h)
+        i = max(0, bisect_right(self._starts, t - h) - 1)
+        piece = self._pieces[i]
+        s = t - piece.t0
+        if s >= h and t + h + lead_s < self._ends[i]:  # within one piece: in closed form
+            _, p, v, a, _ = piece
+            ux, uy, uz = v[0] + a[0] * s, v[1] + a[1] * s, v[2] + a[2] * s
+            q, r = s / 2, h * h / 6
+            return Reference(
+                (
+                    p[0] + (v[0] + ux) * q + a[0] * r,
+                    p[1] + (v[1] + uy) * q + a[1] * r,
+                    p[2] + (v[2] + uz) * q + a[2] * r,
+                ),
+                (ux, uy, uz),
+                a,
+            )
+        return self._average(t, lead_s)
+
+    def _average(self, t: float, lead_s: float) -> Reference:
+        h = self._half
+        area0, p0 = self._sample(t - h)
+        area1, p1 = self._sample(t + h)
+        v0, v1 = self._velocity(t + lead_s - h), self._velocity(t + lead_s + h)
         k = 0.5 / h
         return Reference(
             ((area1[0] - area0[0]) * k, (area1[1] - area0[1]) * k, (area1[2] - area0[2]) * k),
@@ -83,18 +93,21 @@ class Trajectory:
             ((v1[0] - v0[0]) * k, (v1[1] - v0[1]) * k, (v1[2] - v0[2]) * k),
         )
 
-    def acceleration(self, t: float) -> Triple:
-        """The averaged acceleration at `t` alone."""
-        h = self._half
-        v0, v1 = self.velocity(t - h), self.velocity(t + h)
-        k = 0.5 / h
-        return ((v1[0] - v0[0]) * k, (v1[1] - v0[1]) * k, (v1[2] - v0[2]) * k)
+    def _piece(self, t: float) -> Piece:
+        return self._pieces[max(0, bisect_right(self._starts, t) - 1)]
 
-    def _sample(self, t: float) -> tuple[Triple, Triple, Triple]:
-        """Integral of position (from 0), position and velocity at `t`, before averaging."""
+    def _velocity(self, t: float) -> Triple:
+        """Velocity before averaging."""
+        piece = self._piece(t)
+        s = max(t - piece.t0, 0.0)
+        v, a = piece.v, piece.a
+        return (v[0] + a[0] * s, v[1] + a[1] * s, v[2] + a[2] * s)
+
+    def _sample(self, t: float) -> tuple[Triple, Triple]:
+        """Integral of position (from 0) and position at `t`, before averaging."""
         piece = self._piece(t)
         s = t - piece.t0
-        p, v, a, area = piece.p, piece.v, piece.a, piece.area
+        _, p, v, a, area = piece
         if s < 0:  # before the first piece: at its speed all along
             a = (0.0, 0.0, 0.0)
         s2 = s * s / 2
@@ -110,7 +123,6 @@ class Trajectory:
                 p[1] + v[1] * s + a[1] * s2,
                 p[2] + v[2] * s + a[2] * s2,
             ),
-            (v[0] + a[0] * s, v[1] + a[1] * s, v[2] + a[2] * s),
         )
 
 
@@ -179,8 +191,39 @@ def _leg(start: Triple, end: Triple, speed: float, limits: LimitsConfig) -> _Leg
     return _Leg(u, length, speed, accel)
 
 
+def _blend_spill(cut: float, sine: float, radius: float) -> float:
+    """Distance from the leg at which a blend that misses its corner by `cut` enters the circle of
+    `radius` about the corner; 0 where the whole blend lies inside.
+
+    With a = 1: v^2 = 2 cut / s^2; along the leg the blend is v^2 s - (v t - s t^2 / 2) before the
+    corner, and off it by cos(phi / 2) t^2 / 2.
+    """
+    v = math.sqrt(2 * cut) / sine
+    cosine = math.sqrt(max(1 - sine * sine, 0.0))
+    before = v * v * sine
+    if before <= radius:
+        return 0.0
+    low, high = 0.0, v * sine  # to the middle of the blend
+    for _ in range(30):
+        t = (low + high) / 2
+        if math.hypot(before - v * t + sine * t * t / 2, cosine * t * t / 2) > radius:
+            low = t
+        else:
+            high = t
+    return cosine * low * low / 2
+
+
+def _allowed_cut(sine: float, radius: float, share: float) -> float:
+    """The largest cut, at most `share` of the acceptance radius, that strays from the legs by at
+    most `_SPILL` of it outside."""
+    cut = share * radius
+    while cut > 1e-6 and _blend_spill(cut, sine, radius) > _SPILL * radius:
+        cut *= 0.95
+    return cut
+
+
 def _corner_speeds(
-    legs: list[_Leg], cuts: list[float], v_start: float
+    legs: list[_Leg], radii: list[float], share: float, v_start: float
 ) -> tuple[list[float], list[float], list[float]]:
     """Speed at each vertex, sin(phi / 2) there, and the acceleration of its blend."""
     n = len(legs)
@@ -194,7 +237,7 @@ def _corner_speeds(
         if s > 1e-9:
             v = min(
                 v,
-                math.sqrt(2 * accel * cuts[i]) / s,
+                math.sqrt(2 * accel * _allowed_cut(s, radii[i], share)) / s,
                 math.sqrt(accel * min(a.length, b.length) / (2 * s)),
             )
         speeds[i], sines[i], accels[i] = v, s, accel
@@ -247,25 +290,25 @@ def plan_path(
     """
     points: list[Triple] = []
     counts: list[int] = []
-    cuts: list[float] = []
+    radii: list[float] = []
     speeds: list[float] = []
     for i, row in enumerate(path.points_ned_m.tolist()):
         point = (row[0], row[1], row[2])
         acceptance = float(path.acceptance_m[i])
         if points and math.dist(points[-1], point) < _SAME_POINT_M:
             counts[-1] = i + 1
-            cuts[-1] = min(cuts[-1], acceptance * limits.corner_cut)
+            radii[-1] = min(radii[-1], acceptance)
             continue
         points.append(point)
         counts.append(i + 1)
-        cuts.append(acceptance * limits.corner_cut)
+        radii.append(acceptance)
         if i:
             speeds.append(float(path.speeds_mps[i - 1]))
     if len(points) == 1:
         return stand(points[0], limits), [Corner(points[0], counts[0], None, 0.0, 0.0)]
     legs = [_leg(points[i], points[i + 1], speeds[i], limits) for i in range(len(speeds))]
     along = sum(v * u for v, u in zip(start_vel, legs[0].u, strict=True))
-    vertex, sines, accels = _corner_speeds(legs, cuts, max(0.0, along))
+    vertex, sines, accels = _corner_speeds(legs, radii, limits.corner_cut, max(0.0, along))
     builder = _Builder(points[0])
     corners = [Corner(points[0], counts[0], None, 0.0, 0.0)]
     for i, leg in enumerate(legs):
@@ -289,14 +332,14 @@ def plan_path(
         corners.append(Corner(points[i + 1], counts[i + 1], normal, builder.t - half, half))
     builder.p = points[-1]
     builder.stop()
-    return Trajectory(builder.pieces, points[-1], builder.t, window_s=limits.smoothing_s), corners
+    return Trajectory(builder.pieces, builder.t, window_s=limits.smoothing_s), corners
 
 
 def stand(point: Triple, limits: LimitsConfig) -> Trajectory:
     """Stay at `point`."""
     builder = _Builder(point)
     builder.stop()
-    return Trajectory(builder.pieces, point, 0.0, window_s=limits.smoothing_s)
+    return Trajectory(builder.pieces, 0.0, window_s=limits.smoothing_s)
 
 
 def brake_and_go(start: Triple, vel: Triple, goal: Triple, limits: LimitsConfig) -> Trajectory:
@@ -311,4 +354,4 @@ def brake_and_go(start: Triple, vel: Triple, goal: Triple, limits: LimitsConfig)
         _run(builder, leg, 0.0, 0.0, leg.length, goal)
     builder.p = goal
     builder.stop()
-    return Trajectory(builder.pieces, goal, builder.t, window_s=limits.smoothing_s)
+    return Trajectory(builder.pieces, builder.t, window_s=limits.smoothing_s)
