@@ -32,9 +32,9 @@ def load(name: str, data_dir: Path) -> Dataset:
     if not path.is_file():
         raise DataMissingError("npz", data_dir, f"the file {name}")
     try:
+        if not zipfile.is_zipfile(path):
+            raise DataDamagedError(path, "not an .npz archive, or only the beginning of one")
         with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise DataDamagedError(path, "not an .npz archive")
             layout = next((keys for keys in LAYOUTS if set(keys) <= set(archive.files)), None)
             if layout is None:
                 raise DataDamagedError(
