@@ -17,7 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Footer, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
@@ -144,6 +144,20 @@ def metadata(frame: Frame) -> Metadata:
     return parsed
 
 
+def declaration(frame: Frame) -> Schema | Channel:
+    """Unpack a schema or channel that stands outside the chunks.
+
+    Raises:
+        BrokenRecordError: it is not sound.
+    """
+    kind = Schema if frame.opcode == Opcode.SCHEMA else Channel
+    try:
+        parsed: Schema | Channel = kind.read(_stream(frame.body))
+    except (McapError, struct.error, UnicodeDecodeError) as error:
+        raise BrokenRecordError(frame.offset, f"a declaration that is none ({error})") from None
+    return parsed
+
+
 def verify(path: Path) -> Iterator[Frame]:
     """The records of a complete, sound log; damage is found before the last one is handed out.
 
@@ -190,18 +204,3 @@ def _check_footer(frame: Frame, summary_start: int, crc: int) -> None:
 
 def _stream(body: bytes) -> ReadDataStream:
     return ReadDataStream(io.BytesIO(body))
-
-
-__all__ = [
-    "HEAD",
-    "BrokenRecordError",
-    "Content",
-    "DataEnd",
-    "Frame",
-    "attachment",
-    "chunk_records",
-    "frames",
-    "metadata",
-    "open_log",
-    "verify",
-]

@@ -153,11 +153,14 @@ def read_log(path: Path) -> FlightData:
     area = contents.area
     try:
         devices = _devices(contents)
+        truth, belief = _common(
+            _track(contents, topics.TRUE_POSE), _track(contents, topics.EST_POSE)
+        )
         return FlightData(
             area=area,
             devices=devices,
-            truth=_track(contents, topics.TRUE_POSE),
-            belief=_track(contents, topics.EST_POSE),
+            truth=truth,
+            belief=belief,
             plans=tuple(
                 _plan(t, row, len(devices.community)) for t, row in contents.decoded(topics.PLAN)
             ),
@@ -183,6 +186,15 @@ def _track(contents: Contents, topic: Topic) -> Track:
         p = message.pose.position
         pos_m[index] = (p.x, p.y, p.z)
     return Track(np.array([t for t, _ in rows], dtype=np.int64), pos_m)
+
+
+def _common(truth: Track, belief: Track) -> tuple[Track, Track]:
+    """Both tracks at the same instants: a recovered log may hold one pose of a sample only."""
+    _, first, second = np.intersect1d(truth.t_ns, belief.t_ns, return_indices=True)
+    return (
+        Track(truth.t_ns[first], truth.pos_m[first]),
+        Track(belief.t_ns[second], belief.pos_m[second]),
+    )
 
 
 def _devices(contents: Contents) -> Devices:

@@ -5,15 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
-
 from mission.log.errors import LogError
-from mission.log.topics import TOPICS, Topic
-
-LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
-
-# A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
-_CHUNK_BYTES = 4 << 20
+from mission.log.mcapio import new_writer, our_channels, register
+from mission.log.resume import replay
+from mission.log.topics import Topic
 
 
 class Sink(Protocol):
@@ -32,23 +27,30 @@ class McapSink:
     The bytes are a function of what is written and flushed: nothing of the wall clock goes in.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Raises LogError if the file cannot be made."""
+    def __init__(self, path: Path, *, keep_bytes: int | None = None) -> None:
+        """Start the file, replacing one that is there; or keep its first bytes and go on.
+
+        Raises:
+            LogError: the file cannot be made, or what should be kept is missing or damaged.
+        """
         self.path = path
-        try:
-            self._file = path.open("wb")
-        except OSError as error:
-            raise LogError(path, f"cannot write the log: {error.strerror}") from None
-        self._writer = new_writer(self._file)
-        self._channel = register(self._writer)
-        self._sequence = dict.fromkeys(self._channel, 0)
+        if keep_bytes is not None:
+            self._file, self._writer, self._sequence = replay(path, keep_bytes)
+        else:
+            try:
+                self._file = path.open("wb")
+            except OSError as error:
+                raise LogError(path, f"cannot write the log: {error.strerror}") from None
+            self._writer = new_writer(self._file)
+            register(self._writer)
+            self._sequence = {}
+        self._channel = {channel.topic: number for number, channel in our_channels()[1].items()}
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        name = topic.name
-        self._writer.add_message(
-            self._channel[name], t_ns, data, publish_time=t_ns, sequence=self._sequence[name]
-        )
-        self._sequence[name] += 1
+        channel = self._channel[topic.name]
+        sequence = self._sequence.get(channel, 0)
+        self._writer.add_message(channel, t_ns, data, publish_time=t_ns, sequence=sequence)
+        self._sequence[channel] = sequence + 1
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """A named set of strings beside the messages."""
@@ -82,30 +84,3 @@ class McapSink:
             self._file.close()
         except OSError as error:
             raise LogError(self.path, f"cannot write the log: {error.strerror}") from None
-
-
-def new_writer(stream: object) -> Writer:
-    """The one way in which this program writes MCAP, started."""
-    writer = Writer(
-        stream,
-        chunk_size=_CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_data_crcs=True,
-    )
-    writer.start(library=LIBRARY)
-    return writer
-
-
-def register(writer: Writer) -> dict[str, int]:
-    """Register every topic, in one order, so that ids mean the same in every log of ours."""
-    schemas: dict[str, int] = {}
-    channels: dict[str, int] = {}
-    for topic in TOPICS:
-        if topic.schema_name not in schemas:
-            schemas[topic.schema_name] = writer.register_schema(
-                topic.schema_name, topic.schema_encoding, topic.schema
-            )
-        channels[topic.name] = writer.register_channel(
-            topic.name, topic.encoding, schemas[topic.schema_name]
-        )
-    return channels

@@ -1,0 +1,148 @@
+"""`aerofed log`: look into flight logs, verify, save, export and compare them."""
+
+from pathlib import Path
+from typing import Literal
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+LIMITS_NOT_MET = 6
+
+
+def recover(log: Path, out: Path | None = None) -> int:
+    """Save everything sound of a log that was cut short or damaged, as a complete log.
+
+    Example: aerofed log recover runs/quickstart/flight.mcap
+
+    Parameters
+    ----------
+    log
+        The log; it stays as it is.
+    out
+        The new log. Default: beside the old one, named *.recovered.mcap.
+    """
+    from mission.log.recover import recover as save
+
+    saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
+    console = _console()
+    console.print(
+        f"{saved.target}: {saved.messages} messages, {saved.attachments} attachments, "
+        f"{saved.seconds:.1f} s of simulated time"
+    )
+    for loss in saved.losses:
+        console.print(f"lost: bytes {loss.start} to {loss.end}: {loss.reason}")
+    if saved.unknown:
+        console.print(f"lost: {saved.unknown} messages of channels that nothing describes")
+    return 0
+
+
+def info(log: Path) -> int:
+    """Say what is in a log: topics, schemas, rates, attachments, metadata.
+
+    Example: aerofed log info runs/quickstart/flight.mcap
+
+    Parameters
+    ----------
+    log
+        A complete, sound log; anything else is refused.
+    """
+    from mission.log.inspection import info as look
+
+    found = look(log)
+    console = _console()
+    console.print(
+        f"{log}: {found.size_bytes / 1e6:.2f} MB, {found.messages} messages, "
+        f"{found.end_s - found.start_s:.1f} s of simulated time, "
+        f"{found.megabytes_per_hour:.1f} MB an hour"
+    )
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("topic", no_wrap=True)
+    table.add_column("schema", no_wrap=True)
+    table.add_column("messages", justify="right")
+    table.add_column("Hz", justify="right")
+    for topic in found.topics:
+        table.add_row(topic.name, topic.schema, str(topic.messages), f"{topic.rate_hz:.2f}")
+    console.print(table)
+    for name, size in found.attachments.items():
+        console.print(f"attachment {name}: {size} bytes")
+    for name, values in found.metadata.items():
+        console.print(f"metadata {name}: " + ", ".join(f"{k} = {v}" for k, v in values.items()))
+    return 0
+
+
+def check(log: Path) -> int:
+    """Verify every checksum, the numbering and the index of a log.
+
+    Example: aerofed log check runs/quickstart/flight.mcap
+
+    Parameters
+    ----------
+    log
+        The log. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes, but gaps.
+    """
+    from mission.log.inspection import check as verify
+
+    findings = verify(log)
+    console = _console()
+    for finding in findings:
+        console.print(f"{log}: {finding}")
+    if findings:
+        return LIMITS_NOT_MET
+    console.print(f"{log}: sound")
+    return 0
+
+
+def export(log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", "kml"]) -> int:
+    """Write a log's contents as tables, or its paths for a map.
+
+    Example: aerofed log export runs/quickstart/flight.mcap --to csv
+
+    Parameters
+    ----------
+    log
+        The log.
+    out
+        The new folder (csv, parquet) or file (kml). Default: beside the log.
+    to
+        csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events
+        and battery; kml: devices, planned and flown paths.
+    """
+    from mission.log import export as exporting
+
+    console = _console()
+    if to == "kml":
+        console.print(exporting.export_kml(log, out or log.with_suffix(".kml")))
+        return 0
+    write = exporting.export_csv if to == "csv" else exporting.export_parquet
+    for path in write(log, out or log.with_name(f"{log.stem}-{to}")):
+        console.print(path)
+    return 0
+
+
+def diff(first: Path, second: Path) -> int:
+    """Say where two logs differ.
+
+    Example: aerofed log diff a/flight.mcap b/flight.mcap
+
+    Parameters
+    ----------
+    first
+        A log.
+    second
+        Another. Exit code 0: they say the same; 6: they differ.
+    """
+    from mission.log.inspection import diff as compare
+
+    console = _console()
+    lines = compare(first, second)
+    for line in lines:
+        console.print(line)
+    if lines:
+        return LIMITS_NOT_MET
+    console.print("the same")
+    return 0
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False, soft_wrap=True)
