@@ -1,5 +1,7 @@
 """Tasks that need no files: handwritten digits of scikit-learn, and generated colour images."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ SIZE = 16  # pixels a side of a generated image
 SEED = 20260101
 
 
+@cache
 def digits() -> Dataset:
     """1,797 handwritten digits of 8x8 pixels in 17 greys (UCI Optdigits), a fifth held out."""
     from sklearn.datasets import load_digits
@@ -30,6 +33,7 @@ def digits() -> Dataset:
     )
 
 
+@cache
 def colour_shapes(*, train: int = 6000, validation: int = 1000) -> Dataset:
     """Generated images of 16x16 RGB pixels: five shapes in warm or cool colours, 10 classes.
 

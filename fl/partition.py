@@ -12,7 +12,7 @@ from fl.errors import SettingError
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-DIRICHLET_TRIES = 1000
+DIRICHLET_TRIES = 100
 
 
 def draw_owners(

@@ -1,0 +1,129 @@
+"""A user's own torch module, by import path: trained, refused, repeatable."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from fl.datasets import Split
+from fl.errors import NetworkError
+from fl.models import make_network, parameter_count
+from fl.training import LocalSettings, LocalTask, scaling_of, train
+
+SHAPE = (8, 8, 1)
+
+
+class Small(nn.Module):
+    """What a user might bring, with dropout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Flatten(), nn.Linear(64, 20), nn.ReLU(), nn.Dropout(0.3), nn.Linear(20, 10)
+        )
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        assert x.shape[1:] == (1, 8, 8)
+        return self.layers(x)
+
+
+class Normalised(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm2d(1)
+
+
+class TooFew(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers[4] = nn.Linear(20, 9)
+
+
+class WrongImage(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers[1] = nn.Linear(63, 20)
+
+
+def needs_argument(width: int) -> nn.Module:
+    return nn.Linear(width, 10)
+
+
+def not_a_module() -> int:
+    return 3
+
+
+def double() -> nn.Module:
+    return Small().double()
+
+
+def empty() -> nn.Module:
+    return nn.Flatten()
+
+
+def rng(seed: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def bright_spots(count: int) -> Split:
+    labels = rng(1).integers(0, 10, count)
+    images = rng(2).integers(0, 100, (count, *SHAPE)).astype(np.uint8)
+    images[np.arange(count), labels // 2, 3 + labels % 2] = 255
+    return Split(images, labels.astype(np.int64))
+
+
+def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
+    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10)
+    assert parameter_count(net) == 64 * 20 + 20 + 20 * 10 + 10
+    split = bright_spots(200)
+    model, scaling = net.initial(rng(3)), scaling_of(split)
+    np.testing.assert_array_equal(model, net.initial(rng(3)))
+    settings = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=10)
+
+    def run(devices: list[int]) -> list[np.ndarray]:
+        tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
+        before = torch.random.get_rng_state()
+        results = train(net, split, model, tasks, scaling=scaling, settings=settings)
+        assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
+        assert results[0].loss < 2.0
+        return [result.model for result in results]
+
+    both = run([0, 1])
+    np.testing.assert_array_equal(both[1], run([1])[0])
+    np.testing.assert_array_equal(both[0], run([0])[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Normalised", "has buffers"),
+        ("TooFew", r"gives \(2, 9\) for 2 images, not \(2, 10\)"),
+        ("WrongImage", r"fails on images of \(2, 1, 8, 8\)"),
+        ("needs_argument", "calling it fails"),
+        ("not_a_module", "gives a int"),
+        ("double", "torch.float64"),
+        ("empty", "no parameters"),
+        ("absent", "cannot be imported"),
+        ("SHAPE", "is a tuple, not callable"),
+    ],
+)
+def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
+    with pytest.raises(NetworkError, match=reason) as caught:
+        make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])
+def test_unknown_networks_are_refused(name: str) -> None:
+    with pytest.raises(NetworkError):
+        make_network(name, image_shape=SHAPE, classes=10)
+
+
+def test_images_too_small_for_the_built_in_networks() -> None:
+    with pytest.raises(NetworkError, match="too small"):
+        make_network("lenet", image_shape=(3, 8, 1), classes=10)
+    for size in range(4, 40):
+        for name in ("lenet", "mcmahan"):
+            net = make_network(name, image_shape=(size, size, 1), classes=10)
+            weights = [torch.zeros(2, *shape) for shape in net.shapes]
+            assert net.logits(weights, torch.zeros(3, size, size, 2, 1)).shape == (2, 3, 10)
