@@ -5,15 +5,19 @@ from sitl.autopilot import messages as m
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.commands import CommandServer
 from sitl.autopilot.enums import Message, MissionResult, MissionType, Severity
+from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
+from sitl.autopilot.guard import Guard
 from sitl.autopilot.items import check_item
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
 from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import EventSink, Reporter
+from sitl.autopilot.route import check_mission
 from sitl.autopilot.streams import Streams
 from sitl.autopilot.transfer import MissionTransfer
+from sitl.errors import SitlInputError
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 
@@ -37,6 +41,17 @@ class Autopilot:
             aircraft, parameters, home=aircraft.frame.origin, reporter=self._report
         )
         self.monitor = Monitor(aircraft, self.flight, reporter=self._report)
+        self.failsafes = Failsafes(self.flight, parameters, reporter=self._report)
+        self.guard = Guard(
+            aircraft,
+            self.flight,
+            parameters,
+            monitor=self.monitor,
+            failsafes=self.failsafes,
+        )
+        self.flight.position_ok = self.guard.position_ok
+        self.flight.forbidden = self.guard.breach
+        self.flight.arming_denied = self._arming_denied
         self._transfer = MissionTransfer(self._outbox, check=check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
         self._commands = CommandServer(
@@ -47,7 +62,11 @@ class Autopilot:
             reporter=self._report,
         )
         self.tick = self.flight.tick
-        self.watch = self.monitor.watch
+
+    def watch(self) -> None:
+        """Look after everything but the manoeuvre."""
+        self.monitor.watch()
+        self.guard.watch()
 
     @property
     def mode(self) -> Mode:
@@ -67,6 +86,7 @@ class Autopilot:
         """Frames to send now: answers, news, and telemetry that is due."""
         self._transfer.poll(now)
         self._parameter_server.poll(now)
+        self.guard.poll(now)
         nudged = self._report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._commands.asked))
         nudged.clear()
@@ -74,7 +94,7 @@ class Autopilot:
         frames: list[bytes] = []
         # State first: whoever reads an answer already knows the state that it led to.
         if kinds:
-            snapshot = self.monitor.snapshot()
+            snapshot = self.monitor.snapshot(self.failsafes)
             for kind in kinds:
                 if kind is Message.MISSION_CURRENT:
                     in_mission = self.flight.mode is Mode.MISSION
@@ -117,11 +137,34 @@ class Autopilot:
             case m.Heartbeat(ground_station=True):
                 self.monitor.heard_ground_station(now)
 
+    def _arming_denied(self) -> str:
+        if not self.monitor.gnss_current():
+            return "no GNSS solution"
+        critical = self.failsafes.present(Cause.BATTERY_CRITICAL)
+        return "battery critical" if critical else ""
+
     def _store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
-        if kind is MissionType.MISSION:
-            if self.flight.mode is Mode.MISSION and self.flight.moving:
-                self._report.say(Severity.WARNING, "Mission is being flown: hold before a new one")
-                return MissionResult.DENIED
-            self.flight.mission.replace(items)
-            self._report.mission_changed()
+        """Take a list that was uploaded whole, or say what is wrong with it."""
+        if kind is MissionType.FENCE:
+            try:
+                self.guard.set_fence(items)
+            except SitlInputError as error:
+                self._report.say(Severity.WARNING, str(error))
+                return MissionResult.INVALID_PARAM1
+        if kind is not MissionType.MISSION:
+            return MissionResult.ACCEPTED
+        if self.flight.mode is Mode.MISSION and self.flight.moving:
+            self._report.say(Severity.WARNING, "Mission is being flown: hold before a new one")
+            return MissionResult.DENIED
+        reason = check_mission(
+            items,
+            frame=self.flight.frame,
+            home=self.flight.home,
+            farthest_m=self.parameters["MIS_DIST_1WP"],
+        )
+        if reason:
+            self._report.say(Severity.WARNING, f"Mission refused: {reason}")
+            return MissionResult.INVALID
+        self.flight.mission.replace(items)
+        self._report.mission_changed()
         return MissionResult.ACCEPTED

@@ -1,12 +1,10 @@
 """What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.frames import yaw_of
-from flightdyn.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot import manoeuvres as do
 from sitl.autopilot import route
@@ -14,10 +12,11 @@ from sitl.autopilot.enums import LandedState, Severity
 from sitl.autopilot.items import NAVIGATION
 from sitl.autopilot.mission import Mission
 from sitl.autopilot.modes import Mode, Need, Trigger, transition
+from sitl.autopilot.navigator import Navigator
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
 
-_SAME_PLACE_M = 2.0  # the guidance's own reference is as good as the estimate within this
+_LEAST_CLIMB_M = 0.5  # of a take-off
 
 
 class Flight:
@@ -38,15 +37,20 @@ class Flight:
         self.mode = Mode.HOLD
         self.mission = Mission()
         self.home = home
-        self.position_ok: Callable[[], bool] = lambda: aircraft.ready
+        # What others have to say about where the aircraft is, and where it may be.
+        self.position_ok: Callable[[], bool] = lambda: True
+        self.forbidden: Callable[[Vector], str] = lambda _: ""
+        self.arming_denied: Callable[[], str] = lambda: ""
         self.flights = 0
         self.armed_t_ns = 0
+        self.frame = aircraft.frame
         self._aircraft = aircraft
         self._parameters = parameters
         self._report = reporter
         self._ordered_speed_mps: float | None = None
         self._goal_ned_m: Vector | None = None  # of a position order under way
-        self._after_mission: Trigger | None = Trigger.DONE
+        self._last_stage: route.Stage | None = None  # that ended the mission by itself
+        self._navigator = Navigator(aircraft, parameters)
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
 
@@ -56,6 +60,11 @@ class Flight:
     def moving(self) -> bool:
         """Whether something is being done that needs simulated time."""
         return self._manoeuvre is not None
+
+    @property
+    def airborne(self) -> bool:
+        """Flying, under its own power."""
+        return self._aircraft.armed and not self._aircraft.on_ground
 
     @property
     def landed_state(self) -> LandedState:
@@ -69,9 +78,8 @@ class Flight:
     @property
     def home_ned_m(self) -> Vector:
         """Home in the aircraft's frame."""
-        return self._aircraft.frame.to_ned(
-            self.home.lat_deg, self.home.lon_deg, self.home.alt_msl_m
-        )
+        home = self.home
+        return self.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
@@ -79,7 +87,7 @@ class Flight:
             return "flight was terminated"
         if not self._aircraft.ready:
             return self._aircraft.why_not_ready
-        return "" if self.position_ok() else Need.POSITION.value
+        return self.arming_denied()
 
     def tick(self) -> None:
         """Look after the manoeuvre; after every physics tick."""
@@ -126,17 +134,24 @@ class Flight:
         height = self._parameters["MIS_TAKEOFF_ALT"]
         altitude = self.home.alt_msl_m + height if altitude_msl_m is None else altitude_msl_m
         here = self._here()
-        up = np.array([here[0], here[1], self._aircraft.frame.origin.alt_msl_m - altitude])
-        if up[2] > here[2] - 0.5:
+        down_m = self.frame.origin.alt_msl_m - altitude
+        if down_m > here[2] - _LEAST_CLIMB_M:
             return f"take-off altitude {altitude:.1f} m is not above the aircraft"
-        speed = self._parameters["MPC_TKO_SPEED"]
-        return self._order(Trigger.ORDER_TAKEOFF, lambda: self._follow([here, up], [speed]))
+        return self._order(Trigger.ORDER_TAKEOFF, lambda: self._navigator.climb(here, down_m))
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
         if self.mode is Mode.MISSION:
             return None
-        return self._order(Trigger.ORDER_MISSION, self._mission_manoeuvre)
+        if self.mission.complete:
+            self.mission.rewind(0)
+        stages = self._stages()
+        for stage in stages:
+            if isinstance(stage, route.Fly):
+                for point in stage.path.points_ned_m[1:]:
+                    if forbidden := self.forbidden(point):
+                        return f"the mission leads {forbidden}"
+        return self._order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
 
     def rewind_mission(self, seq: int) -> str | None:
         """Go on with item `seq`, at once if the mission is being flown."""
@@ -146,7 +161,7 @@ class Flight:
         if not (flying and seq == self.mission.current):
             self.mission.rewind(seq)
             if flying:
-                self._manoeuvre = self._mission_manoeuvre()
+                self._manoeuvre = self._fly_on(self._stages())
         self._report.mission_changed()
         return None
 
@@ -154,7 +169,7 @@ class Flight:
         """Brake and stay."""
         if self.mode is Mode.HOLD and self._goal_ned_m is None:
             return None
-        return self._order(Trigger.ORDER_HOLD, self._stop_manoeuvre, why)
+        return self._order(Trigger.ORDER_HOLD, self._navigator.stop, why)
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
@@ -162,9 +177,7 @@ class Flight:
         under_way = self._goal_ned_m
         if under_way is not None and np.array_equal(under_way, goal):
             return None
-        return self._order(
-            Trigger.ORDER_GOTO, lambda: self._goto_manoeuvre(goal, yaw_rad), goal_ned_m=goal
-        )
+        return self._order(Trigger.ORDER_GOTO, lambda: self._go(goal, yaw_rad), goal_ned_m=goal)
 
     def turn_to(self, yaw_rad: float) -> str | None:
         """Turn to a heading on the spot."""
@@ -173,29 +186,35 @@ class Flight:
         place = self._here()
         return self._order(
             Trigger.ORDER_GOTO,
-            lambda: do.Turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad),
+            lambda: self._navigator.turn(place, yaw_rad),
         )
 
     def return_home(self, why: str | None = None) -> str | None:
         """Fly home at a safe height and land."""
         if self.mode is Mode.RETURN:
             return None
-        return self._order(Trigger.ORDER_RETURN, self._return_manoeuvre, why)
+        return self._order(
+            Trigger.ORDER_RETURN,
+            lambda: self._navigator.return_to(
+                self._here(), self.home_ned_m, speed_mps=self._ordered_speed_mps
+            ),
+            why,
+        )
 
     def land(self, why: str | None = None) -> str | None:
         """Land here."""
         if self.mode is Mode.LAND:
             return None
-        return self._order(Trigger.ORDER_LAND, self._land_manoeuvre, why)
+        return self._order(Trigger.ORDER_LAND, self._land_here, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
         """Speed for what is being flown and what will be, until disarmed; None for the default."""
         self._ordered_speed_mps = speed_mps
         self.mission.item_speed_mps = None
         if self.mode is Mode.MISSION and self.moving:
-            self._manoeuvre = self._mission_manoeuvre()
+            self._manoeuvre = self._fly_on(self._stages())
         elif self.mode is Mode.HOLD and self._goal_ned_m is not None:
-            self._manoeuvre = self._goto_manoeuvre(self._goal_ned_m, None)
+            self._manoeuvre = self._go(self._goal_ned_m, None)
 
     def set_home(self, home: GeodeticPoint) -> None:
         """Home is there from now on."""
@@ -220,8 +239,7 @@ class Flight:
         for need in row.needs:
             if not self._met(need):
                 return need.value
-        airborne = self._aircraft.armed and not self._aircraft.on_ground
-        idle_hold = row.target is Mode.HOLD and not airborne
+        idle_hold = row.target is Mode.HOLD and not self.airborne
         self._enter(row.target, why or trigger.value, None if idle_hold else make())
         self._goal_ned_m = goal_ned_m
         return None
@@ -255,7 +273,7 @@ class Flight:
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
-            self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_manoeuvre())
+            self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_here())
         elif self.mode is Mode.LAND:
             self._landed()
         else:
@@ -273,14 +291,14 @@ class Flight:
             self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
 
     def _mission_ended(self) -> None:
-        after = self._after_mission
-        if after is None:
+        last = self._last_stage
+        if isinstance(last, route.Loiter):
             return  # stays in the mission, at an item without end
         self.mission.finish()
         self._report.mission_changed()
-        if after is Trigger.ORDER_RETURN and self.return_home("mission") is None:
+        if isinstance(last, route.GoHome) and self.return_home("mission") is None:
             return
-        if after is Trigger.DONE_LAND_NEXT:
+        if isinstance(last, route.Land):
             self._landed()
         else:
             self._follow_up(Trigger.DONE)
@@ -295,127 +313,35 @@ class Flight:
             self._ordered_speed_mps = None
             self._report.armed(False)
 
-    # --- manoeuvres -----------------------------------------------------------------------------
+    def _go(self, goal: Vector, yaw_rad: float | None) -> do.Manoeuvre:
+        return self._navigator.go_to(
+            self._here(), goal, speed_mps=self._ordered_speed_mps, yaw_rad=yaw_rad
+        )
 
     def _here(self) -> Vector:
-        """Where paths begin: the point being held, or where the aircraft believes it is."""
-        belief = np.asarray(self._aircraft.belief.pos_ned_m)
-        held = self._aircraft.cmd_pos_ned_m
-        if held is None or self.moving or self._aircraft.on_ground:
-            return np.array(belief)
-        near = float(np.linalg.norm(held - belief)) < _SAME_PLACE_M
-        return np.array(held if near else belief)
+        return self._navigator.here(resting=not self.moving)
 
-    def _limits(self) -> route.Limits:
-        p = self._parameters
-        return route.Limits(
-            cruise_mps=p["MPC_XY_CRUISE"],
-            max_speed_mps=p["MPC_XY_VEL_MAX"],
-            climb_mps=p["MPC_Z_VEL_MAX_UP"],
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            takeoff_mps=p["MPC_TKO_SPEED"],
-            acceptance_m=p["NAV_ACC_RAD"],
-        )
+    def _land_here(self) -> do.Manoeuvre:
+        return self._navigator.land(self._here(), ground_down_m=float(self.home_ned_m[2]))
 
-    def _follow(self, points: Sequence[Vector], speeds: Sequence[float]) -> do.Follow:
-        limits = self._limits()
-        allowed = [
-            route.leg_speed(points[i], points[i + 1], speed_mps=speed, limits=limits)
-            for i, speed in enumerate(speeds)
-        ]
-        radii = np.full(len(points), limits.acceptance_m)
-        return do.Follow(self._aircraft, FlightPath(np.array(points), np.array(allowed), radii))
-
-    def _stop_manoeuvre(self) -> do.Manoeuvre:
-        return do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
-
-    def _speed(self) -> float:
-        ordered = self._ordered_speed_mps
-        return self._parameters["MPC_XY_CRUISE"] if ordered is None else ordered
-
-    def _goto_manoeuvre(self, goal_ned_m: Vector, yaw_rad: float | None) -> do.Manoeuvre:
-        def parts() -> Iterator[do.Manoeuvre]:
-            yield self._follow([self._here(), goal_ned_m], [self._speed()])
-            if yaw_rad is not None:
-                yield do.Turn(self._aircraft, pos_ned_m=goal_ned_m, yaw_rad=yaw_rad)
-
-        return do.Sequence(parts())
-
-    def _return_manoeuvre(self) -> do.Manoeuvre:
-        here, home = self._here(), self.home_ned_m
-        far = float(np.hypot(*(here - home)[:2])) > self._parameters["RTL_MIN_DIST"]
-        ceiling = float(home[2]) - self._parameters["RTL_RETURN_ALT"]
-        down = min(float(here[2]), ceiling) if far else float(here[2])
-        above_here = np.array([here[0], here[1], down])
-        above_home = np.array([home[0], home[1], down])
-        return self._follow([here, above_here, above_home], [self._speed(), self._speed()])
-
-    def _land_manoeuvre(self) -> do.Manoeuvre:
-        p = self._parameters
-        return do.Descend(
-            self._aircraft,
-            start_ned_m=self._here(),
-            ground_down_m=float(self.home_ned_m[2]),
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            landing_mps=p["MPC_LAND_SPEED"],
-            landing_height_m=p["MPC_LAND_ALT2"],
-            settle_s=p["COM_DISARM_LAND"],
-        )
-
-    def _mission_manoeuvre(self) -> do.Manoeuvre:
-        mission = self.mission
-        mission.start()
-        speed = mission.item_speed_mps
-        start = route.Start(
-            self._here(),
-            on_ground=self._aircraft.on_ground,
-            speed_mps=self._ordered_speed_mps if speed is None else speed,
-        )
-        stages = route.compile_route(
-            mission.items,
-            first=mission.current,
-            start=start,
-            frame=self._aircraft.frame,
-            home=self.home,
-            limits=self._limits(),
-        )
-        self._after_mission = Trigger.DONE
+    def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
+        self.mission.start()
+        self._last_stage = None
         self._report.mission_changed()
-        return do.Sequence(self._mission_parts(stages))
+        return self._navigator.fly(
+            stages,
+            reached=self._reached,
+            ended=self._ended_by,
+            ground_down_m=float(self.home_ned_m[2]),
+        )
 
-    def _mission_parts(self, stages: Sequence[route.Stage]) -> Iterator[do.Manoeuvre]:
-        for stage in stages:
-            match stage:
-                case route.Fly(path, reached):
-                    yield do.Follow(self._aircraft, path, self._passer(reached))
-                case route.Wait(duration_s, seq, reports):
-                    if duration_s > 0:
-                        yield do.Pause(self._aircraft, duration_s)
-                    if reports:
-                        self._reached(seq)
-                case route.Turn(yaw_rad, relative, seq):
-                    now = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
-                    yield do.Turn(self._aircraft, pos_ned_m=self._here(), yaw_rad=now + yaw_rad)
-                    self._reached(seq)
-                case route.Land(seq):
-                    yield self._land_manoeuvre()
-                    self._reached(seq)
-                    self._after_mission = Trigger.DONE_LAND_NEXT
-                    return
-                case route.GoHome(seq):
-                    self._reached(seq)
-                    self._after_mission = Trigger.ORDER_RETURN
-                    return
-                case route.Loiter():
-                    self._after_mission = None
-                    return
+    def _stages(self) -> tuple[route.Stage, ...]:
+        return self._navigator.stages(
+            self.mission, self._here(), home=self.home, speed_mps=self._ordered_speed_mps
+        )
 
-    def _passer(self, reached: Sequence[Sequence[int]]) -> Callable[[int], None]:
-        def passed(point: int) -> None:
-            for seq in reached[point]:
-                self._reached(seq)
-
-        return passed
+    def _ended_by(self, stage: route.Stage) -> None:
+        self._last_stage = stage
 
     def _reached(self, seq: int) -> None:
         self.mission.reached(seq)

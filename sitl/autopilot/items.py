@@ -29,7 +29,8 @@ _FENCE_POLYGONS = frozenset(
     {Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION}
 )
 _FENCE_CIRCLES = frozenset({Command.NAV_FENCE_CIRCLE_INCLUSION, Command.NAV_FENCE_CIRCLE_EXCLUSION})
-NAVIGATION = _PLACES | _OPEN_PLACES | frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_DELAY})
+PLACES = _PLACES | _OPEN_PLACES
+NAVIGATION = PLACES | frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_DELAY})
 _SPEED_TYPES = (0, 1)  # air speed, ground speed: the same to a multirotor that measures neither
 
 

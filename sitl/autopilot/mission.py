@@ -30,9 +30,7 @@ class Mission:
             self._note_speed(item)
 
     def start(self) -> None:
-        """The mission is being flown; a complete one from its beginning."""
-        if self.complete:
-            self.rewind(0)
+        """The mission is being flown."""
         self._started = True
 
     def reached(self, seq: int) -> None:

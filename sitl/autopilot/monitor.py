@@ -7,6 +7,7 @@ import numpy as np
 from flightdyn.aircraft import Aircraft
 from flightdyn.state import GnssFix
 from sitl.autopilot.enums import LandedState, Sensor, Severity, SystemState
+from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
@@ -71,11 +72,15 @@ class Monitor:
             return math.inf
         return (self._aircraft.t_ns - self._gnss_at_ns) * 1e-9
 
-    def snapshot(self) -> Snapshot:
+    def gnss_current(self) -> bool:
+        """Whether the last solution is a recent one."""
+        return self.gnss_age_s() < _GNSS_CURRENT_S
+
+    def snapshot(self, failsafes: Failsafes) -> Snapshot:
         """The vehicle as it is."""
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
-        fix = self._gnss if self.gnss_age_s() < _GNSS_CURRENT_S else None
+        fix = self._gnss if self.gnss_current() else None
         return Snapshot(
             t_ns=aircraft.t_ns,
             belief=belief,
@@ -88,11 +93,11 @@ class Monitor:
             gnss=fix,
             gnss_position=None if fix is None else aircraft.frame.to_geodetic(fix.pos_ned_m),
             battery=aircraft.battery,
-            battery_low=False,
-            battery_critical=False,
+            battery_low=failsafes.present(Cause.BATTERY_LOW),
+            battery_critical=failsafes.present(Cause.BATTERY_CRITICAL),
             custom_mode=flight.mode.custom_mode,
             armed=aircraft.armed,
-            system_state=self._system_state(),
+            system_state=self._system_state(failsafes),
             landed_state=flight.landed_state,
             sensors_present=_PRESENT,
             sensors_healthy=self._healthy(fix is not None),
@@ -100,9 +105,11 @@ class Monitor:
             flights=flight.flights,
         )
 
-    def _system_state(self) -> SystemState:
+    def _system_state(self, failsafes: Failsafes) -> SystemState:
         if self._flight.mode is Mode.TERMINATED:
             return SystemState.FLIGHT_TERMINATION
+        if failsafes.acting and self._aircraft.armed:
+            return SystemState.CRITICAL
         if self._aircraft.armed:
             return SystemState.ACTIVE
         return SystemState.STANDBY if self._aircraft.ready else SystemState.CALIBRATING

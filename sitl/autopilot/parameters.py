@@ -45,15 +45,24 @@ _FLIGHT = (
     Spec("COM_DISARM_LAND", 1.0, 0.1, 20.0, "s", "on the ground for this long means landed"),
 )
 _FAILSAFE = (
-    _choice("NAV_DLL_ACT", 0, 5, "ground station lost: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    _choice(
+        "NAV_DLL_ACT",
+        0,
+        5,
+        "ground station lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 terminate",
+    ),
     Spec("COM_DL_LOSS_T", 10.0, 1.0, 300.0, "s", "silence (wall time) that means lost"),
-    _choice("COM_LOW_BAT_ACT", 3, 3, "0 warn 1 return at low 2 land at low 3 critical: return"),
+    _choice(
+        "COM_LOW_BAT_ACT", 3, 3, "0 warn 2 land when critical 3 return when critical, then land"
+    ),
     Spec("BAT_LOW_THR", 0.15, 0.05, 0.5, "", "charge that counts as low"),
-    Spec("BAT_CRIT_THR", 0.10, 0.03, 0.5, "", "charge that counts as critical"),
+    Spec("BAT_CRIT_THR", 0.07, 0.03, 0.5, "", "charge that counts as critical"),
     Spec("BAT_EMERGEN_THR", 0.05, 0.01, 0.3, "", "charge at which to land at once"),
-    _choice("COM_POSLOSS_ACT", 3, 5, "GNSS lost: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    _choice(
+        "COM_POSLOSS_ACT", 3, 5, "GNSS lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 terminate"
+    ),
     Spec("COM_POS_FS_DELAY", 20.0, 1.0, 100.0, "s", "GNSS outage (simulated) before acting"),
-    _choice("GF_ACTION", 1, 5, "fence breach: 0 nothing 1 hold 2 return 3 land 5 kill"),
+    _choice("GF_ACTION", 2, 5, "fence: 0 nothing 1 warn 2 hold 3 return 4 terminate 5 land"),
     Spec("GF_MAX_HOR_DIST", 0.0, 0.0, 50_000.0, "m", "fence: distance from home, 0 for none"),
     Spec("GF_MAX_VER_DIST", 0.0, 0.0, 5_000.0, "m", "fence: height above home, 0 for none"),
 )

@@ -15,7 +15,7 @@ from flightdyn.frames import LocalFrame
 from flightdyn.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.enums import RELATIVE_FRAMES, Command
-from sitl.autopilot.items import NAVIGATION
+from sitl.autopilot.items import NAVIGATION, PLACES
 from sitl.autopilot.messages import MissionItem
 from sitl.errors import SitlInputError
 
@@ -280,3 +280,24 @@ def next_navigation(items: Sequence[MissionItem], seq: int) -> int:
         if item.command in NAVIGATION:
             return item.seq
     return max(len(items) - 1, 0)
+
+
+def check_mission(
+    items: Sequence[MissionItem], *, frame: LocalFrame, home: GeodeticPoint, farthest_m: float
+) -> str:
+    """What keeps a whole mission from being flown; empty if nothing."""
+    for item in items:
+        if item.command == Command.DO_JUMP and not item.params[0] < len(items):
+            return f"item {item.seq} jumps to item {item.params[0]:g}, which is not there"
+        if item.command in PLACES and not math.isnan(item.x):
+            place = frame.to_ned(item.x, item.y, item_altitude(item, home))
+            distance = float(np.hypot(place[0], place[1]))
+            if distance > farthest_m:
+                return f"item {item.seq} is {distance:.0f} m from home; MIS_DIST_1WP allows less"
+    nowhere = Start(np.zeros(3), on_ground=True)
+    any_limits = Limits(10.0, 10.0, 3.0, 3.0, 3.0, 5.0)
+    try:
+        compile_route(items, first=0, start=nowhere, frame=frame, home=home, limits=any_limits)
+    except SitlInputError as error:
+        return str(error)
+    return ""
