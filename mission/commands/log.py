@@ -93,7 +93,9 @@ def check(log: Path) -> int:
     return 0
 
 
-def export(log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", "kml"]) -> int:
+def export(
+    log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", "kml", "attachments"]
+) -> int:
     """Write a log's contents as tables, or its paths for a map.
 
     Example: aerofed log export runs/quickstart/flight.mcap --to csv
@@ -103,10 +105,11 @@ def export(log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", 
     log
         The log.
     out
-        The new folder (csv, parquet) or file (kml). Default: beside the log.
+        The new folder, or file for kml. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events
-        and battery; kml: devices, planned and flown paths.
+        and battery; kml: devices, planned and flown paths; attachments: the files inside the log
+        (configuration, plans, a Foxglove layout).
     """
     from mission.log import export as exporting
 
@@ -114,8 +117,12 @@ def export(log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", 
     if to == "kml":
         console.print(exporting.export_kml(log, out or log.with_suffix(".kml")))
         return 0
-    write = exporting.export_csv if to == "csv" else exporting.export_parquet
-    for path in write(log, out or log.with_name(f"{log.stem}-{to}")):
+    write = {
+        "csv": exporting.export_csv,
+        "parquet": exporting.export_parquet,
+        "attachments": exporting.export_attachments,
+    }
+    for path in write[to](log, out or log.with_name(f"{log.stem}-{to}")):
         console.print(path)
     return 0
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.errors import InputError
+from mission.log.errors import LogError
 from mission.log.reader import read_log
 from mission.log.values import FlightData, Floats, PlanRecord, Track
 from mission.palette import FLOWN, PLANNED, community_colour
@@ -127,6 +128,26 @@ def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
             raise InputError(f"{target}: cannot write: {error}") from None
         written.append(target)
     return tuple(written)
+
+
+def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
+    """Write the files inside the log to `folder`; returns the files.
+
+    Raises:
+        LogError: the log cannot be read, or an attachment's name is no plain file name.
+        InputError: the folder is used or cannot be written.
+    """
+    found = read_log(path).attachments
+    for name in found:
+        if Path(name).name != name:
+            raise LogError(path, f"attachment {name!r} is no plain file name")
+    _prepare(folder)
+    for name, data in found.items():
+        try:
+            (folder / name).write_bytes(data)
+        except OSError as error:
+            raise InputError(f"{folder / name}: cannot write: {error.strerror}") from None
+    return tuple(folder / name for name in found)
 
 
 def export_kml(path: Path, target: Path) -> Path:

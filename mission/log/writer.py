@@ -10,6 +10,8 @@ import numpy as np
 
 from mission.area import Area
 from mission.log import messages, scene, topics
+from mission.log.layout import ATTACHMENT as LAYOUT
+from mission.log.layout import layout
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, Devices, PlanRecord, area_to_text
@@ -94,7 +96,7 @@ class FlightLog:
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
         self._write_devices(0)
-        self._flush()
+        self.attach(LAYOUT, "application/json", layout(area, devices.communities))
 
     def sampled(self, sample: VehicleSample) -> None:
         """Write one sample of the vehicle."""
@@ -262,13 +264,13 @@ class FlightLog:
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the file."""
-        self._file.flush()
+        self._flush()
         self._file.attach(self._now_ns, name, media_type, data)
         self._file.flush()
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Put a named set of strings into the file. Nothing of the wall clock, please."""
-        self._file.flush()
+        self._flush()
         self._file.metadata(name, values)
         self._file.flush()
 

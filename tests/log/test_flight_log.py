@@ -83,7 +83,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
         assert record.value == plan.value
         legs = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
         np.testing.assert_allclose(record.ideal_slot_s[1:], np.cumsum(legs) / 20.0)
-    assert data.attachments == {"config.toml": b"seed = 1\n"}
+    assert data.attachments["config.toml"] == b"seed = 1\n"
     assert data.metadata["run"] == {"seed": "1"}
     assert [item.community for item in data.learning] == ["digits", "colour-shapes"] * 2
     assert data.battery.remaining[0] == 1.0

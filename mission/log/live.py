@@ -1,0 +1,109 @@
+"""The same topics as the file, over a Foxglove WebSocket while the run goes on."""
+
+import logging
+from threading import Lock
+from typing import Any
+
+import foxglove
+from foxglove.websocket import Capability, ServerListener
+
+from mission.errors import LinkLostError
+from mission.log import topics
+from mission.log.topics import TOPICS, Topic
+
+DEFAULT_PORT = 8765
+
+# What somebody who connects in mid-run needs to see at once.
+_LATCHED = frozenset(
+    topic.name
+    for topic in (
+        *(topics.DEVICES, topics.PLAN, topics.PLAN_PATH, topics.PLAN_MAP, topics.MODE),
+        *(topics.SCENE_GROUND, topics.SCENE_DEVICES, topics.ROUNDS, topics.LEARNING),
+    )
+)
+
+
+class LiveView:
+    """A `Sink` that serves viewers; none has to be there, and a slow one only loses messages.
+
+    Messages carry simulated time, and viewers are told of it, so that they show the run's clock
+    whatever its speed.
+    """
+
+    def __init__(self, *, port: int = DEFAULT_PORT, host: str = "127.0.0.1") -> None:
+        """Start serving; port 0 takes a free one.
+
+        Raises:
+            LinkLostError: the port is in use or may not be opened.
+        """
+        # A viewer that hangs up without a word is no error of the run's.
+        logging.getLogger("foxglove.websocket").setLevel(logging.CRITICAL)
+        # Kept: channels alone do not keep their context alive, and without it are never announced.
+        self._context = foxglove.Context()
+        self._channels = {
+            topic.name: foxglove.Channel(
+                topic.name,
+                message_encoding=topic.encoding,
+                schema=foxglove.Schema(
+                    name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
+                ),
+                context=self._context,
+            )
+            for topic in TOPICS
+        }
+        self._latest = _Latest(self._channels)
+        try:
+            self._server = foxglove.start_server(
+                name="aerofed",
+                host=host,
+                port=port,
+                capabilities=[Capability.Time],
+                server_listener=self._latest,
+                context=self._context,
+            )
+        except RuntimeError as error:
+            reason = "the port is in use" if "in use" in str(error) else str(error)
+            raise LinkLostError(f"live view: cannot serve on {host}:{port}: {reason}") from None
+        self.host, self.port = host, int(self._server.port)
+
+    @property
+    def url(self) -> str:
+        """What to give Foxglove's "open connection"."""
+        return f"ws://{self.host}:{self.port}"
+
+    def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        """Send to whoever has subscribed."""
+        channel = self._channels[topic.name]
+        if topic.name in _LATCHED:
+            self._latest.keep(topic.name, t_ns, data)
+        if topic is topics.TF:
+            self._server.broadcast_time(t_ns)
+        if channel.has_sinks():
+            channel.log(data, log_time=t_ns)
+
+    def flush(self) -> None:
+        """Messages go out as they come."""
+
+    def close(self) -> None:
+        """Stop serving. Closing twice is fine."""
+        self._server.stop()
+
+
+class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker
+    """Gives a new subscriber what was sent before it came."""
+
+    def __init__(self, channels: dict[str, Any]) -> None:
+        self._channels = channels
+        self._sent: dict[str, tuple[int, bytes]] = {}
+        self._lock = Lock()  # callbacks come from the server's thread
+
+    def keep(self, name: str, t_ns: int, data: bytes) -> None:
+        with self._lock:
+            self._sent[name] = (t_ns, data)
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        with self._lock:
+            sent = self._sent.get(channel.topic)
+        if sent is not None:
+            t_ns, data = sent
+            self._channels[channel.topic].log(data, log_time=t_ns, sink_id=client.id)

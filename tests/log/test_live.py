@@ -1,0 +1,87 @@
+"""The live view, watched by a viewer over a real socket."""
+
+import json
+from pathlib import Path
+
+import pytest
+from foxglove_client import FoxgloveClient
+from synthetic_flight import fly
+
+from mission.errors import LinkLostError
+from mission.log.live import LiveView
+from mission.log.reader import load
+from mission.log.topics import TOPICS
+
+
+def test_a_viewer_gets_the_messages_that_go_into_the_file(tmp_path: Path) -> None:
+    live = LiveView(port=0)
+    try:
+        with FoxgloveClient(live.port) as viewer:
+            channels = viewer.channels()
+            assert {t: c["schemaName"] for t, c in channels.items()} == {
+                topic.name: topic.schema_name for topic in TOPICS
+            }
+            wanted = {channels[t]["id"]: t for t in ("/plan", "/rounds", "/learning", "/mode")}
+            viewer.subscribe(list(wanted))
+            made = fly(tmp_path, rounds=2, mirrors=[_NotClosing(live)])
+            logged = load(made.log).messages
+            expected = [
+                (topic, message.log_time, message.data)
+                for topic in wanted.values()
+                for message in logged[topic]
+            ]
+            seen = [viewer.message() for _ in expected]
+    finally:
+        live.close()
+    assert sorted((wanted[number], t, data) for number, t, data in seen) == sorted(expected)
+
+
+def test_who_comes_late_gets_plan_devices_and_rounds_at_once(tmp_path: Path) -> None:
+    live = LiveView(port=0)
+    try:
+        made = fly(tmp_path, rounds=2, mirrors=[_NotClosing(live)])
+        with FoxgloveClient(live.port) as viewer:
+            channels = viewer.channels()
+            for topic in ("/plan", "/rounds", "/devices"):
+                viewer.subscribe([channels[topic]["id"]])
+                number, _, data = viewer.message()
+                assert number == channels[topic]["id"]
+                assert data == load(made.log).messages[topic][-1].data
+            assert json.loads(data)["community"] == list(made.world.community)
+    finally:
+        live.close()
+
+
+def test_viewers_are_told_simulated_time(tmp_path: Path) -> None:
+    live = LiveView(port=0)
+    try:
+        with FoxgloveClient(live.port) as viewer:
+            viewer.channels()
+            made = fly(tmp_path, rounds=1, mirrors=[_NotClosing(live)])
+            times = [viewer.server_time() for _ in range(20)]
+    finally:
+        live.close()
+    assert times == sorted(times)
+    assert set(times) <= {sample.t_ns for sample in made.samples}
+
+
+def test_a_used_port_is_named() -> None:
+    live = LiveView(port=0)
+    try:
+        with pytest.raises(LinkLostError, match=rf"127\.0\.0\.1:{live.port}: the port is in use"):
+            LiveView(port=live.port)
+    finally:
+        live.close()
+        live.close()
+    LiveView(port=live.port).close()
+
+
+class _NotClosing:
+    """Lets the log write to the live view, and leaves it open for the test."""
+
+    def __init__(self, live: LiveView) -> None:
+        self.write = live.write
+        self.flush = live.flush
+
+    def close(self) -> None:
+        """Left to the test."""
