@@ -4,8 +4,9 @@ from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.control import Controller
-from flightdyn.frames import LocalFrame, Triple, frozen, normal_gravity, yaw_of
+from flightdyn.frames import LocalFrame, Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
+from flightdyn.inertial import Earth
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
 from flightdyn.navigation import InertialNavigation, Navigation, TrueNavigation
@@ -46,19 +47,19 @@ class Aircraft:
             heading_rad=heading,
         )
         # JSBSim's ground is at its sea level, and so is its gravity.
-        gravity = normal_gravity(home.lat_deg, 0.0)
+        earth = Earth.at(home.lat_deg, 0.0)
         inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
         self.navigation: Navigation
         if perfect:
             self.navigation = TrueNavigation(self.vehicle, inner, clock)
         else:
             self.navigation = InertialNavigation(
-                config.sensors, self.vehicle, inner, clock, streams, gravity_mps2=gravity
+                config.sensors, self.vehicle, inner, clock, streams, earth=earth
             )
         self._nav = self.navigation.state()
         dt_s = config.guidance_interval_s
         self.controller = Controller(
-            inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=gravity
+            inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=earth.gravity_mps2
         )
         self._guidance = Guidance(
             self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self._nav.q)

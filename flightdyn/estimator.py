@@ -5,11 +5,12 @@ of it (zero after every correction) and its covariance. Everything is fused in o
 that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
 forward by the IMU increments since (the arrangement of PX4's EKF2).
 
-Error state (19): position, velocity, attitude (rotation vector in NED), gyroscope bias,
-accelerometer bias, correlated error of the GNSS position, error of the barometer. The last four
-are there because those errors are not white: a filter that took them for white would believe far
-too much in its position. Equations: J. Farrell, Aided Navigation (2008), chapter 11; J. Sola,
-Quaternion kinematics for the error-state Kalman filter (2017), 7.
+Error state (22): position, velocity, attitude (rotation vector in NED), gyroscope bias,
+accelerometer bias, correlated error of the GNSS position, offset of the magnetometer, drift of the
+barometer. The last seven are there because those errors are not white: a filter that took them for
+white would believe far too much in its position and heading. Equations: J. Farrell, Aided
+Navigation (2008), chapter 11; J. Sola, Quaternion kinematics for the error-state Kalman filter
+(2017), 7.
 """
 
 import math
@@ -23,6 +24,7 @@ from filterpy.kalman import KalmanFilter
 from flightdyn.atmosphere import altitude_m, pressure_slope
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import (
+    Matrix9,
     Triple,
     frozen,
     quaternion_from_euler,
@@ -31,13 +33,13 @@ from flightdyn.frames import (
     rotation_quaternion,
     wrap_pi,
 )
-from flightdyn.inertial import ImuIncrement, NavState, propagate
+from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 
-STATES = 19
-POS, VEL, ATT, BG, BA, BGNSS = (slice(i, i + 3) for i in range(0, 18, 3))
-BBARO = 18
+STATES = 22
+POS, VEL, ATT, BG, BA, BGNSS, BMAG = (slice(i, i + 3) for i in range(0, 21, 3))
+BBARO = 21
 BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocity
 _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
@@ -62,6 +64,7 @@ class Biases(NamedTuple):
     gyro: Triple = (0.0, 0.0, 0.0)
     accel: Triple = (0.0, 0.0, 0.0)
     gnss: Triple = (0.0, 0.0, 0.0)
+    mag: Triple = (0.0, 0.0, 0.0)
     baro: float = 0.0
 
 
@@ -86,12 +89,12 @@ class Estimator:
         align: Alignment,
         fix: GnssFix,
         t_ns: int,
-        gravity_mps2: float,
+        earth: Earth,
         step_s: float,
     ) -> None:
         """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
         self._config = config
-        self._gravity = gravity_mps2
+        self._earth = earth
         self._step_s = step_s
         self._step_ns = round(step_s * 1e9)
         self._delay_ns = round(config.gnss.delay_s * 1e9)
@@ -101,7 +104,7 @@ class Estimator:
         self._pa_per_m = pressure_slope(align.pressure_pa)
         # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
         self._biases = Biases(
-            gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + gravity_mps2)
+            gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
         )
         self.horizon = NavState(
             t_ns,
@@ -120,8 +123,8 @@ class Estimator:
         self.fused_ns: dict[str, int] = {}
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.x = np.zeros((STATES, 1))
-        self._kf.P = self._initial_covariance(align.duration_s)
         self._noise()
+        self._kf.P = self._initial_covariance(align.duration_s)
 
     def _level(self, align: Alignment) -> tuple[float, float, float, float]:
         fx, fy, fz = align.specific_force
@@ -135,15 +138,21 @@ class Estimator:
             roll, pitch, wrap_pi(self._declination - math.atan2(east, north))
         )
 
-    def _heading_std(self) -> tuple[float, float]:
-        """White and constant error (rad) of a heading from the magnetometer."""
+    def _heading_white(self) -> float:
+        """White error (rad) of a heading from the magnetometer."""
         mag = self._config.mag
-        horizontal = math.hypot(mag.field_north_gauss, mag.field_east_gauss)
-        return mag.white_gauss / horizontal, mag.hard_iron_gauss / horizontal
+        return mag.white_gauss / math.hypot(mag.field_north_gauss, mag.field_east_gauss)
+
+    def _offset_row(self, r: Matrix9) -> Vector:
+        """What an offset of the magnetometer (body axes) adds to the heading's residual."""
+        mag = self._config.mag
+        n, e = mag.field_north_gauss, mag.field_east_gauss
+        k = 1 / (n * n + e * e)
+        return np.array([(e * r[i] - n * r[3 + i]) * k for i in range(3)])
 
     def _initial_covariance(self, rest_s: float) -> Vector:
         c = self._config
-        g = self._gravity
+        g = self._earth.gravity_mps2
         imu, gnss = c.imu, c.gnss
         P = np.zeros((STATES, STATES))
         horizontal = gnss.std_horizontal_m**2
@@ -160,13 +169,25 @@ class Estimator:
         r = rotation_matrix(self.horizon.q)
         R = np.array(r).reshape(3, 3)
         tilt = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 0.0))) / g @ R
-        spread = np.diag([accel, accel, 1e-4])
+        # The heading was taken with that tilt, which leaks into it through the dip of the field.
+        dip = self._H[HEADING, ATT]
+        tilt[2] = -(dip[0] * tilt[0] + dip[1] * tilt[1])
+        offset = np.zeros((3, 3))
+        offset[2] = -self._offset_row(r)
+        spread = np.diag([accel, accel, 4e-4])
         P[BA, BA] = spread
         P[ATT, BA] = tilt @ spread
         P[BA, ATT] = P[ATT, BA].T
-        white, constant = self._heading_std()
-        heading = white**2 / max(1.0, rest_s / c.mag.interval_s) + constant**2
-        P[ATT, ATT] = tilt @ spread @ tilt.T + np.diag([1e-6, 1e-6, heading + 1e-6])
+        iron = np.eye(3) * (c.mag.hard_iron_gauss**2 + 1e-10)
+        P[BMAG, BMAG] = iron
+        P[ATT, BMAG] = offset @ iron
+        P[BMAG, ATT] = P[ATT, BMAG].T
+        heading = self._heading_white() ** 2 / max(1.0, rest_s / c.mag.interval_s)
+        P[ATT, ATT] = (
+            tilt @ spread @ tilt.T
+            + offset @ iron @ offset.T
+            + np.diag([1e-6, 1e-6, heading + 1e-6])
+        )
         gyro = imu.gyro_noise_density**2 / rest_s + imu.gyro_random_walk**2 * rest_s
         P[BG, BG] = np.eye(3) * (gyro + 1e-10)
         P[BBARO, BBARO] = 1e-4
@@ -189,6 +210,7 @@ class Estimator:
             Q[12 + i, 12 + i] = imu.accel_random_walk**2 * dt
         keep = math.exp(-dt / gnss.correlation_s)
         std = np.array([gnss.std_horizontal_m] * 2 + [gnss.std_vertical_m])
+        Q[BMAG, BMAG] = np.eye(3) * 1e-12 * dt
         Q[BGNSS, BGNSS] = np.diag(std**2 * (1 - keep**2))
         # Drift since the ground pressure was taken: at first a random walk.
         drift = c.baro.drift_pa / self._pa_per_m
@@ -199,9 +221,7 @@ class Estimator:
         F[BGNSS, BGNSS] *= keep
         self._kf.F = F
         self._keep = keep
-        white, constant = self._heading_std()
-        # The offset left by calibration does not average out; white noise of many samples would.
-        heading_var = white**2 + 4 * constant**2 + 1e-6
+        heading_var = self._heading_white() ** 2 + 1e-6
         self._baro_var = (c.baro.white_pa / self._pa_per_m) ** 2 + 1e-6
         position = gnss.white_m**2 + 1e-6
         horizontal = gnss.std_vel_horizontal_mps**2 + 1e-6
@@ -228,7 +248,7 @@ class Estimator:
 
     @property
     def covariance(self) -> Vector:
-        """Covariance (19, 19) of the error state at the horizon; a copy."""
+        """Covariance (22, 22) of the error state at the horizon; a copy."""
         return frozen(self._kf.P)
 
     def std(self, part: slice) -> Vector:
@@ -241,7 +261,7 @@ class Estimator:
         if fix is not None:
             self._fixes.append(fix)
         b = self._biases
-        self.now, _ = propagate(self.now, increment, b.gyro, b.accel, self._gravity)
+        self.now, _ = propagate(self.now, increment, b.gyro, b.accel, self._earth)
         horizon_ns = increment.t_ns - self._delay_ns
         increments, batch = self._increments, self._batch
         while increments and increments[0].t_ns <= horizon_ns:
@@ -268,7 +288,7 @@ class Estimator:
         state = self.horizon
         dt = sum(part.dt_s for part in self._batch)
         for part in self._batch:
-            state, (n, e, d) = propagate(state, part, b.gyro, b.accel, self._gravity)
+            state, (n, e, d) = propagate(state, part, b.gyro, b.accel, self._earth)
             dn, de, dd = dn + n, de + e, dd + d
         self.horizon = state
         self._batch.clear()
@@ -341,8 +361,10 @@ class Estimator:
         return self._baro_var / count
 
     def _residual_heading(self, sample: MagSample) -> float:
-        x, y, z = sample.field_frd_gauss
+        (x, y, z), b = sample.field_frd_gauss, self._biases.mag
+        x, y, z = x - b[0], y - b[1], z - b[2]
         r = rotation_matrix(self.horizon.q)
+        self._H[HEADING, BMAG] = self._offset_row(r)
         north = r[0] * x + r[1] * y + r[2] * z
         east = r[3] * x + r[4] * y + r[5] * z
         return wrap_pi(self._declination - math.atan2(east, north))
@@ -385,14 +407,15 @@ class Estimator:
             (b.gyro[0] + x[9], b.gyro[1] + x[10], b.gyro[2] + x[11]),
             (b.accel[0] + x[12], b.accel[1] + x[13], b.accel[2] + x[14]),
             (b.gnss[0] + x[15], b.gnss[1] + x[16], b.gnss[2] + x[17]),
-            b.baro + x[18],
+            (b.mag[0] + x[18], b.mag[1] + x[19], b.mag[2] + x[20]),
+            b.baro + x[21],
         )
 
     def _replay(self) -> None:
         """Carry the corrected horizon to now."""
         state, b = self.horizon, self._biases
         for part in self._batch:
-            state, _ = propagate(state, part, b.gyro, b.accel, self._gravity)
+            state, _ = propagate(state, part, b.gyro, b.accel, self._earth)
         for part in self._increments:
-            state, _ = propagate(state, part, b.gyro, b.accel, self._gravity)
+            state, _ = propagate(state, part, b.gyro, b.accel, self._earth)
         self.now = state

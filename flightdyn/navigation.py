@@ -12,7 +12,7 @@ from flightdyn.config import SensorsConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.estimator import Alignment, Estimator
 from flightdyn.frames import Triple, frozen
-from flightdyn.inertial import ImuSample, NavState, integrate, propagate
+from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
 from flightdyn.random import RandomStreams
@@ -92,7 +92,7 @@ class InertialNavigation:
         clock: SimClock,
         streams: RandomStreams,
         *,
-        gravity_mps2: float,
+        earth: Earth,
     ) -> None:
         """Aligned at rest: the clock is run from before zero up to zero."""
         self._config = config
@@ -108,11 +108,12 @@ class InertialNavigation:
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self._errors = iter(self.imu)
         self._samples: list[ImuSample] = []
+        self._rates: Triple = (0.0, 0.0, 0.0)  # gyroscopes, as sampled last
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self._arrived: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, -gravity_mps2)
-        self._gravity = gravity_mps2
+        self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
+        self._earth = earth
         self._due = 0
         self.estimator = self._align()
 
@@ -124,7 +125,8 @@ class InertialNavigation:
         for _ in range(count):
             self._vehicle.run()
             clock.advance()
-            for i, value in enumerate(self._sample_imu()):
+            self._sample_imu()
+            for i, value in enumerate(self._samples.pop()):
                 sums[i] += value / count
             if clock.tick % self._gnss_ticks == 0:
                 self._measure_gnss()
@@ -149,27 +151,34 @@ class InertialNavigation:
             duration_s=self._config.alignment_s,
         )
         self._gyro_bias = align.rates
-        self._last: ImuSample = (*align.rates, *align.specific_force)
         return Estimator(
             self._config,
             align=align,
             fix=self.gnss,
             t_ns=clock.t_ns,
-            gravity_mps2=self._gravity,
+            earth=self._earth,
             step_s=FILTER_STEP_S,
         )
 
-    def _sample_imu(self) -> ImuSample:
+    def _sample_imu(self) -> Triple:
+        """Store the IMU's sample of this tick; returns its body rates."""
         v = self._vehicle
         e = next(self._errors)
-        return (
-            v.rate_p() + e[0],
-            v.rate_q() + e[1],
-            v.rate_r() + e[2],
-            v.accel_x_fps2() * FT_M + e[3],
-            v.accel_y_fps2() * FT_M + e[4],
-            v.accel_z_fps2() * FT_M + e[5],
+        p, q, r = v.rate_p() + e[0], v.rate_q() + e[1], v.rate_r() + e[2]
+        lp, lq, lr = self._rates
+        # The force that JSBSim shows is that of the tick before: the rates of then go with it.
+        self._samples.append(
+            (
+                lp,
+                lq,
+                lr,
+                v.accel_x_fps2() * FT_M + e[3],
+                v.accel_y_fps2() * FT_M + e[4],
+                v.accel_z_fps2() * FT_M + e[5],
+            )
         )
+        self._rates = rates = (p, q, r)
+        return rates
 
     def _measure_gnss(self) -> None:
         v = self._vehicle
@@ -177,10 +186,9 @@ class InertialNavigation:
 
     def tick(self) -> None:
         """Sample the sensors that are due; believed body rates to the inner loops."""
-        sample = self._sample_imu()
-        self._samples.append(sample)
+        p, q, r = self._sample_imu()
         bp, bq, br = self._gyro_bias
-        self._inner.feed(sample[0] - bp, sample[1] - bq, sample[2] - br)
+        self._inner.feed(p - bp, q - bq, r - br)
         if self._clock.tick >= self._due:
             self._measure()
 
@@ -206,7 +214,6 @@ class InertialNavigation:
         if fix is not None:
             self.gnss = fix
         step = integrate(self._samples, t_ns, self._clock.dt_s)
-        self._last = self._samples[-1]
         self._samples.clear()
         estimator = self.estimator
         estimator.step(step, fix)
@@ -222,7 +229,7 @@ class InertialNavigation:
             return self.estimator.now
         step = integrate(self._samples, self._clock.t_ns, self._clock.dt_s)
         b = self.estimator.biases
-        return propagate(self.estimator.now, step, b.gyro, b.accel, self._gravity)[0]
+        return propagate(self.estimator.now, step, b.gyro, b.accel, self._earth)[0]
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -236,13 +243,12 @@ class InertialNavigation:
             pos_ned_m=frozen(here.p),
             vel_ned_mps=frozen(here.v),
             q_frd_to_ned=frozen(here.q),
-            omega_frd_radps=frozen(self._rates()),
+            omega_frd_radps=frozen(self._believed_rates()),
         )
 
-    def _rates(self) -> Triple:
-        sample = self._samples[-1] if self._samples else self._last
-        b = self._gyro_bias
-        return (sample[0] - b[0], sample[1] - b[1], sample[2] - b[2])
+    def _believed_rates(self) -> Triple:
+        (p, q, r), b = self._rates, self._gyro_bias
+        return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:
         """Empty once the filter may be flown on."""
