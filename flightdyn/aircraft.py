@@ -4,6 +4,8 @@ from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.control import Controller
+from flightdyn.fault_state import FaultState
+from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
 from flightdyn.inertial import Earth
@@ -50,12 +52,15 @@ class Aircraft:
         earth = Earth.at(home.lat_deg, 0.0)
         inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
         self.navigation: Navigation
+        receiver, imu = None, None
         if perfect:
             self.navigation = TrueNavigation(self.vehicle, inner, clock)
         else:
-            self.navigation = InertialNavigation(
+            self.navigation = inertial = InertialNavigation(
                 config.sensors, self.vehicle, inner, clock, streams, earth=earth
             )
+            receiver, imu = inertial.receiver, inertial.imu
+        self._faults = FaultState(config.faults, self.vehicle, receiver=receiver, imu=imu)
         self._nav = self.navigation.state()
         dt_s = config.guidance_interval_s
         self.controller = Controller(
@@ -65,7 +70,7 @@ class Aircraft:
             self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self._nav.q)
         )
         self._battery = Battery(config.battery)
-        self._gusts = config.wind.gusts
+        self._gusty = bool(config.wind.gusts or config.faults)
         self._run = self.vehicle.run
         self._near = False
         self._slow = 0
@@ -89,12 +94,18 @@ class Aircraft:
             guidance.pass_corners(nav.p, nav.v)
         guidance.step(nav, self.navigation.specific_force)
         self._near = guidance.corner_near(nav)
-        if self._gusts:
-            self.vehicle.set_gust(gust_ned(self._gusts, self._clock.t_ns * 1e-9))
+        if self._gusty:
+            self._blow()
         self._slow += 1
         if self._slow == _SLOW:
             self._slow = 0
             self._housekeep()
+
+    def _blow(self) -> None:
+        """Gusts and bursts of this instant."""
+        gust = gust_ned(self.config.wind.gusts, self._clock.t_ns * 1e-9)
+        burst = self._faults.burst_ned_mps
+        self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
 
     def _housekeep(self) -> None:
         """What does not need the guidance's rate."""
@@ -103,6 +114,7 @@ class Aircraft:
         )
         self.vehicle.set_battery_voltage(volts)
         self.vehicle.watch_ground()
+        self._faults.update(self._clock.t_ns)
 
     @property
     def t_ns(self) -> int:
@@ -154,6 +166,27 @@ class Aircraft:
     def why_not_ready(self) -> str:
         """What keeps the aircraft from being ready; empty if nothing."""
         return self.navigation.why_not_ready()
+
+    @property
+    def gnss_healthy(self) -> bool:
+        """Whether a GNSS position was believed within the last second and a half."""
+        return self.navigation.gnss_healthy()
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults in force."""
+        return self._faults.active
+
+    def inject(self, fault: Fault) -> None:
+        """Put a fault in force now, for its duration. Raises FaultError where there is no such
+        part to fail.
+        """
+        self._faults.begin(fault, self._clock.t_ns)
+        self._gusty = True
+
+    def clear_faults(self) -> None:
+        """End all faults in force."""
+        self._faults.clear()
 
     def arm(self) -> None:
         """Motors on, idling until an order lifts the aircraft."""

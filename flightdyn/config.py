@@ -4,6 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from flightdyn.faults import Fault
+
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -104,7 +106,9 @@ class BaroConfig(_Model):
 class MagConfig(_Model):
     """Magnetometer and the field at home (default: central Europe, WMM2025 rounded)."""
 
-    interval_s: float = Field(default=0.2, ge=0.004, le=2, description="between samples")
+    interval_s: float = Field(
+        default=0.2, ge=0.1, le=2, description="between samples; whole steps of the filter, 0.1 s"
+    )
     field_north_gauss: float = Field(default=0.214, ge=-0.7, le=0.7, description="field at home")
     field_east_gauss: float = Field(default=0.013, ge=-0.7, le=0.7, description="field at home")
     field_down_gauss: float = Field(default=0.430, ge=-0.7, le=0.7, description="field at home")
@@ -168,3 +172,4 @@ class AircraftConfig(_Model):
     sensors: SensorsConfig = Field(default_factory=SensorsConfig, description="sensors")
     limits: LimitsConfig = Field(default_factory=LimitsConfig, description="guidance limits")
     battery: BatteryConfig = Field(default_factory=BatteryConfig, description="battery")
+    faults: tuple[Fault, ...] = Field(default=(), description="what fails, and when")

@@ -120,7 +120,8 @@ class Estimator:
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
         self.innovations: deque[Innovation] = deque(maxlen=64)
-        self.fused_ns: dict[str, int] = {}
+        # When each kind was last believed; the first fix is where the filter starts.
+        self.fused_ns: dict[str, int] = {"gnss position": fix.t_ns}
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.x = np.zeros((STATES, 1))
         self._noise()

@@ -21,6 +21,7 @@ from flightdyn.state import GnssFix, Kinematics
 from flightdyn.wind import FT_M
 
 FILTER_STEP_S = 0.1
+_GNSS_LOST_NS = 1_500_000_000
 
 
 class Navigation(Protocol):
@@ -39,6 +40,8 @@ class Navigation(Protocol):
 
     def belief(self) -> Kinematics: ...
 
+    def gnss_healthy(self) -> bool: ...
+
     def why_not_ready(self) -> str: ...
 
 
@@ -49,13 +52,29 @@ class TrueNavigation:
         self._vehicle = vehicle
         self._inner = inner
         self._clock = clock
+        self._fix_ticks = clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, 0.0)
+        self._fix()
 
     def tick(self) -> None:
         """True body rates to the inner loops."""
         v = self._vehicle
         self._inner.feed(v.rate_p(), v.rate_q(), v.rate_r())
+        if self._clock.tick % self._fix_ticks == 0:
+            self._fix()
+
+    def _fix(self) -> None:
+        v = self._vehicle
+        self.gnss = GnssFix(
+            t_ns=self._clock.t_ns,
+            pos_ned_m=frozen(v.position_ned()),
+            vel_ned_mps=frozen(v.velocity_ned()),
+            std_horizontal_m=0.01,
+            std_vertical_m=0.01,
+            std_velocity_mps=0.01,
+            satellites=20,
+        )
 
     def update(self) -> NavState:
         """The truth."""
@@ -79,6 +98,10 @@ class TrueNavigation:
     def why_not_ready(self) -> str:
         """Always ready."""
         return ""
+
+    def gnss_healthy(self) -> bool:
+        """The truth never fails."""
+        return True
 
 
 class InertialNavigation:
@@ -107,11 +130,15 @@ class InertialNavigation:
         self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self._errors = iter(self.imu)
+        if self._mag_ticks % clock.ticks(FILTER_STEP_S, what="filter step"):
+            raise FlightInputError(
+                f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
+                f"filter steps of {FILTER_STEP_S:g} s"
+            )
         self._samples: list[ImuSample] = []
         self._rates: Triple = (0.0, 0.0, 0.0)  # gyroscopes, as sampled last
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
-        self._arrived: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
         self._earth = earth
         self._due = 0
@@ -246,6 +273,11 @@ class InertialNavigation:
             omega_frd_radps=frozen(self._believed_rates()),
         )
 
+    def gnss_healthy(self) -> bool:
+        """Whether a position of the receiver was believed lately."""
+        last_ns = self.estimator.fused_ns["gnss position"]
+        return self._clock.t_ns - last_ns < _GNSS_LOST_NS
+
     def _believed_rates(self) -> Triple:
         (p, q, r), b = self._rates, self._gyro_bias
         return (p - b[0], q - b[1], r - b[2])
@@ -253,7 +285,7 @@ class InertialNavigation:
     def why_not_ready(self) -> str:
         """Empty once the filter may be flown on."""
         estimator = self.estimator
-        if not self.receiver.on:
+        if not self.gnss_healthy():
             return "no GNSS"
         if float(max(estimator.std(slice(0, 2)))) > 5.0:
             return "position uncertain"

@@ -16,8 +16,6 @@ from flightdyn.frames import Quaternion, Triple, frozen, rotation_matrix
 from flightdyn.random import RandomStreams
 from flightdyn.state import GnssFix, Vector
 
-Row6 = tuple[float, float, float, float, float, float]
-
 
 class ImuErrors:
     """What the IMU adds to body rates (rad/s) and specific force (m/s2), tick by tick.
@@ -37,11 +35,7 @@ class ImuErrors:
         self._white = np.array(density) / math.sqrt(dt_s)
         self._walk = np.array(walk) * math.sqrt(dt_s)
         self._block = max(1, round(1.0 / dt_s))
-        self._fault: list[float] | None = None
-
-    def add_bias(self, bias: Row6) -> None:
-        """A fault: shift rates and specific force from the next tick on."""
-        self._fault = [a + b for a, b in zip(self._fault or [0.0] * 6, bias, strict=True)]
+        self.fault: list[float] | None = None  # six constants added on top
 
     def __iter__(self) -> Iterator[list[float]]:
         """The errors tick by tick: three of rates, three of specific force."""
@@ -50,10 +44,10 @@ class ImuErrors:
             bias = self.bias + np.cumsum(noise[1] * self._walk, axis=0)
             self.bias = bias[-1]
             for row in (bias + noise[0] * self._white).tolist():
-                if self._fault is None:
+                if self.fault is None:
                     yield row
                 else:
-                    yield [a + b for a, b in zip(row, self._fault, strict=True)]
+                    yield [a + b for a, b in zip(row, self.fault, strict=True)]
 
 
 class _GaussMarkov:

@@ -1,0 +1,65 @@
+"""Faults that an aircraft can be given, by configuration or in flight."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Fault(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at_s: float = Field(
+        default=0.0, ge=0, le=1e6, description="simulated time at which a configured fault begins"
+    )
+    duration_s: float | None = Field(
+        default=None, gt=0, le=1e6, description="how long it lasts; unset: for good"
+    )
+
+
+class GnssOff(_Fault):
+    """The receiver gives no solutions."""
+
+    kind: Literal["gnss_off"] = "gnss_off"
+
+
+class GnssJump(_Fault):
+    """The receiver's position is off by a constant."""
+
+    kind: Literal["gnss_jump"] = "gnss_jump"
+    north_m: float = Field(default=0.0, ge=-1e5, le=1e5, description="added to the position")
+    east_m: float = Field(default=0.0, ge=-1e5, le=1e5, description="added to the position")
+    down_m: float = Field(default=0.0, ge=-1e4, le=1e4, description="added to the position")
+
+
+class MotorLoss(_Fault):
+    """A motor gets only a share of the voltage ordered."""
+
+    kind: Literal["motor_loss"] = "motor_loss"
+    motor: int = Field(
+        default=0, ge=0, le=3, description="0 front right, 1 rear left, 2 front left, 3 rear right"
+    )
+    share: float = Field(default=0.0, ge=0, le=1, description="of the voltage; 0: it stops")
+
+
+class ImuBias(_Fault):
+    """A constant is added to gyroscope and accelerometer, body axes."""
+
+    kind: Literal["imu_bias"] = "imu_bias"
+    gyro_radps: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="added to the body rates"
+    )
+    accel_mps2: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="added to the specific force"
+    )
+
+
+class WindBurst(_Fault):
+    """Wind that comes and goes at once, added to the rest."""
+
+    kind: Literal["wind_burst"] = "wind_burst"
+    north_mps: float = Field(default=0.0, ge=-30, le=30, description="towards north")
+    east_mps: float = Field(default=0.0, ge=-30, le=30, description="towards east")
+    down_mps: float = Field(default=0.0, ge=-15, le=15, description="downwards")
+
+
+Fault = Annotated[GnssOff | GnssJump | MotorLoss | ImuBias | WindBurst, Field(discriminator="kind")]
