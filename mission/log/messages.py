@@ -1,7 +1,8 @@
 """Our values as log messages: the one place where NED becomes the east-north-up of the viewers.
 
 Numbers of high-rate topics are rounded to a binary grid far below any sensor's noise (positions
-0.12 mm, velocities 1 mm/s, quaternions 1e-6), which halves the log: the zeroed bits compress.
+1 mm, velocities 1 mm/s, quaternions 1.5e-5, degrees 7e-9, points of paths 8 mm), which halves
+the log: the zeroed bits compress. Records of plans, rounds and uplinks stay exact.
 """
 
 import json
@@ -12,14 +13,16 @@ from typing import Any
 from foxglove import messages as fox
 
 from flightdyn.frames import LocalFrame
-from flightdyn.state import GeodeticPoint, GnssFix, Vector
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Vector
 from mission.area import Area
 from mission.log.topics import BODY_FRAME, FRAME
 from mission.log.values import NS_PER_S, Floats
 
-POSITION_GRID = 2.0**13  # cells a metre
+POSITION_GRID = 2.0**10  # cells a metre
+PATH_GRID = 2.0**7
 VELOCITY_GRID = 2.0**10  # cells a metre per second
-QUATERNION_GRID = 2.0**20
+QUATERNION_GRID = 2.0**16
+DEGREE_GRID = 2.0**27
 
 XYZ = tuple[float, float, float]
 
@@ -110,7 +113,7 @@ def path(stamp: Any, points_m: Floats) -> bytes:
         timestamp=stamp,
         frame_id=FRAME,
         poses=[
-            fox.Pose(position=vector(row, grid=POSITION_GRID), orientation=level)
+            fox.Pose(position=vector(row, grid=PATH_GRID), orientation=level)
             for row in points_m.tolist()
         ],
     ).encode()
@@ -154,6 +157,18 @@ def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
     return data
 
 
+def battery(state: BatteryState) -> bytes:
+    """Our battery record, rounded to what a meter would show."""
+    return record(
+        {
+            "voltage_v": round(state.voltage_v, 3),
+            "current_a": round(state.current_a, 3),
+            "consumed_mah": round(state.consumed_mah, 2),
+            "remaining": round(state.remaining, 6),
+        }
+    )
+
+
 def record(values: Mapping[str, Any]) -> bytes:
     """One of our own records as JSON; numbers in their shortest exact form, NaN as null."""
     return json.dumps(_finite(values), separators=(",", ":"), allow_nan=False).encode()
@@ -171,7 +186,7 @@ def _finite(value: Any) -> Any:
 
 def _geodetic(where: GeodeticPoint) -> dict[str, float]:
     return {
-        "latitude": where.lat_deg,
-        "longitude": where.lon_deg,
-        "altitude": where.alt_msl_m,
+        "latitude": round(where.lat_deg * DEGREE_GRID) / DEGREE_GRID,
+        "longitude": round(where.lon_deg * DEGREE_GRID) / DEGREE_GRID,
+        "altitude": round(where.alt_msl_m * POSITION_GRID) / POSITION_GRID,
     }

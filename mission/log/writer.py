@@ -29,6 +29,7 @@ _PATH_EVERY_NS = 5 * NS_PER_S
 class LogRates:
     """How often each kind of message is written, in simulated hertz; poses at every sample."""
 
+    tf_hz: float = 5.0  # viewers interpolate
     velocity_hz: float = 5.0
     command_hz: float = 5.0
     location_hz: float = 1.0
@@ -79,6 +80,7 @@ class FlightLog:
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         rates = rates or LogRates()
         self._due = {
+            topics.TF: _Every.of(rates.tf_hz),
             topics.TRUE_VELOCITY: _Every.of(rates.velocity_hz),
             topics.COMMAND: _Every.of(rates.command_hz),
             topics.TRUE_LOCATION: _Every.of(rates.location_hz),
@@ -107,7 +109,8 @@ class FlightLog:
         est_m = messages.area_xyz(self._area, belief.pos_ned_m)
         position = messages.vector(true_m, grid=messages.POSITION_GRID)
         attitude = messages.quaternion(truth.q_frd_to_ned)
-        self._write(topics.TF, t_ns, messages.transform(stamp, position, attitude))
+        if self._due[topics.TF].now(t_ns):
+            self._write(topics.TF, t_ns, messages.transform(stamp, position, attitude))
         self._write(topics.TRUE_POSE, t_ns, messages.pose(stamp, position, attitude))
         believed = messages.pose(
             stamp,
@@ -127,7 +130,7 @@ class FlightLog:
             where = self._frame.to_geodetic(truth.pos_ned_m)
             self._write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, where))
         if self._due[topics.BATTERY].now(t_ns):
-            self._write(topics.BATTERY, t_ns, messages.record(asdict(sample.battery)))
+            self._write(topics.BATTERY, t_ns, messages.battery(sample.battery))
         self._note_mode(t_ns, sample.mode, sample.armed)
         self._extend_flown(t_ns, true_m)
         if t_ns - self._flushed_ns >= NS_PER_S:

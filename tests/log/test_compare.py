@@ -91,21 +91,21 @@ def test_a_perfect_flight_has_no_error(tmp_path: Path) -> None:
     total = right_angle(tmp_path / "a.mcap").total
     for name in ("cross_track_max_m", "straight_max_m", "corner_cut_max_m", "height_max_m",
                  "slot_miss_max_m", "estimate_max_m"):  # fmt: skip
-        assert getattr(total, name) == pytest.approx(0.0, abs=2e-4), name
+        assert getattr(total, name) == pytest.approx(0.0, abs=2e-3), name
     assert total.slot_late_max_s == pytest.approx(0.0, abs=1e-9)
 
 
 def test_every_number_of_a_flight_with_known_errors(tmp_path: Path) -> None:
     result = right_angle(tmp_path / "a.mcap", offset_m=4.0, bias_m=0.5, sink_m=1.5, late_s=0.25)
     c = result.total
-    assert c.straight_max_m == pytest.approx(4.0, abs=2e-4)
+    assert c.straight_max_m == pytest.approx(4.0, abs=1e-3)
     # Of the straights, [0, 175) of the first leg is exact and (225, 600] of the second 4 m off.
     share = 375 / (375 + 175)
     assert c.straight_rms_m == pytest.approx(4.0 * math.sqrt(share), rel=0.01)
-    assert c.cross_track_max_m == pytest.approx(4.0, abs=2e-4)
-    assert c.corner_cut_max_m == pytest.approx(0.0, abs=2e-4)  # it overshot: passed the corner
-    assert c.height_rms_m == pytest.approx(1.5, abs=2e-4)
-    assert c.estimate_rms_m == pytest.approx(0.5, abs=2e-4)
+    assert c.cross_track_max_m == pytest.approx(4.0, abs=1e-3)
+    assert c.corner_cut_max_m == pytest.approx(0.0, abs=1e-3)  # it overshot: passed the corner
+    assert c.height_rms_m == pytest.approx(1.5, abs=1e-3)
+    assert c.estimate_rms_m == pytest.approx(0.5, abs=1e-3)
     assert c.slot_miss_rms_m == pytest.approx(4.0)
     # At the corner the path heads north-east: 4 m east is 4/sqrt 2 along; at the end it heads
     # north: nothing along.
@@ -145,7 +145,7 @@ def test_cutting_a_corner_counts_there_and_not_on_the_straights(tmp_path: Path) 
         log.round(record(start_t_s=0.0, duration_s=(len(track) - 1) / 10, scheduled=0, delivered=0))
     total = compare_run(tmp_path / "a.mcap").total
     assert total.corner_cut_max_m == pytest.approx(10 / math.sqrt(2), abs=1e-3)
-    assert total.straight_max_m == pytest.approx(0.0, abs=2e-4)
+    assert total.straight_max_m == pytest.approx(0.0, abs=1e-3)
     assert total.cross_track_max_m == pytest.approx(5.0, abs=1e-3)
     assert math.isnan(total.slot_late_mean_s)
 

@@ -64,7 +64,7 @@ def test_the_standard_reader_finds_index_statistics_and_well_known_schemas(made:
     counts = {
         summary.channels[c].topic: n for c, n in summary.statistics.channel_message_counts.items()
     }
-    assert counts["/true/pose"] == counts["/est/pose"] == counts["/tf"] == len(made.samples)
+    assert counts["/true/pose"] == counts["/est/pose"] == len(made.samples)
     assert counts["/uplinks"] == len(made.uplinks)
 
 
@@ -93,7 +93,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
     ]
 
 
-def test_tracks_are_the_samples_to_a_tenth_of_a_millimetre(made: Fixed) -> None:
+def test_tracks_are_the_samples_to_half_a_millimetre(made: Fixed) -> None:
     data = read_log(made.log)
     true = np.array([s.truth.pos_ned_m for s in made.samples])
     est = np.array([s.belief.pos_ned_m for s in made.samples])
@@ -101,14 +101,16 @@ def test_tracks_are_the_samples_to_a_tenth_of_a_millimetre(made: Fixed) -> None:
         home = np.array([*AREA.home_m, 0.0])
         enu = np.column_stack((ned[:, 1], ned[:, 0], -ned[:, 2])) + home
         np.testing.assert_array_equal(track.t_ns, [s.t_ns for s in made.samples])
-        np.testing.assert_allclose(track.pos_m, enu, rtol=0, atol=0.5 / 2**13)
+        np.testing.assert_allclose(track.pos_m, enu, rtol=0, atol=0.5 / 2**10)
 
 
 def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(tmp_path: Path) -> None:
     world = devices(np.random.default_rng(5))
     log_path = tmp_path / "a.mcap"
     quaternions = Rotation.random(20, random_state=5).as_quat(scalar_first=True)
-    with FlightLog(log_path, area=AREA, devices=world, rates=LogRates(location_hz=10)) as log:
+    with FlightLog(
+        log_path, area=AREA, devices=world, rates=LogRates(location_hz=10, tf_hz=10)
+    ) as log:
         for index, q in enumerate(quaternions):
             log.sampled(sample(index * 100_000_000, pos=(10.0 * index, -7.0 * index, -60.0), q=q))
     frd_to_flu = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
@@ -119,7 +121,7 @@ def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(tmp_path: Path) -> None:
         o = message.pose.orientation
         expected = ned_to_enu * Rotation.from_quat(q, scalar_first=True) * frd_to_flu.inv()
         error = Rotation.from_quat([o.x, o.y, o.z, o.w]) * expected.inv()
-        assert error.magnitude() < 1e-5
+        assert error.magnitude() < 5e-5
         assert str(tf.rotation) == str(o)
         assert str(tf.translation) == str(message.pose.position)
         assert (tf.parent_frame_id, tf.child_frame_id) == ("area", "aircraft")
@@ -128,9 +130,9 @@ def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(tmp_path: Path) -> None:
         lat, lon, alt = pymap3d.ned2geodetic(
             10.0 * index, -7.0 * index, -60.0, home.lat_deg, home.lon_deg, home.alt_msl_m
         )
-        assert fix.latitude == pytest.approx(lat, abs=1e-9)
-        assert fix.longitude == pytest.approx(lon, abs=1e-9)
-        assert fix.altitude == pytest.approx(alt, abs=1e-4)
+        assert fix.latitude == pytest.approx(lat, abs=4e-9)
+        assert fix.longitude == pytest.approx(lon, abs=4e-9)
+        assert fix.altitude == pytest.approx(alt, abs=6e-4)
 
 
 def test_gnss_carries_the_instant_it_describes_and_its_variance(made: Fixed) -> None:
