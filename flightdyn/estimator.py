@@ -14,7 +14,7 @@ Navigation (2008), chapter 11; J. Sola, Quaternion kinematics for the error-stat
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,6 +41,9 @@ STATES = 22
 POS, VEL, ATT, BG, BA, BGNSS, BMAG = (slice(i, i + 3) for i in range(0, 21, 3))
 BBARO = 21
 BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocity
+# Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
+_DOUBTS = 3
+_DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
 _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
@@ -119,6 +122,7 @@ class Estimator:
         self._mag: deque[MagSample] = deque()
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
+        self._refused: Counter[str] = Counter()  # in a row
         self.innovations: deque[Innovation] = deque(maxlen=64)
         # When each kind was last believed; the first fix is where the filter starts.
         self.fused_ns: dict[str, int] = {"gnss position": fix.t_ns}
@@ -381,9 +385,13 @@ class Estimator:
             nis = float(y @ np.linalg.solve(S[part, part], y))
             accepted = nis < gate
             self.innovations.append(Innovation(t_ns, kind, nis, len(y), accepted))
+            self._refused[kind] = 0 if accepted else self._refused[kind] + 1
             if accepted:
                 use.extend(range(part.start, part.stop))
                 self.fused_ns[kind] = t_ns
+        for kind in ("gnss velocity", "baro"):
+            if self._refused[kind] >= _DOUBTS:
+                self._doubt()
         if not use:
             return False
         if len(use) < 8:
@@ -391,6 +399,13 @@ class Estimator:
         kf.update(z[:, None], R=R, H=H)
         self._fold()
         return True
+
+    def _doubt(self) -> None:
+        """Open the filter up again: an IMU that changes its bias at once is not in its model."""
+        P = self._kf.P
+        for part, std in _DOUBT_STD:
+            P[part, part] += np.eye(3) * std**2
+        self._refused.clear()
 
     def _fold(self) -> None:
         """Move the estimated error into the nominal state."""
