@@ -90,3 +90,14 @@ class DivergedError(LearningError):
             f"round {self.round}, community {self.community}, device {self.device}:"
             f" the training loss is {self.loss}; a smaller learning rate may help"
         )
+
+
+@dataclass(eq=False)
+class FetchError(LearningError):
+    """A file that could not be downloaded; trying again may help."""
+
+    url: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.url}: not fetched: {self.reason}"
