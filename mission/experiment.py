@@ -106,7 +106,7 @@ class Experiment:
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
         async with open_flyer(
-            world.config, area=world.area, streams=world.streams, observers=self.observers
+            world.config, world.vehicle, area=world.area, observers=self.observers
         ) as flyer:
             self.recorder.phase("take-off")
             with self.stopwatch("fly"):

@@ -68,7 +68,7 @@ def overview(run: FlightData) -> Figure:
     numbers = [plan.round for plan in run.plans]
     shades = _shades(numbers)
     for plan in run.plans:
-        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), alpha=0.7, zorder=2)
+        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), zorder=3.5)
         record = records.get(plan.round)
         if record is not None:
             track = flown(run, record).pos_m

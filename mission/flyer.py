@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdyn.random import RandomStreams
+from flightdyn.errors import FlightDynamicsError
 from mission import pilot as piloting
 from mission.area import Area
 from mission.config import RunConfig
-from mission.errors import AerofedError, LinkLostError
+from mission.errors import AerofedError, FlightError, LinkLostError
 from mission.flightplan import FlightPlan, Stop
 from mission.track import Flight, FlightRecorder, Passage
 from sitl.errors import LinkError
@@ -77,9 +77,9 @@ class Flyer:
 
 @asynccontextmanager
 async def open_flyer(
-    config: RunConfig, *, area: Area, streams: RandomStreams, observers: Sequence[VehicleObserver]
+    config: RunConfig, vehicle: Vehicle, *, area: Area, observers: Sequence[VehicleObserver]
 ) -> AsyncIterator[Flyer]:
-    """Start the simulated vehicle and connect a pilot to it.
+    """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
 
     An interrupted flight is ended by an order to hold.
 
@@ -87,9 +87,8 @@ async def open_flyer(
         LinkLostError: the link cannot be opened or the vehicle does not answer.
     """
     recorder = FlightRecorder()
-    vehicle = Vehicle(
-        config.vehicle, home=area.home, streams=streams, observers=(recorder, *observers)
-    )
+    for observer in (recorder, *observers):
+        vehicle.add_observer(observer)
     speed = math.inf if config.link.speed == "max" else config.link.speed
     raw_link = RawLink() if config.link.kind == "in_process" else None
     port = config.link.udp_port
@@ -118,3 +117,5 @@ async def open_flyer(
                 raise
     except LinkError as error:
         raise LinkLostError(str(error)) from None
+    except FlightDynamicsError as error:
+        raise FlightError(f"the simulated aircraft failed: {error}") from error

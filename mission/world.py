@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from fl import federation as learning
 from fl.errors import LearningInputError
 from fl.radio import Channel
+from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from mission.area import Area
 from mission.config import RunConfig
 from mission.errors import InputError
 from mission.planner.factory import make_planner
 from mission.strategies import Strategy, make_strategy
+from sitl.errors import SitlInputError
+from sitl.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +33,7 @@ class World:
     channel: Channel
     federation: learning.Federation
     strategy: Strategy | None  # None: ideal, nothing is flown
+    vehicle: Vehicle  # on the ground at home; a run flies it once
 
     @property
     def community_of(self) -> tuple[str, ...]:
@@ -71,9 +75,10 @@ def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
-    except LearningInputError as error:
+        vehicle = Vehicle(config.vehicle, home=area.home, streams=streams)
+    except (LearningInputError, SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
     strategy = make_strategy(
         config.mission, make_planner(config.planner), devices_m=devices_m, area=area
     )
-    return World(config, streams, area, devices_m, channel, federation, strategy)
+    return World(config, streams, area, devices_m, channel, federation, strategy, vehicle)

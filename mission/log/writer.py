@@ -31,7 +31,7 @@ class LogRates:
 
     tf_hz: float = 5.0  # viewers interpolate
     velocity_hz: float = 5.0
-    command_hz: float = 5.0
+    command_hz: float = 2.0
     location_hz: float = 1.0
     battery_hz: float = 1.0
 

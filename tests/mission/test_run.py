@@ -282,3 +282,11 @@ def test_the_paper_s_experiment_runs_on_real_data(tmp_path: Path, shared_data: P
     )  # fmt: skip
     assert code == 0
     assert {"accuracy_cifar10", "accuracy_mnist"} <= rows(out / "rounds.csv")[0].keys()
+
+
+def test_a_vehicle_setting_that_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fly(tmp_path / "out", "--set", "vehicle.parameters.NO_SUCH=1") == 2
+    refused(capsys, "NO_SUCH")
+    assert not (tmp_path / "out").exists()
