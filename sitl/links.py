@@ -4,11 +4,12 @@ import asyncio
 import socket
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from sitl.errors import LinkError
 
-Wake = Callable[[], None]
+Wake: TypeAlias = Callable[[], None]
+Chunk: TypeAlias = tuple[bytes, Hashable]  # bytes, and the stream they belong to; None: a datagram
 _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
 _BACKLOG = 4096  # chunks or datagrams read at a time at most
 _RECEIVE_BYTES = 2048
@@ -20,8 +21,8 @@ class Link(Protocol):
     def open(self, wake: Wake) -> None:
         """Start; `wake` is called in the event loop whenever something has arrived."""
 
-    def receive(self) -> list[tuple[Hashable, bytes]]:
-        """What has arrived: from whom, and the bytes."""
+    def receive(self) -> list[Chunk]:
+        """What has arrived."""
 
     def newcomers(self) -> bool:
         """Whether somebody has joined since this was asked last."""
@@ -70,10 +71,10 @@ class RawLink:
         self._loop = asyncio.get_running_loop()
         self._wake = wake
 
-    def receive(self) -> list[tuple[Hashable, bytes]]:
-        chunks: list[tuple[Hashable, bytes]] = []
+    def receive(self) -> list[Chunk]:
+        chunks: list[Chunk] = []
         while self._arrived:
-            chunks.append((None, self._arrived.popleft()))
+            chunks.append((self._arrived.popleft(), None))
         return chunks
 
     def newcomers(self) -> bool:
@@ -147,9 +148,9 @@ class UdpLink:
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(sock.fileno(), wake)
 
-    def receive(self) -> list[tuple[Hashable, bytes]]:
+    def receive(self) -> list[Chunk]:
         sock = self._opened()
-        chunks: list[tuple[Hashable, bytes]] = []
+        chunks: list[Chunk] = []
         while len(chunks) < _BACKLOG:
             try:
                 data, peer = sock.recvfrom(_RECEIVE_BYTES)
@@ -160,7 +161,7 @@ class UdpLink:
             if self._listens and peer not in self._peers:
                 self._peers[peer] = None
                 self._joined = True
-            chunks.append((peer, data))
+            chunks.append((data, None))
         return chunks
 
     def newcomers(self) -> bool:

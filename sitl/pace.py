@@ -113,9 +113,9 @@ class Simulation:
         vehicle = self.vehicle
         self._wake.clear()
         now = time.monotonic()
-        for index, link in enumerate(self._links):
-            for source, data in link.receive():
-                vehicle.receive(data, now, (index, source))
+        for link in self._links:
+            for data, stream in link.receive():
+                vehicle.receive(data, now, stream)
             if link.newcomers():
                 vehicle.greet()
         frames = vehicle.outgoing(now)
@@ -148,6 +148,7 @@ class Simulation:
             if vehicle.t_ns >= until_ns or time.monotonic() >= until:
                 break
         sim_s = (vehicle.t_ns - started_ns) * 1e-9
+        self.statistics.sim_s += sim_s
         if math.isinf(self._speed):
             breath = vehicle.t_ns // _BREATH_EVERY_NS != started_ns // _BREATH_EVERY_NS
             await asyncio.sleep(_BREATH_S if breath else 0)
@@ -155,7 +156,6 @@ class Simulation:
             # A machine that falls behind does not rush afterwards.
             self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
-        self.statistics.sim_s += sim_s
         self.statistics.wall_s += time.monotonic() - began
 
     def _close(self) -> None:

@@ -1,12 +1,13 @@
 """The vehicle: aircraft and autopilot, one tick at a time. It owns simulated time."""
 
 from collections.abc import Hashable, Sequence
+from pathlib import Path
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
-from sitl.autopilot.autopilot import Autopilot
-from sitl.autopilot.parameter_file import load_parameters
+from sitl.autopilot.autopilot import Autopilot, Storage
+from sitl.autopilot.parameter_file import load_parameters, save_parameters
 from sitl.autopilot.parameters import Parameters
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
@@ -37,12 +38,12 @@ class Vehicle:
             SitlInputError: a parameter or a rate is not acceptable; says which and why.
         """
         self.aircraft = aircraft or Aircraft(config.aircraft, home=home, streams=streams)
-        parameters = Parameters(config.parameters)
-        if config.parameter_file is not None and config.parameter_file.exists():
-            parameters.apply(load_parameters(config.parameter_file), str(config.parameter_file))
-            parameters.apply(config.parameters, "parameters")
         self.autopilot = Autopilot(
-            self.aircraft, parameters, system=config.system_id, sink=self._happened
+            self.aircraft,
+            _parameters(config),
+            system=config.system_id,
+            sink=self._happened,
+            storage=_storage(config.parameter_file),
         )
         self._observers = list(observers)
         self._tick = 0
@@ -74,9 +75,9 @@ class Vehicle:
         if self._tick % self._sample_every == 0:
             self._sample()
 
-    def receive(self, data: bytes, now: float, source: Hashable = None) -> None:
-        """Take MAVLink bytes from `source` at the wall time `now` (monotonic seconds)."""
-        self.autopilot.receive(data, now, source)
+    def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
+        """Take MAVLink bytes at the wall time `now` (s): a datagram, or more of a `stream`."""
+        self.autopilot.receive(data, now, stream)
 
     def greet(self) -> None:
         """Somebody has joined a link: send a heartbeat at once, not within a second."""
@@ -128,3 +129,21 @@ class Vehicle:
         )
         for observer in self._observers:
             observer.happened(event)
+
+
+def _parameters(config: VehicleConfig) -> Parameters:
+    """Defaults, then the parameter file, then what the configuration itself says."""
+    parameters = Parameters()
+    path = config.parameter_file
+    if path is not None and path.exists():
+        parameters.apply(load_parameters(path), str(path))
+    parameters.apply(config.parameters, "parameters")
+    return parameters
+
+
+def _storage(path: Path | None) -> Storage | None:
+    if path is None:
+        return None
+    return Storage(
+        load=lambda: load_parameters(path), save=lambda values: save_parameters(path, values)
+    )

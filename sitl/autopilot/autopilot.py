@@ -1,10 +1,13 @@
 """The autopilot as a whole: messages in, flight, telemetry out. Without I/O and without a clock."""
 
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot import messages as m
 from sitl.autopilot.codec.wire import Wire
-from sitl.autopilot.commands import CommandServer
-from sitl.autopilot.enums import Message, MissionResult, MissionType, Severity
+from sitl.autopilot.commands import CommandServer, Refusal
+from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.guard import Guard
@@ -22,6 +25,14 @@ from sitl.errors import SitlInputError
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 
+@dataclass(frozen=True, slots=True)
+class Storage:
+    """Where parameters survive; both raise SitlInputError where that fails."""
+
+    load: Callable[[], Mapping[str, float]]
+    save: Callable[[Mapping[str, float]], None]
+
+
 class Autopilot:
     """Serves MAVLink and flies the aircraft.
 
@@ -30,7 +41,13 @@ class Autopilot:
     """
 
     def __init__(
-        self, aircraft: Aircraft, parameters: Parameters, *, system: int, sink: EventSink
+        self,
+        aircraft: Aircraft,
+        parameters: Parameters,
+        *,
+        system: int,
+        sink: EventSink,
+        storage: Storage | None = None,
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
@@ -61,6 +78,9 @@ class Autopilot:
             streams=self._streams,
             reporter=self._report,
         )
+        self._storage = storage
+        self._commands.add(Command.PREFLIGHT_STORAGE, self._store_parameters)
+        self._commands.add(Command.DO_FENCE_ENABLE, self._enable_fence)
         self.tick = self.flight.tick
 
     def watch(self) -> None:
@@ -73,9 +93,9 @@ class Autopilot:
         """The flight mode."""
         return self.flight.mode
 
-    def receive(self, data: bytes, now: float, source: object = None) -> None:
-        """Take bytes that arrived from `source`."""
-        for peer, body in self._wire.read(data, source):
+    def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
+        """Take bytes that arrived: a datagram, or more of a `stream`."""
+        for peer, body in self._wire.read(data, stream):
             self._handle(peer, body, now)
 
     def greet(self) -> None:
@@ -136,6 +156,30 @@ class Autopilot:
                 self._outbox.append(m.Envelope(m.TimeSync(own_ns, sender_ns), peer))
             case m.Heartbeat(ground_station=True):
                 self.monitor.heard_ground_station(now)
+
+    def _store_parameters(self, order: m.CommandOrder, _now: float) -> Refusal | None:
+        what = order.params[0]
+        if what == 2.0:
+            self.parameters.reset()
+            return None
+        if what not in (0.0, 1.0):
+            return Refusal(Result.UNSUPPORTED)
+        if self._storage is None:
+            return Refusal(Result.FAILED, "no parameter file is configured")
+        try:
+            if what == 0.0:
+                self.parameters.apply(self._storage.load(), "parameter file")
+            else:
+                self._storage.save(self.parameters.as_dict())
+        except SitlInputError as error:
+            return Refusal(Result.FAILED, str(error))
+        return None
+
+    def _enable_fence(self, order: m.CommandOrder, _now: float) -> Refusal | None:
+        if order.params[0] not in (0.0, 1.0):
+            return Refusal(Result.DENIED, f"parameter 1 = {order.params[0]:g}: 0 or 1")
+        self.guard.fence_enabled = order.params[0] == 1.0
+        return None
 
     def _arming_denied(self) -> str:
         if not self.monitor.gnss_current():

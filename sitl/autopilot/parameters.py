@@ -73,14 +73,8 @@ SPECS: Mapping[str, Spec] = {spec.name: spec for spec in TABLE}
 class Parameters:
     """The values in force. Reading is by name; writing checks name and limits."""
 
-    def __init__(self, overrides: Mapping[str, float] | None = None) -> None:
-        """Defaults, then `overrides`.
-
-        Raises:
-            SitlInputError: an override names no parameter or lies outside its limits.
-        """
+    def __init__(self) -> None:
         self._values = {spec.name: spec.default for spec in TABLE}
-        self.apply(overrides or {}, "parameters")
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]

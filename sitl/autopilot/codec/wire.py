@@ -13,11 +13,11 @@ from sitl.autopilot.codec.telemetry import encode_telemetry
 from sitl.autopilot.enums import Message
 from sitl.autopilot.snapshot import Snapshot
 
-_SOURCES_KEPT = 32  # parsers of sources that have not spoken for longest are dropped
+_STREAMS_KEPT = 32  # parsers of streams that have not spoken for longest are dropped
 
 
 class Wire:
-    """The autopilot's end of MAVLink 2: one identity, one parser for each source of bytes."""
+    """The autopilot's end of MAVLink 2: one identity, one parser for each stream of bytes."""
 
     def __init__(self, system: int, component: int) -> None:
         self._system = system
@@ -26,13 +26,18 @@ class Wire:
         self._parsers: OrderedDict[Hashable, Any] = OrderedDict()
         self._texts = StatusTexts()
 
-    def read(self, data: bytes, source: Hashable = None) -> list[tuple[m.Peer, m.Incoming]]:
+    def read(self, data: bytes, stream: Hashable = None) -> list[tuple[m.Peer, m.Incoming]]:
         """Messages to this vehicle that `data` completes; damaged and foreign ones are dropped.
 
-        `source` tells apart byte streams that arrive interleaved (peers of a UDP socket).
+        `stream` names the byte stream that `data` goes on with. Without it `data` is a datagram:
+        frames are whole in it, and what is not cannot harm the next one.
         """
         received: list[tuple[m.Peer, m.Incoming]] = []
-        for msg in self._parser(source).parse_buffer(data) or ():
+        parser = self._parser(stream)
+        messages = parser.parse_buffer(data) or ()
+        if stream is None and parser.buf_len() > 0:
+            del self._parsers[None]
+        for msg in messages:
             if msg.get_type() == "BAD_DATA" or not self._addressed(msg):
                 continue
             body = decode(msg)
@@ -50,15 +55,15 @@ class Wire:
         """The frame of one telemetry message."""
         return self._pack(encode_telemetry(kind, snapshot))
 
-    def _parser(self, source: Hashable) -> Any:
-        parser = self._parsers.get(source)
+    def _parser(self, stream: Hashable) -> Any:
+        parser = self._parsers.get(stream)
         if parser is None:
             parser = mav.MAVLink(None)
             parser.robust_parsing = True
-            self._parsers[source] = parser
-            if len(self._parsers) > _SOURCES_KEPT:
+            self._parsers[stream] = parser
+            if len(self._parsers) > _STREAMS_KEPT:
                 self._parsers.popitem(last=False)
-        self._parsers.move_to_end(source)
+        self._parsers.move_to_end(stream)
         return parser
 
     def _addressed(self, msg: Any) -> bool:
