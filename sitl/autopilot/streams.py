@@ -37,8 +37,9 @@ class Streams:
         for kind in due:
             interval = self._interval_s.get(kind)
             if interval is not None:
-                # From now on, not from when it was due: after a pause there is no burst.
-                self._next[kind] = now + interval
+                # On the beat; but after a pause, or out of turn, from now on: there is no burst.
+                beat = self._next[kind] + interval
+                self._next[kind] = beat if now < beat <= now + interval else now + interval
         return sorted(due)
 
     def due(self) -> float:

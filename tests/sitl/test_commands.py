@@ -1,0 +1,308 @@
+"""Commands as a ground station sends them: what is answered and what happens."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk, of, the
+from sitl_mavsdk import HOME
+
+from sitl.autopilot.modes import Mode, Trigger, mode_of_custom, transition
+
+NAN = math.nan
+OK, REJECTED, DENIED, UNSUPPORTED = (
+    mav.MAV_RESULT_ACCEPTED,
+    mav.MAV_RESULT_TEMPORARILY_REJECTED,
+    mav.MAV_RESULT_DENIED,
+    mav.MAV_RESULT_UNSUPPORTED,
+)
+ARM = mav.MAV_CMD_COMPONENT_ARM_DISARM
+SET_MODE = mav.MAV_CMD_DO_SET_MODE
+RELATIVE = mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+
+
+def position(desk: Desk) -> np.ndarray:
+    return desk.mass.belief.pos_ned_m
+
+
+def degrees_e7(desk: Desk, north: float, east: float) -> tuple[int, int]:
+    place = desk.mass.frame.to_geodetic(np.array([north, east, 0.0]))
+    return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+
+
+def test_everything_unknown_is_answered_unsupported() -> None:
+    desk = Desk()
+    known = {int(number) for number in desk.vehicle.autopilot._commands._handlers}
+    for number in (*range(1, 700), 2000, 2500, 3000, 31000, 42000, 65000):
+        if number not in known:
+            assert desk.command(number) == UNSUPPORTED, number
+
+
+def test_arming_and_disarming() -> None:
+    desk = Desk()
+    assert desk.command(ARM, 2, 0) == DENIED
+    assert desk.command(ARM, 1, 0) == OK
+    assert of(desk.heard, "COMMAND_ACK")[-1].target_system == 255
+    assert desk.mass.armed
+    assert desk.command(ARM, 1, 0) == OK  # again changes nothing
+    assert desk.vehicle.autopilot.flight.flights == 1
+    assert not desk.vehicle.moving
+    assert desk.command(ARM, 0, 0) == OK
+    assert not desk.mass.armed
+
+
+def test_not_ready_is_not_armed_and_says_why() -> None:
+    desk = Desk(ready=False)
+    assert desk.command(ARM, 1, 0) == REJECTED
+    assert desk.texts() == ["COMPONENT_ARM_DISARM refused: aligning"]
+    assert not desk.mass.armed
+
+
+def test_in_the_air_only_force_disarms() -> None:
+    desk = Desk()
+    desk.take_off()
+    assert desk.command(ARM, 0, 0) == REJECTED
+    assert desk.mass.armed
+    assert desk.command(ARM, 0, 21196) == OK
+    assert not desk.mass.armed
+    assert desk.vehicle.autopilot.mode is Mode.TERMINATED
+    desk.fly()
+    assert position(desk)[2] == 0.0
+    assert desk.command(ARM, 1, 0) == REJECTED
+    heartbeat = of(desk.pass_wall_time(1.1), "HEARTBEAT")[-1]
+    assert heartbeat.system_status == mav.MAV_STATE_FLIGHT_TERMINATION
+
+
+@pytest.mark.parametrize(
+    ("frame", "z", "height"),
+    [
+        (None, HOME.alt_msl_m + 25.0, 25.0),
+        (None, NAN, 10.0),
+        (RELATIVE, 25.0, 25.0),
+        (0, 513.0, 25.0),
+    ],
+)
+def test_take_off_heights(frame: int | None, z: float, height: float) -> None:
+    desk = Desk()
+    desk.command(ARM, 1, 0)
+    if frame is None:
+        result = desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, z)
+    else:
+        result = desk.command_int(mav.MAV_CMD_NAV_TAKEOFF, frame, (0, 0, 0, NAN), 0, 0, z)
+    assert result == OK
+    assert desk.vehicle.autopilot.mode is Mode.TAKEOFF
+    desk.fly()
+    assert position(desk) == pytest.approx([0.0, 0.0, -height])
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+
+
+def test_take_off_needs_arms_and_ground() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_NAV_TAKEOFF) == REJECTED
+    desk.command(ARM, 1, 0)
+    below = desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, HOME.alt_msl_m)
+    assert below == REJECTED
+    desk.take_off()
+    assert desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, 600.0) == REJECTED
+    assert "NAV_TAKEOFF refused: already in the air" in desk.texts()
+
+
+def test_a_retransmitted_command_is_answered_and_not_repeated() -> None:
+    desk = Desk()
+    desk.take_off()
+    for confirmation in (0, 1, 2):
+        assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1, confirmation=confirmation) == OK
+        if confirmation == 0:
+            home = desk.vehicle.autopilot.flight.home
+            desk.vehicle.autopilot.flight.go_to(np.array([50.0, 0.0, -30.0]))
+            desk.fly()
+    assert desk.vehicle.autopilot.flight.home == home
+    assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1, confirmation=0) == OK
+    assert desk.vehicle.autopilot.flight.home != home
+
+
+@pytest.mark.parametrize(("frame", "z"), [(RELATIVE, 40.0), (0, 528.0)])
+def test_reposition_with_yaw(frame: int, z: float) -> None:
+    desk = Desk()
+    lat, lon = degrees_e7(desk, 120.0, -80.0)
+    reposition = (mav.MAV_CMD_DO_REPOSITION, frame, (-1.0, 1.0, 0.0, 1.5), lat, lon, z)
+    assert desk.command_int(*reposition) == REJECTED  # on the ground
+    desk.take_off()
+    assert desk.command_int(*reposition) == OK
+    assert desk.vehicle.moving
+    desk.fly(seconds=2.0)
+    paths = len(desk.mass.paths)
+    assert desk.command_int(*reposition) == OK  # under way already
+    assert len(desk.mass.paths) == paths
+    desk.fly()
+    expected = desk.mass.frame.to_ned(lat * 1e-7, lon * 1e-7, 528.0)
+    assert position(desk) == pytest.approx(expected, abs=0.02)
+    assert desk.mass._yaw == pytest.approx(1.5)
+
+
+def test_reposition_of_nonsense_is_denied() -> None:
+    desk = Desk()
+    desk.take_off()
+    far = desk.command_int(mav.MAV_CMD_DO_REPOSITION, 0, (-1, 1, 0, NAN), 990000000, 0, 500.0)
+    assert far == DENIED
+    local = desk.command_int(mav.MAV_CMD_DO_REPOSITION, 1, (-1, 1, 0, NAN), 10, 10, 500.0)
+    assert local == DENIED
+    assert not desk.vehicle.moving
+
+
+def test_change_speed_rules_at_once_and_later() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 7.5, -1) == OK
+    desk.take_off()
+    lat, lon = degrees_e7(desk, 100.0, 0.0)
+    desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (-1, 1, 0, NAN), lat, lon, 30.0)
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([7.5])
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 12.0, -1) == OK
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([12.0])
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, -2.0, -1) == OK
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([10.0])  # MPC_XY_CRUISE
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 0.0, -1) == DENIED
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 2, 3.0, -1) == DENIED
+    desk.fly()
+    assert position(desk) == pytest.approx([100.0, 0.0, -30.0], abs=0.02)
+
+
+def test_turn_to_and_by() -> None:
+    desk = Desk()
+    desk.take_off()
+    turn = mav.MAV_CMD_CONDITION_YAW
+    assert desk.command(turn, 90, 20, 0, 0) == OK
+    desk.fly()
+    assert desk.mass._yaw == pytest.approx(math.radians(90))
+    assert desk.command(turn, 30, 20, -1, 1) == OK
+    desk.fly()
+    assert desk.mass._yaw == pytest.approx(math.radians(60))
+    assert desk.command(turn, NAN) == DENIED
+
+
+def test_return_and_land_at_a_home_that_was_moved() -> None:
+    desk = Desk()
+    desk.take_off()
+    lat, lon = degrees_e7(desk, 60.0, 40.0)
+    at = desk.mass.frame.to_geodetic(np.array([60.0, 40.0, 0.0]))
+    home = desk.command_int(mav.MAV_CMD_DO_SET_HOME, 0, (0, 0, 0, 0), lat, lon, at.alt_msl_m)
+    assert home == OK
+    heard = desk.exchange()
+    assert desk.command(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH) == OK
+    desk.fly()
+    assert position(desk) == pytest.approx([60.0, 40.0, 0.0], abs=0.1)
+    assert not desk.mass.armed
+    modes = [text.split()[0] for text in desk.recorder.texts("mode")]
+    assert modes == ["TAKEOFF", "HOLD", "RETURN", "LAND", "HOLD"]
+    assert not of(heard, "COMMAND_ACK")
+
+
+def test_land_here() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_NAV_LAND) == REJECTED
+    desk.take_off()
+    assert desk.command(mav.MAV_CMD_NAV_LAND) == OK
+    assert desk.command(mav.MAV_CMD_NAV_LAND) == OK
+    desk.fly()
+    assert desk.mass.on_ground
+    assert not desk.mass.armed
+
+
+@pytest.mark.parametrize(
+    ("main", "sub", "mode"),
+    [(4, 3, Mode.HOLD), (4, 5, Mode.RETURN), (4, 6, Mode.LAND)],
+)
+def test_px4_modes(main: int, sub: int, mode: Mode) -> None:
+    desk = Desk()
+    desk.take_off()
+    assert desk.command(SET_MODE, 129, main, sub) == OK
+    assert desk.vehicle.autopilot.mode is mode
+    heartbeat = of(desk.pass_wall_time(1.1), "HEARTBEAT")[-1]
+    assert heartbeat.custom_mode == main << 16 | sub << 24
+    assert heartbeat.base_mode == 157
+
+
+def test_modes_that_do_not_exist_or_cannot_be() -> None:
+    desk = Desk()
+    assert desk.command(SET_MODE, 1, 6, 0) == UNSUPPORTED  # offboard
+    assert desk.command(SET_MODE, 0, 4, 4) == UNSUPPORTED  # no custom mode
+    assert desk.command(SET_MODE, 1, NAN, NAN) == UNSUPPORTED
+    assert desk.command(SET_MODE, 1, 4, 4) == REJECTED
+    assert "DO_SET_MODE refused: not armed" in desk.texts()
+    desk.send(mav.MAVLink_set_mode_message(1, 1, Mode.RETURN.custom_mode))
+    assert "Set mode refused: not armed" in desk.texts()
+
+
+def test_messages_on_request_and_at_intervals() -> None:
+    desk = Desk()
+    for number in (148, 242, 264, 115, 141, 42):
+        before = len(desk.heard)
+        assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, number) == OK
+        assert [message.get_msgId() for message in desk.heard[before:]] == [number, 77]
+    assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 9999) == UNSUPPORTED
+    assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, NAN) == UNSUPPORTED
+    # Ground truth is not streamed unless somebody asks.
+    assert not of(desk.pass_wall_time(3.0), "HIL_STATE_QUATERNION")
+    assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 115, 200_000) == OK
+    assert len(of(desk.pass_wall_time(2.0, step=0.01), "HIL_STATE_QUATERNION")) in (10, 11)
+    assert desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 115) == OK
+    assert of(desk.heard, "MESSAGE_INTERVAL")[-1].interval_us == 200_000
+    assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 115, -1) == OK
+    assert desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 115) == OK
+    assert of(desk.heard, "MESSAGE_INTERVAL")[-1].interval_us == -1
+    assert not of(desk.pass_wall_time(1.0), "HIL_STATE_QUATERNION")
+    # The sign of life cannot be turned off.
+    assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, -1) == OK
+    assert len(of(desk.pass_wall_time(5.0), "HEARTBEAT")) in (4, 5, 6)
+
+
+def test_heartbeats_and_telemetry_go_on_while_simulated_time_stands_still() -> None:
+    desk = Desk()
+    at = desk.vehicle.t_ns
+    heard = desk.pass_wall_time(60.0)
+    assert 58 <= len(of(heard, "HEARTBEAT")) <= 61
+    assert len(of(heard, "GLOBAL_POSITION_INT")) >= 300
+    assert {message.time_boot_ms for message in of(heard, "ATTITUDE")} == {at // 1_000_000}
+
+
+def test_pings_and_clock_comparisons_are_answered() -> None:
+    desk = Desk()
+    pong = the(desk.send(mav.MAVLink_ping_message(123, 7, 0, 0)), "PING")
+    assert (pong.time_usec, pong.seq, pong.target_system) == (123, 7, 255)
+    assert not of(desk.send(mav.MAVLink_ping_message(123, 7, 255, 190)), "PING")
+    reply = the(desk.send(mav.MAVLink_timesync_message(0, 42)), "TIMESYNC")
+    assert (reply.tc1, reply.ts1) == (round(desk.now * 1e9), 42)
+
+
+def test_what_arrives_in_flight_does_not_change_the_flight() -> None:
+    def fly(*, talk: bool) -> bytes:
+        desk = Desk()
+        desk.take_off()
+        desk.vehicle.autopilot.flight.go_to(np.array([70.0, 30.0, -30.0]))
+        while desk.vehicle.moving:
+            desk.vehicle.step()
+            if talk:
+                desk.now += 0.003
+                desk.send(
+                    mav.MAVLink_ping_message(1, 1, 0, 0),
+                    mav.MAVLink_param_request_list_message(1, 1),
+                    mav.MAVLink_mission_request_list_message(1, 1, 0),
+                    mav.MAVLink_mission_count_message(1, 1, 3, 0),
+                    mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+                )
+                desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 148)
+                desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 10_000)
+        return desk.recorder.track()
+
+    assert fly(talk=True) == fly(talk=False)
+
+
+def test_every_mode_can_be_left_and_every_number_is_its_own() -> None:
+    assert {mode_of_custom(mode.custom_mode) for mode in Mode} == set(Mode)
+    assert mode_of_custom(0) is None
+    for mode in Mode:
+        assert transition(mode, Trigger.ORDER_TERMINATE) is not None
+        ends = [transition(mode, trigger) for trigger in (Trigger.DONE, Trigger.ORDER_HOLD)]
+        assert ends[0] is not None
+        assert (ends[1] is None) == (mode is Mode.TERMINATED)

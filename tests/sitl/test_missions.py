@@ -1,0 +1,254 @@
+"""What missions mean: the paths and stops that items become, and how their progress is told."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk, item, of, speed_item, the
+from sitl_mavsdk import HOME
+
+from sitl.autopilot.modes import Mode
+
+WAYPOINT = mav.MAV_CMD_NAV_WAYPOINT
+ACCEPTED = mav.MAV_MISSION_ACCEPTED
+NAN = math.nan
+
+
+def start(desk: Desk) -> int:
+    return desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 4, 4)
+
+
+def current(desk: Desk) -> tuple[int, int, int, int]:
+    desk.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_MISSION_CURRENT)
+    message = of(desk.heard, "MISSION_CURRENT")[-1]
+    return message.seq, message.total, message.mission_state, message.mission_mode
+
+
+def reached(desk: Desk) -> list[int]:
+    desk.exchange()
+    return [message.seq for message in of(desk.heard, "MISSION_ITEM_REACHED")]
+
+
+def test_one_path_through_fly_through_points_with_speeds_after_them() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    mission = [
+        item(0, WAYPOINT, north=0.0, height=30.0),
+        speed_item(1, 20.0),
+        item(2, WAYPOINT, north=100.0, height=30.0, params=(0, 7.5, 0, NAN)),
+        item(3, WAYPOINT, north=100.0, east=100.0, height=30.0),
+        speed_item(4, 6.0),
+        item(5, WAYPOINT, north=0.0, east=100.0, height=30.0),
+    ]
+    assert desk.upload(mission) == ACCEPTED
+    assert current(desk) == (0, 6, mav.MISSION_STATE_NOT_STARTED, 2)
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    path = desk.mass.paths[-1]
+    assert len(path.points_ned_m) == 5
+    expected = [[0, 0, -30], [0, 0, -30], [100, 0, -30], [100, 100, -30], [0, 100, -30]]
+    np.testing.assert_allclose(path.points_ned_m, expected, atol=0.02)
+    assert path.speeds_mps == pytest.approx([10.0, 20.0, 20.0, 6.0])
+    assert path.acceptance_m[1:] == pytest.approx([5.0, 7.5, 5.0, 5.0])
+    desk.fly(seconds=3.0)
+    assert current(desk) == (2, 6, mav.MISSION_STATE_ACTIVE, 1)
+    desk.fly()
+    assert reached(desk) == [0, 1, 2, 3, 4, 5]
+    assert [event.seq for event in desk.recorder.of_kind("reached")] == [0, 2, 3, 5]
+    assert current(desk) == (5, 6, mav.MISSION_STATE_COMPLETE, 2)
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+
+
+def test_reached_is_told_with_truth_and_belief_of_its_tick() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.upload([item(0, WAYPOINT, north=100.0), item(1, WAYPOINT, north=150.0)])
+    start(desk)
+    began = desk.vehicle.t_ns
+    desk.fly()
+    first, last = desk.recorder.of_kind("reached")
+    assert first.t_ns - began == pytest.approx(10e9, abs=2 * desk.mass.dt_ns)
+    assert first.belief.t_ns == first.t_ns
+    assert first.belief.pos_ned_m == pytest.approx([100.0, 0.0, -30.0], abs=0.25)
+    assert last.t_ns == desk.vehicle.t_ns  # time stops on the tick of the last item
+
+
+def test_coinciding_points_are_all_reached() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.upload([item(i, WAYPOINT, north=0.0 if i < 2 else 40.0) for i in range(5)])
+    start(desk)
+    desk.fly()
+    assert reached(desk) == [0, 1, 2, 3, 4]
+
+
+def test_hold_times_stop_and_wait_in_simulated_time() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.upload(
+        [
+            item(0, WAYPOINT, north=50.0, params=(4.0, 0, 0, NAN)),
+            item(1, mav.MAV_CMD_NAV_LOITER_TIME, north=100.0, params=(3.0, 0, 0, NAN)),
+            item(2, mav.MAV_CMD_NAV_DELAY, params=(2.0, 0, 0, 0)),
+            item(3, WAYPOINT, north=150.0),
+        ]
+    )
+    start(desk)
+    began = desk.vehicle.t_ns
+    desk.fly()
+    seconds = [(event.t_ns - began) * 1e-9 for event in desk.recorder.of_kind("reached")]
+    assert seconds == pytest.approx([5.0, 5 + 4 + 5 + 3, 19.0, 24.0], abs=0.1)
+
+
+def test_a_mission_from_the_ground_climbs_straight_up_first() -> None:
+    desk = Desk()
+    desk.upload([item(0, WAYPOINT, north=50.0, height=20.0)])
+    desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    np.testing.assert_allclose(
+        desk.mass.paths[-1].points_ned_m, [[0, 0, 0], [0, 0, -20]], atol=0.02
+    )
+    desk.fly()
+    assert desk.mass.belief.pos_ned_m == pytest.approx([50.0, 0.0, -20.0], abs=0.02)
+
+
+def test_take_off_item_then_land_item() -> None:
+    desk = Desk()
+    here = mav.MAVLink_mission_item_int_message(
+        1, 1, 0, 3, mav.MAV_CMD_NAV_TAKEOFF, 0, 1, NAN, NAN, NAN, NAN,
+        2**31 - 1, 2**31 - 1, 15.0, 0,
+    )  # fmt: skip
+    landing = item(2, mav.MAV_CMD_NAV_LAND, north=60.0, height=0.0)
+    assert desk.upload([here, item(1, WAYPOINT, north=40.0, height=15.0), landing]) == ACCEPTED
+    desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
+    start(desk)
+    desk.fly()
+    assert reached(desk) == [0, 1, 2]
+    assert desk.mass.belief.pos_ned_m == pytest.approx([60.0, 0.0, 0.0], abs=0.02)
+    assert not desk.mass.armed
+    assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+
+
+def test_return_item_ends_the_mission_and_flies_home() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    home = item(1, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    desk.upload([item(0, WAYPOINT, north=80.0), home, item(2, WAYPOINT, north=500.0)])
+    start(desk)
+    desk.fly()
+    assert reached(desk) == [0, 1]
+    assert desk.mass.belief.pos_ned_m == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+    modes = [text.split()[0] for text in desk.recorder.texts("mode")]
+    assert modes[-4:] == ["MISSION", "RETURN", "LAND", "HOLD"]
+
+
+def test_loiter_without_end_stays_in_the_mission_and_time_stands_still() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    loiter = item(0, mav.MAV_CMD_NAV_LOITER_UNLIM, north=20.0)
+    desk.upload([loiter, item(1, WAYPOINT, north=50.0)])
+    start(desk)
+    desk.fly()
+    assert desk.vehicle.autopilot.mode is Mode.MISSION
+    assert current(desk)[2] == mav.MISSION_STATE_ACTIVE
+    assert desk.mass.belief.pos_ned_m == pytest.approx([20.0, 0.0, -30.0], abs=0.02)
+
+
+def test_jumps_repeat_and_end() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    jump = mav.MAVLink_mission_item_int_message(
+        1, 1, 2, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_JUMP, 0, 1, 0.0, 2.0, 0, 0, 0, 0, 0.0, 0
+    )
+    desk.upload([item(0, WAYPOINT), item(1, WAYPOINT, north=20.0), jump])
+    start(desk)
+    desk.fly()
+    assert reached(desk) == [0, 1] * 3
+    assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
+
+
+def test_missions_that_cannot_be_are_refused_whole() -> None:
+    desk = Desk()
+    good = [item(0, WAYPOINT, north=20.0)]
+    desk.upload(good)
+    jump = mav.MAVLink_mission_item_int_message(
+        1, 1, 1, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_JUMP, 0, 1, 7.0, 2.0, 0, 0, 0, 0, 0.0, 0
+    )
+    assert desk.upload([*good, jump]) == mav.MAV_MISSION_INVALID
+    assert "Mission refused: item 1 jumps to item 7" in "".join(desk.texts())
+    assert desk.upload([item(0, WAYPOINT, north=30_000.0)]) == mav.MAV_MISSION_INVALID
+    endless = mav.MAVLink_mission_item_int_message(
+        1, 1, 1, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_JUMP, 0, 1, 0.0, 1e6, 0, 0, 0, 0, 0.0, 0
+    )
+    assert desk.upload([*good, endless]) == mav.MAV_MISSION_INVALID
+    assert current(desk)[:2] == (0, 1)
+
+
+def test_pause_and_resume_with_the_speed_that_ruled() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.upload([speed_item(0, 8.0), item(1, WAYPOINT, north=80.0), item(2, WAYPOINT, north=160.0)])
+    start(desk)
+    desk.fly(seconds=15.0)
+    assert desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 4, 3) == mav.MAV_RESULT_ACCEPTED
+    desk.fly()
+    assert current(desk) == (2, 3, mav.MISSION_STATE_PAUSED, 2)
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([8.0])
+    desk.fly()
+    assert reached(desk) == [0, 1, 2]
+
+
+def test_set_current_is_answered_and_jumps() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    assert current(desk)[2] == mav.MISSION_STATE_NO_MISSION
+    desk.upload([item(i, WAYPOINT, north=50.0 * i) for i in range(4)])
+    heard = desk.send(mav.MAVLink_mission_set_current_message(1, 1, 2))
+    assert the(heard, "MISSION_CURRENT").seq == 2
+    heard = desk.send(mav.MAVLink_mission_set_current_message(1, 1, 9))
+    assert the(heard, "MISSION_CURRENT").seq == 2
+    assert "Set current item refused" in "".join(desk.texts())
+    start(desk)
+    desk.fly()
+    assert reached(desk) == [2, 3]
+    # A complete mission starts again from its beginning.
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    desk.fly()
+    assert reached(desk) == [2, 3, 0, 1, 2, 3]
+
+
+def test_a_mission_being_flown_is_not_replaced() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    assert start(desk) == mav.MAV_RESULT_TEMPORARILY_REJECTED
+    desk.upload([item(0, WAYPOINT, north=100.0)])
+    start(desk)
+    desk.fly(seconds=1.0)
+    assert desk.upload([item(0, WAYPOINT)]) == mav.MAV_MISSION_DENIED
+    cleared = desk.send(mav.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert the(cleared, "MISSION_ACK").type == mav.MAV_MISSION_DENIED
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED  # again changes nothing
+    desk.fly()
+    assert reached(desk) == [0]
+
+
+def test_speeds_respect_the_vertical_limits() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    up_and_over = item(1, WAYPOINT, north=40.0, height=60.0)
+    desk.upload([speed_item(0, 20.0), up_and_over, item(2, WAYPOINT, north=40.0, height=30.0)])
+    start(desk)
+    # 4 m/s of climb over 30 m up and 40 m along: 4 * 50 / 30; straight down 3 m/s.
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([4 * 50 / 30, 3.0], rel=1e-3)
+
+
+def test_absolute_altitudes() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    place = item(0, WAYPOINT, north=10.0, height=HOME.alt_msl_m + 45.0, frame=mav.MAV_FRAME_GLOBAL)
+    desk.upload([place])
+    start(desk)
+    desk.fly()
+    assert desk.mass.belief.alt_rel_m == pytest.approx(45.0, abs=0.01)
