@@ -11,6 +11,7 @@ from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, R
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.guard import Guard
+from sitl.autopilot.injection import Injector
 from sitl.autopilot.items import check_item
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
@@ -80,6 +81,8 @@ class Autopilot:
         )
         self._storage = storage
         self._commands.add(Command.PREFLIGHT_STORAGE, self._store_parameters)
+        injector = Injector(aircraft, parameters, monitor=self.monitor)
+        self._commands.add(Command.INJECT_FAILURE, injector.command)
         self._commands.add(Command.DO_FENCE_ENABLE, self._enable_fence)
         self.tick = self.flight.tick
 

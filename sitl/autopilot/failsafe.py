@@ -41,14 +41,6 @@ class Rule:
     actions: Mapping[int, Action]
 
 
-_BY_ORDER = {
-    0: Action.NOTHING,
-    1: Action.HOLD,
-    2: Action.RETURN,
-    3: Action.LAND,
-    4: Action.WARN,
-    5: Action.TERMINATE,
-}
 RULES: Mapping[Cause, Rule] = {
     Cause.FENCE_BREACHED: Rule(
         "GF_ACTION",
@@ -68,8 +60,28 @@ RULES: Mapping[Cause, Rule] = {
     Cause.BATTERY_EMERGENCY: Rule(
         "COM_LOW_BAT_ACT", {0: Action.WARN, 1: Action.WARN, 2: Action.LAND, 3: Action.LAND}
     ),
-    Cause.GNSS_LOST: Rule("COM_POSLOSS_ACT", _BY_ORDER),
-    Cause.GROUND_STATION_LOST: Rule("NAV_DLL_ACT", _BY_ORDER),
+    # No return: it would be flown by the very position that is in doubt.
+    Cause.GNSS_LOST: Rule(
+        "COM_POSLOSS_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.WARN,
+            2: Action.HOLD,
+            3: Action.LAND,
+            4: Action.TERMINATE,
+        },
+    ),
+    Cause.GROUND_STATION_LOST: Rule(
+        "NAV_DLL_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.HOLD,
+            2: Action.RETURN,
+            3: Action.LAND,
+            4: Action.WARN,
+            5: Action.TERMINATE,
+        },
+    ),
 }
 # What the vehicle is doing already, in terms of actions.
 _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATED: Action.TERMINATE}
@@ -120,7 +132,7 @@ class Failsafes:
         self._report.failsafe(f"{why}, {action.name.lower()}")
         refused = self._carry_out(action, why)
         if refused is not None and action is not Action.TERMINATE:
-            # Holding or returning needs a position; sinking where it is does not.
+            # Returning needs a position; sinking where it is does not.
             self._report.failsafe(f"{action.name.lower()} not possible ({refused}), land")
             flight.land(why)
 

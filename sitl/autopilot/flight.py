@@ -143,8 +143,6 @@ class Flight:
         """Start the mission, or go on with it."""
         if self.mode is Mode.MISSION:
             return None
-        if self.mission.complete:
-            self.mission.rewind(0)
         stages = self._stages()
         for stage in stages:
             if isinstance(stage, route.Fly):
@@ -177,6 +175,8 @@ class Flight:
         under_way = self._goal_ned_m
         if under_way is not None and np.array_equal(under_way, goal):
             return None
+        if forbidden := self.forbidden(goal):
+            return f"the position is {forbidden}"
         return self._order(Trigger.ORDER_GOTO, lambda: self._go(goal, yaw_rad), goal_ned_m=goal)
 
     def turn_to(self, yaw_rad: float) -> str | None:

@@ -59,7 +59,7 @@ class Guard:
         """Look at battery, GNSS and fence."""
         self._watch_battery()
         age_s = self._monitor.gnss_age_s()
-        lost = age_s >= self._parameters["COM_POS_FS_DELAY"]
+        lost = self._parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
         self._failsafes.update(Cause.GNSS_LOST, lost, f"no solution for {age_s:.0f} s")
         airborne = self._flight.airborne
         breach = self.breach(self._aircraft.belief.pos_ned_m) if airborne else ""

@@ -29,8 +29,15 @@ class Mission:
         for item in self.items[:seq]:
             self._note_speed(item)
 
+    @property
+    def next_start(self) -> tuple[int, float | None]:
+        """Where a start would begin, and the speed that items have ordered for there."""
+        return (0, None) if self.complete else (self.current, self.item_speed_mps)
+
     def start(self) -> None:
-        """The mission is being flown."""
+        """The mission is being flown; a complete one from its beginning."""
+        if self.complete:
+            self.rewind(0)
         self._started = True
 
     def reached(self, seq: int) -> None:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from flightdyn.aircraft import Aircraft
+from flightdyn.faults import Fault
 from flightdyn.state import GnssFix
 from sitl.autopilot.enums import LandedState, Sensor, Severity, SystemState
 from sitl.autopilot.failsafe import Cause, Failsafes
@@ -36,6 +37,7 @@ class Monitor:
         self._gnss_at_ns = 0
         self._landed = LandedState.UNDEFINED
         self._limited = False
+        self._faults: tuple[Fault, ...] = ()
         self.ground_station_at = math.nan  # wall time of the last heartbeat from one
 
     def heard_ground_station(self, now: float) -> None:
@@ -45,6 +47,7 @@ class Monitor:
     def watch(self) -> None:
         """Look at what may have changed; a few times a simulated second."""
         self._note_gnss()
+        self.watch_faults()
         landed = self._flight.landed_state
         if landed is not self._landed:
             self._landed = landed
@@ -54,6 +57,19 @@ class Monitor:
             self._limited = limited
             if limited:
                 self._report.say(Severity.WARNING, "Ordered speed cannot be held")
+
+    def watch_faults(self) -> None:
+        """Tell of faults that have begun or ended."""
+        faults = self._aircraft.faults
+        if faults == self._faults:
+            return
+        for fault in faults:
+            if fault not in self._faults:
+                self._report.fault(f"Fault begins: {fault.kind}")
+        for fault in self._faults:
+            if fault not in faults:
+                self._report.fault(f"Fault ends: {fault.kind}")
+        self._faults = faults
 
     def _note_gnss(self) -> None:
         aircraft = self._aircraft

@@ -87,15 +87,15 @@ class Navigator:
     def stages(
         self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
-        """What the mission comes to from its current item on.
+        """What the mission comes to from where it would start.
 
         Raises:
             SitlInputError: the items jump in circles without end.
         """
-        item_speed = mission.item_speed_mps
+        first, item_speed = mission.next_start
         return route.compile_route(
             mission.items,
-            first=mission.current,
+            first=first,
             start=route.Start(
                 start,
                 on_ground=self._aircraft.on_ground,

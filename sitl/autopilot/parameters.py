@@ -58,15 +58,16 @@ _FAILSAFE = (
     Spec("BAT_LOW_THR", 0.15, 0.05, 0.5, "", "charge that counts as low"),
     Spec("BAT_CRIT_THR", 0.07, 0.03, 0.5, "", "charge that counts as critical"),
     Spec("BAT_EMERGEN_THR", 0.05, 0.01, 0.3, "", "charge at which to land at once"),
-    _choice(
-        "COM_POSLOSS_ACT", 3, 5, "GNSS lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 terminate"
-    ),
+    _choice("COM_POSLOSS_ACT", 3, 4, "GNSS lost: 0 nothing 1 warn 2 hold 3 land 4 terminate"),
     Spec("COM_POS_FS_DELAY", 20.0, 1.0, 100.0, "s", "GNSS outage (simulated) before acting"),
     _choice("GF_ACTION", 2, 5, "fence: 0 nothing 1 warn 2 hold 3 return 4 terminate 5 land"),
     Spec("GF_MAX_HOR_DIST", 0.0, 0.0, 50_000.0, "m", "fence: distance from home, 0 for none"),
     Spec("GF_MAX_VER_DIST", 0.0, 0.0, 5_000.0, "m", "fence: height above home, 0 for none"),
 )
-TABLE: tuple[Spec, ...] = tuple(sorted(_FLIGHT + _FAILSAFE, key=lambda spec: spec.name))
+_SIMULATION = (_choice("SYS_FAILURE_EN", 1, 1, "whether ground stations may inject failures"),)
+TABLE: tuple[Spec, ...] = tuple(
+    sorted(_FLIGHT + _FAILSAFE + _SIMULATION, key=lambda spec: spec.name)
+)
 SPECS: Mapping[str, Spec] = {spec.name: spec for spec in TABLE}
 
 

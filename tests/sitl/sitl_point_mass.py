@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
@@ -25,7 +26,7 @@ class PointMass:
         self.gnss: GnssFix | None = None
         self.gnss_works = True
         self.cmd_pos_ned_m: Vector | None = None
-        self.injected: list[object] = []
+        self.faults: tuple[Fault, ...] = ()
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
         self._pos = np.zeros(3)
@@ -57,6 +58,12 @@ class PointMass:
         )
 
     truth = belief
+
+    def inject(self, fault: Fault) -> None:
+        self.faults = (*self.faults, fault)
+
+    def clear_faults(self) -> None:
+        self.faults = ()
 
     def arm(self) -> None:
         self.armed = True
