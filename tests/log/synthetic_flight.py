@@ -124,7 +124,7 @@ def fly(folder: Path, *, rounds: int = 3, seed: int = 1, mirrors: Sequence[Sink]
         for sample in _climb(drone):
             made.samples.append(sample)
             log.sampled(sample)
-        for index in range(rounds):
+        for index in range(1, rounds + 1):
             _round(drone, index, made, log)
             log.round(made.rounds[-1])
             round_table.append(made.rounds[-1])
@@ -167,7 +167,7 @@ def _round(drone: PointMass, index: int, made: Fixed, log: FlightLog) -> None:
     records = _uplinks(index, world, problem, plan, reached, rng)
     made.uplinks.extend(records)
     log.uplinks(records)
-    gain = 1 - math.exp(-(index + 1) / 4)
+    gain = 1 - math.exp(-index / 4)
     accuracy = {"digits": 0.35 + 0.6 * gain, "colour-shapes": 0.15 + 0.5 * gain}
     cov = {"digits": 0.9 * (1 - gain), "colour-shapes": 1.1 - 0.6 * gain}
     log.learning(index, accuracy=accuracy, cov=cov, loss={"digits": 0.4, "colour-shapes": 1.2})

@@ -43,8 +43,8 @@ def test_many_rounds_are_thinned_to_twelve_maps_with_first_and_last(tmp_path: Pa
     shown = [axes for axes in round_maps(load_run(tmp_path)).axes if axes.get_visible()]
     titles = [axes.get_title(loc="left") for axes in shown]
     assert len(titles) == 12
-    assert titles[0].startswith("round 0 ")
-    assert titles[-1].startswith("round 14 ")
+    assert titles[0].startswith("round 1 ")
+    assert titles[-1].startswith("round 15 ")
 
 
 def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:

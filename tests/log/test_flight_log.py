@@ -75,7 +75,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
     assert data.area == AREA
     assert data.devices.community == made.world.community
     np.testing.assert_array_equal(data.devices.pos_m, made.world.pos_m)
-    assert [plan.round for plan in data.plans] == [0, 1]
+    assert [plan.round for plan in data.plans] == [1, 2]
     for plan, problem, record in zip(made.plans, made.problems, data.plans, strict=True):
         np.testing.assert_array_equal(record.waypoints_m, plan.waypoints_m)
         np.testing.assert_array_equal(record.schedule, plan.schedule)

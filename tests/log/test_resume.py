@@ -24,11 +24,13 @@ def play(log: FlightLog, made: Fixed, rounds: range) -> LogMark:
         record = made.rounds[number]
         start_ns = round(record.start_t_s * 1e9)
         end_ns = round((record.start_t_s + record.duration_s) * 1e9)
-        log.plan(start_ns, number, made.problems[number], made.plans[number], speed_mps=SPEED_MPS)
+        log.plan(
+            start_ns, record.round, made.problems[number], made.plans[number], speed_mps=SPEED_MPS
+        )
         for sample in made.samples:
             if start_ns < sample.t_ns <= end_ns:
                 log.sampled(sample)
-        log.uplinks([u for u in made.uplinks if u.round == number])
+        log.uplinks([u for u in made.uplinks if u.round == record.round])
         log.round(record)
         mark = log.mark()
     return mark

@@ -1,0 +1,261 @@
+"""Puts a run's report together."""
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from mission.compare import Comparison, RunComparison, compare_run
+from mission.errors import InputError
+from mission.log.values import FlightData
+from mission.palette import community_colour
+from mission.report.charts import battery_card, flight_cards, learning_cards, radio_cards, time_card
+from mission.report.maps import map_svg
+from mission.rundata import load_run
+
+REPORT_NAME = "report.html"
+
+# Nothing may be fetched from anywhere: the file is all there is.
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+
+
+def write_report(run: Path, target: Path | None = None) -> Path:
+    """Write the report of a run's folder (or bare log) to `target`; returns the file.
+
+    Default target: `report.html` in the folder, or beside the log.
+
+    Raises:
+        InputError: not a run, damaged, without a finished round, or `target` cannot be written.
+    """
+    data = load_run(run)
+    if not data.rounds:
+        raise InputError(f"{run}: no round was finished, so there is nothing to report")
+    folder = run if run.is_dir() else None
+    target = target or (run / REPORT_NAME if folder else run.with_suffix(".html"))
+    page = report_html(
+        data,
+        comparison=compare_run(run) if data.plans else None,
+        summary=_summary(folder),
+        config=_config(folder, data),
+        source=run,
+    )
+    try:
+        target.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{target}: cannot write the report: {error.strerror}") from None
+    return target
+
+
+def report_html(
+    run: FlightData,
+    *,
+    comparison: RunComparison | None,
+    summary: Mapping[str, Any],
+    config: str,
+    source: Path,
+) -> str:
+    """The page. `summary` may be empty; without a comparison (nothing flown) flight is left out."""
+    assets = files("mission.report") / "assets"
+    title = str(summary.get("name", source.stem))
+    sections = [_head(title, run, summary), _tiles(run, comparison, summary)]
+    if comparison is not None:
+        sections += [
+            _flight(run, comparison),
+            _cards("Against the plan", flight_cards(run, comparison)),
+            _cards("Radio", radio_cards(run, comparison)),
+        ]
+    sections.append(_cards("Learning", learning_cards(run)))
+    if comparison is not None:
+        sections.append(_round_table(comparison))
+    battery = [battery_card(run)] if len(run.battery.t_ns) else []
+    sections.append(_cards("The run", [*battery, *_about(summary, config)]))
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f"<title>{escape(title)} · Aerofed</title>"
+        f"<style>{(assets / 'report.css').read_text('utf-8')}</style></head>"
+        f"<body><main>{''.join(sections)}"
+        "<footer>Aerofed report. Positions are metres in the area: x east, y north.</footer>"
+        f"</main><script>{(assets / 'report.js').read_text('utf-8')}</script></body></html>\n"
+    )
+
+
+def _head(title: str, run: FlightData, summary: Mapping[str, Any]) -> str:
+    status = str(summary.get("status", ""))
+    badge = ""
+    if status:
+        kind = "" if status == "finished" else " bad"
+        badge = f' <span class="status{kind}">{escape(status)}</span>'
+    facts = [f"{len(run.devices.community)} devices of {len(run.devices.communities)} communities"]
+    if "strategy" in summary:
+        facts.insert(0, f"strategy {summary['strategy']}")
+    if "seed" in summary:
+        facts.append(f"seed {summary['seed']}")
+    return f'<h1>{escape(title)}{badge}</h1><p class="sub">{escape(" · ".join(facts))}</p>'
+
+
+def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]) -> str:
+    last = run.rounds[-1]
+    tiles = [(f"{len(run.rounds)}", "rounds")]
+    tiles += [(f"{100 * value:.1f} %", f"accuracy {name}") for name, value in last.accuracy.items()]
+    delivered = sum(record.delivered for record in run.rounds)
+    scheduled = sum(record.scheduled for record in run.rounds)
+    tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
+    if comparison is not None:
+        total = comparison.total
+        tiles += [
+            (f"{total.flown_path_m / 1000:.2f} km", "flown in rounds"),
+            (f"{_number(total.straight_rms_m)} m", "cross-track rms on straights"),
+            (f"{_number(total.corner_cut_max_m)} m", "deepest corner cut"),
+            (f"{100 * last.battery_remaining:.0f} %", "battery left"),
+        ]
+    if "real_time_factor" in summary:
+        tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
+    body = "".join(
+        f'<div class="tile"><b>{escape(value)}</b><span>{escape(label)}</span></div>'
+        for value, label in tiles
+    )
+    return f'<div class="tiles">{body}</div>'
+
+
+def _flight(run: FlightData, comparison: RunComparison) -> str:
+    rounds = [plan.round for plan in run.plans]
+    legend = [
+        '<span class="key"><i style="border-top:3px dashed var(--accent)"></i>planned</span>',
+        '<span class="key"><i style="border-top:3px solid var(--flown)"></i>flown</span>',
+    ]
+    legend += [
+        f'<span class="key"><i class="dot" style="background:{community_colour(index)}"></i>'
+        f"{escape(name)}</span>"
+        for index, name in enumerate(run.devices.communities)
+    ]
+    legend.append("<span>crossed: lost · faint: not served · size: importance</span>")
+    facts = "".join(_facts(item) for item in comparison.rounds)
+    return (
+        '<h2>Planned and flown</h2><div class="flight"><section class="card">'
+        '<div class="control"><button id="previous" aria-label="previous round">‹</button>'
+        f'<input id="round" type="range" min="0" max="{len(rounds) - 1}" value="0" '
+        f"data-rounds='{json.dumps(rounds)}' aria-label=\"round\">"
+        '<button id="next" aria-label="next round">›</button>'
+        f'<output id="round-label" for="round">Round {rounds[0]}</output>'
+        '<label><input id="all" type="checkbox"> all flown paths</label></div>'
+        f'<div class="legend">{"".join(legend)}</div>{map_svg(run)}</section>'
+        f'<section class="card">{facts}</section></div>'
+    )
+
+
+def _facts(item: Comparison) -> str:
+    rows = [
+        ("path planned / flown", f"{item.plan_path_m:.1f} / {item.flown_path_m:.1f} m"),
+        ("duration", f"{item.duration_s:.1f} s"),
+        ("delivered", f"{item.delivered} of {item.scheduled} (expected {item.expected:.1f})"),
+        ("objective planned", _number(item.plan_objective, 3)),
+        ("objective believed", _number(item.est_objective, 3)),
+        ("objective true", _number(item.true_objective, 3)),
+        ("proven bound", _number(item.upper_bound, 3)),
+        ("cross-track rms / max", _pair(item.cross_track_rms_m, item.cross_track_max_m, "m")),
+        ("on straights rms / max", _pair(item.straight_rms_m, item.straight_max_m, "m")),
+        ("corner cut mean / max", _pair(item.corner_cut_mean_m, item.corner_cut_max_m, "m")),
+        ("height error rms / max", _pair(item.height_rms_m, item.height_max_m, "m")),
+        ("estimate error rms / max", _pair(item.estimate_rms_m, item.estimate_max_m, "m")),
+        ("slot late mean / max", _pair(item.slot_late_mean_s, item.slot_late_max_s, "s")),
+        ("slots never reached", f"{item.slots_missed} of {item.slots}"),
+    ]
+    body = "".join(
+        f"<tr><td>{escape(label)}</td><td class=number>{escape(value)}</td></tr>"
+        for label, value in rows
+    )
+    return f'<div data-round="{item.round}"><h3>Round {item.round}</h3><table>{body}</table></div>'
+
+
+def _round_table(comparison: RunComparison) -> str:
+    heads = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
+             "PER planned", "PER true", "objective planned", "true", "arrived")  # fmt: skip
+    head = "".join(f"<th class=number>{escape(name)}</th>" for name in heads)
+
+    def row(item: Comparison) -> str:
+        cells = [
+            "all" if item.round is None else str(item.round), f"{item.flown_path_m:.0f}",
+            _number(item.cross_track_rms_m), _number(item.cross_track_max_m),
+            _number(item.corner_cut_max_m), _number(item.slot_late_mean_s),
+            _number(item.plan_per_mean, 4), _number(item.true_per_mean, 4),
+            _number(item.plan_objective, 3), _number(item.true_objective, 3),
+            f"{item.delivered}/{item.scheduled}",
+        ]  # fmt: skip
+        return "<tr>" + "".join(f"<td class=number>{escape(cell)}</td>" for cell in cells) + "</tr>"
+
+    body = "".join(row(item) for item in (*comparison.rounds, comparison.total))
+    return (
+        f'<h2>Every round</h2><section class="card scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></section>"
+    )
+
+
+def _about(summary: Mapping[str, Any], config: str) -> list[str]:
+    cards = []
+    if isinstance(summary.get("wall_s"), dict):
+        cards.append(time_card(summary["wall_s"]))
+    facts = [*_wind(config)]
+    facts += [(k, str(summary[k])) for k in ("python", "platform", "cpus") if k in summary]
+    libraries = summary.get("libraries")
+    if isinstance(libraries, dict):
+        facts += [(str(name), str(version)) for name, version in libraries.items()]
+    if facts:
+        rows = "".join(
+            f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts
+        )
+        cards.append(f'<section class="card"><h3>Conditions</h3><table>{rows}</table></section>')
+    if config:
+        cards.append(
+            '<section class="card"><details><summary>Configuration</summary>'
+            f"<pre>{escape(config)}</pre></details></section>"
+        )
+    return cards
+
+
+def _wind(config: str) -> list[tuple[str, str]]:
+    try:
+        aircraft = tomllib.loads(config).get("vehicle", {}).get("aircraft", {})
+    except tomllib.TOMLDecodeError:
+        return []
+    wind = aircraft.get("wind")
+    if not isinstance(wind, dict):
+        return []
+    return [("wind", ", ".join(f"{key} {value}" for key, value in wind.items()))]
+
+
+def _cards(title: str, cards: Sequence[str]) -> str:
+    return f'<h2>{escape(title)}</h2><div class="cards">{"".join(cards)}</div>' if cards else ""
+
+
+def _summary(folder: Path | None) -> Mapping[str, Any]:
+    path = folder / "summary.json" if folder else None
+    if path is None or not path.is_file():
+        return {}
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: not a run's summary")
+    return values
+
+
+def _config(folder: Path | None, run: FlightData) -> str:
+    path = folder / "config.toml" if folder else None
+    if path is not None and path.is_file():
+        return path.read_text(encoding="utf-8")
+    return run.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
+
+
+def _number(value: float, digits: int = 2) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _pair(first: float, second: float, unit: str) -> str:
+    return f"{_number(first)} / {_number(second)} {unit}"
