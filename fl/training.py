@@ -205,14 +205,17 @@ def _shares(indices: NDArray[np.int64]) -> NDArray[np.float32]:
 
 def _batch(split: Split, indices: NDArray[np.int64], scaling: Scaling) -> Tensor:
     """Scaled images (batch, height, width, device, channel) of indices (device, batch)."""
-    # Device and batch trade places while the pixels are still bytes, a quarter of the traffic.
-    pixels = np.ascontiguousarray(split.images[indices].transpose(1, 2, 3, 0, 4))
-    return (
-        torch.from_numpy(pixels)
-        .to(torch.float32)
-        .mul_(torch.from_numpy(scaling.scale))
-        .add_(torch.from_numpy(scaling.shift))
-    )
+    pixels = torch.from_numpy(split.images[indices]).permute(1, 2, 3, 0, 4)
+    images = torch.empty(pixels.shape)
+    # Trading places, converting and scaling in one pass per channel is the quickest way.
+    for channel, (scale, shift) in enumerate(zip(scaling.scale, scaling.shift, strict=True)):
+        torch.add(
+            torch.tensor(shift),
+            pixels[..., channel],
+            alpha=float(scale),
+            out=images[..., channel],
+        )
+    return images
 
 
 def _parts(network: Network, flat: Tensor) -> list[Tensor]:
