@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError
 from rich.console import Console
 
+from mission import helps
 from mission.errors import INTERRUPTED, AerofedError, InputError
 
 EXIT_CODES = """Exit codes: 0 done, 1 a bug, 2 wrong input, 3 no feasible plan, 4 flight failed, \
@@ -22,6 +23,7 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 app.command("mission.commands.run:run", name="run", help="Fly the rounds of a configuration.")
+app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
 app.command(
     "mission.commands.compare:compare", name="compare", help="Planned against flown, in numbers."
 )

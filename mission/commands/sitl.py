@@ -1,0 +1,52 @@
+"""`aerofed sitl`."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from mission.config import builtin_config, load_config, parse_override
+from mission.errors import InputError
+
+
+def sitl(
+    config: Path | None = None,
+    *,
+    udp: Annotated[tuple[str, ...], Parameter(negative=())] = ("14540", "14550"),
+    speed: float | Literal["max"] = 1.0,
+    set_: Annotated[
+        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
+    ] = (),
+) -> int:
+    """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
+
+    Parameters
+    ----------
+    config
+        TOML file; its area.home_* and vehicle.* count here. Without one, the quick-start
+        configuration is taken.
+    udp
+        Where to send MAVLink, once for each ground station: a port of this machine, or
+        udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there for anybody.
+    speed
+        Simulated seconds per second, or "max".
+    set_
+        Override any key: --set area.home_lat_deg=47.4 --set area.home_lon_deg=8.5
+    """
+    if speed != "max" and not 0 < speed <= 1000:
+        raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    overrides = dict(parse_override(text) for text in set_)
+    resolved = load_config(config or builtin_config("quickstart.toml"), overrides)
+    # Only now, so that wrong input is answered at once.
+    from mission.serve import link_url, make_vehicle, serve
+
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    serve(
+        make_vehicle(resolved),
+        [link_url(text) for text in udp],
+        speed=math.inf if speed == "max" else speed,
+        say=console.print,
+    )
+    return 0

@@ -1,0 +1,35 @@
+"""`aerofed sitl` in a process of its own, for the tests that talk to it."""
+
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def served(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Serve until the block ends; ending it by Ctrl-C must be a success without a word."""
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-m", "mission", "sitl", *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert "Ctrl-C ends" in line, process.communicate(timeout=30)
+        yield process
+    except BaseException:
+        process.kill()
+        process.communicate(timeout=30)
+        raise
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (0, "")

@@ -1,0 +1,99 @@
+"""`aerofed sitl`: any ground station may come, several at once, until Ctrl-C."""
+
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+
+from mission.cli import call
+from serving import free_port, served
+
+ARM, TAKE_OFF = 400, 22
+
+
+def wait_for(client: Any, kind: str, fit: Callable[[Any], bool], *, timeout_s: float = 60) -> Any:
+    """The next message of a kind that fits."""
+    limit = time.monotonic() + timeout_s
+    while time.monotonic() < limit:
+        message = client.recv_match(type=kind, blocking=True, timeout=1.0)
+        if message is not None and fit(message):
+            return message
+    raise AssertionError(f"no {kind} that fits")
+
+
+def command(client: Any, number: int, *params: float) -> int:
+    """The MAV_RESULT of a command."""
+    values = (*params, *(0.0 for _ in range(7 - len(params))))
+    client.mav.command_long_send(1, 1, number, 0, *values)
+    return int(wait_for(client, "COMMAND_ACK", lambda m: m.command == number).result)
+
+
+def test_two_ground_stations_at_once() -> None:
+    first, second = free_port(), free_port()
+    one = mavutil.mavlink_connection(f"udpin:127.0.0.1:{first}")
+    two = mavutil.mavlink_connection(f"udpin:127.0.0.1:{second}")
+    try:
+        with served(
+            "--udp", str(first), "--udp", f"udpout://127.0.0.1:{second}", "--speed", "10",
+            "--set", "area.home_lat_deg=47.4", "--set", "area.home_lon_deg=8.5",
+        ):  # fmt: skip
+            for client in (one, two):
+                beat = wait_for(client, "HEARTBEAT", lambda m: True)
+                assert beat.autopilot == mavutil.mavlink.MAV_AUTOPILOT_PX4
+            ready = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
+            wait_for(one, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & ready))
+            assert command(one, ARM, 1.0) == mavutil.mavlink.MAV_RESULT_ACCEPTED
+            nan = float("nan")
+            climb = (0.0, 0.0, 0.0, nan, nan, nan, 488.0)
+            assert command(two, TAKE_OFF, *climb) == mavutil.mavlink.MAV_RESULT_ACCEPTED
+            seen = wait_for(two, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            assert (seen.lat / 1e7, seen.lon / 1e7) == pytest.approx((47.4, 8.5), abs=1e-4)
+            wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+    finally:
+        one.close()
+        two.close()
+
+
+def test_it_listens_for_whoever_comes() -> None:
+    port = free_port()
+    with served("--udp", f"udpin://127.0.0.1:{port}", "--speed", "max"):
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
+        try:
+            client.mav.heartbeat_send(6, 8, 0, 0, 0)
+            assert wait_for(client, "HEARTBEAT", lambda m: True).get_srcSystem() == 1
+        finally:
+            client.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--udp", "70000"], ["--udp 70000", "65535"]),
+        (["--udp", "udp://host"], ["--udp udp://host", "udpin://HOST:PORT"]),
+        (["--speed", "0"], ["--speed 0"]),
+        (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
+        (["--set", "vehicle.parameters.NO_SUCH=1"], ["NO_SUCH"]),
+    ],
+)
+def test_wrong_input_is_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+) -> None:
+    assert call(["sitl", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    for word in words:
+        assert word in printed.err
+
+
+def test_a_port_in_use_is_a_link_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert call(["sitl", "--udp", f"udpin://127.0.0.1:{port}"]) == 5
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert str(port) in printed.err
+    assert "in use" in printed.err
