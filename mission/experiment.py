@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from fl import federation as learning
 from fl.errors import DivergedError
-from mission.errors import InputError
+from mission.checkpoint import RoundMemory
+from mission.errors import FlightError, InputError
 from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer, open_flyer
 from mission.gate import slots, uplinks
 from mission.pilot import stop_sequence
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.records import RoundRecord, UplinkRecord
+from mission.records import Learnt, RoundRecord, UplinkRecord
 from mission.stopwatch import Stopwatch
 from mission.strategies import Strategy
-from mission.track import Flight
+from mission.track import Passage
 from mission.world import World
 from sitl.observer import VehicleObserver
 
@@ -33,11 +34,9 @@ class RoundResult:
 
     record: RoundRecord
     uplinks: tuple[UplinkRecord, ...]
-    learnt: learning.RoundLearning
-    problem: RoundProblem | None = None  # None: nothing was planned or flown (ideal)
-    plan: RoundPlan | None = None
-    flight_plan: FlightPlan | None = None
-    flight: Flight | None = None
+    memory: RoundMemory
+    state: learning.FederationState  # after the round
+    remembered: bool  # flown again, from a checkpoint
 
 
 class Recorder(Protocol):
@@ -54,7 +53,7 @@ class Recorder(Protocol):
         """A round is about to be flown."""
         ...
 
-    def finished(self, t_ns: int, result: RoundResult) -> None:
+    def finished(self, result: RoundResult) -> None:
         """A round is over."""
         ...
 
@@ -70,7 +69,9 @@ class Experiment:
     world: World
     recorder: Recorder
     stopwatch: Stopwatch
-    state: learning.FederationState
+    state: learning.FederationState  # with a memory: after the last round in it
+    memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
+    observers: Sequence[VehicleObserver] = ()
     budget_used_m: float = 0.0
     rounds_done: int = 0
     flown_m: float = 0.0
@@ -78,7 +79,6 @@ class Experiment:
     scheduled: int = 0
     delivered: int = 0
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
-    observers: Sequence[VehicleObserver] = field(default=())
 
     @property
     def finished(self) -> bool:
@@ -122,29 +122,21 @@ class Experiment:
 
     async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
         world, number = self.world, self.rounds_done + 1
-        mission = world.config.mission
-        self.recorder.phase("planning")
+        recalled = self._recalled()
+        self.recorder.phase("flying again" if recalled else "planning")
         start = flyer.here()
-        with self.stopwatch("plan"):
-            problem = RoundProblem(
-                devices_m=world.devices_m,
-                importance=learning.importance(
-                    world.federation, self.state, fairness=strategy.fairness
-                ),
-                start_m=world.area.from_ned(start.est_ned_m),
-                steps=mission.steps,
-                per_step=mission.devices_per_step,
-                path_budget_m=min(
-                    mission.path_budget_m, mission.total_budget_m - self.budget_used_m
-                ),
-                channel=world.channel,
-            )
-            # In a thread, so that heartbeats go on; simulated time stands still.
-            sortie = await asyncio.to_thread(strategy.sortie, self.rounds_done, problem)
+        problem = self._problem(start, strategy, recalled)
+        if recalled is not None and recalled.sortie is not None:
+            sortie = recalled.sortie
+        else:
+            with self.stopwatch("plan"):
+                # In a thread, so that heartbeats go on; simulated time stands still.
+                sortie = await asyncio.to_thread(strategy.sortie, self.rounds_done, problem)
         flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
         self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
 
-        self.recorder.phase("flight")
+        if recalled is None:
+            self.recorder.phase("flight")
         with self.stopwatch("fly"):
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
@@ -155,18 +147,25 @@ class Experiment:
         )  # fmt: skip
         self.budget_used_m += flight.flown_m if sortie.cost_m is None else sortie.cost_m
         self.flown_m += flight.flown_m
+        true_objective = sum(u.importance * _success(u.true_per) for u in served)
+        if recalled is not None and recalled.true_objective != true_objective:
+            raise FlightError(
+                f"round {number}, flown again, differs from the first time (objective "
+                f"{true_objective!r}, was {recalled.true_objective!r}): another machine or version "
+                "computes otherwise, so this run cannot be resumed here"
+            )
 
         scheduled, delivered = (np.zeros(len(world.devices_m), dtype=bool) for _ in range(2))
         scheduled[[u.device for u in served]] = True
         delivered[[u.device for u in served if u.delivered]] = True
-        learnt = await self._learn(scheduled, delivered)
+        learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=number,
             start_t_s=start.t_ns / 1e9,
             duration_s=flight.duration_s,
             plan_objective=sortie.plan.value,
             est_objective=sum(u.importance * _success(u.est_per) for u in served),
-            true_objective=sum(u.importance * _success(u.true_per) for u in served),
+            true_objective=true_objective,
             upper_bound=sortie.plan.upper_bound,
             plan_path_m=sortie.plan.path_m,
             flown_path_m=flight.flown_m,
@@ -177,15 +176,41 @@ class Experiment:
             accuracy=learnt.accuracy,
             cov=learnt.cov,
         )
-        self._finish(
-            flyer.vehicle.t_ns,
-            RoundResult(record, served, learnt, problem, sortie.plan, flight_plan, flight),
+        memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
+        self._finish(record, served, memory, remembered=recalled is not None)
+
+    def _problem(
+        self, start: Passage, strategy: Strategy, recalled: RoundMemory | None
+    ) -> RoundProblem:
+        world, mission = self.world, self.world.config.mission
+        if recalled is not None:
+            importance = recalled.importance
+        else:
+            importance = learning.importance(
+                world.federation, self.state, fairness=strategy.fairness
+            )
+        left_m = mission.total_budget_m - self.budget_used_m
+        return RoundProblem(
+            devices_m=world.devices_m,
+            importance=importance,
+            start_m=world.area.from_ned(start.est_ned_m),
+            steps=mission.steps,
+            per_step=mission.devices_per_step,
+            path_budget_m=min(mission.path_budget_m, left_m),
+            channel=world.channel,
         )
 
+    def _recalled(self) -> RoundMemory | None:
+        return self.memory[self.rounds_done] if self.rounds_done < len(self.memory) else None
+
     async def _ideal_round(self) -> None:
+        recalled = self._recalled()
         everyone = np.ones(len(self.world.devices_m), dtype=bool)
-        importance = learning.importance(self.world.federation, self.state, fairness=True)
-        learnt = await self._learn(everyone, everyone)
+        if recalled is not None:
+            importance, learnt = recalled.importance, recalled.learnt
+        else:
+            importance = learning.importance(self.world.federation, self.state, fairness=True)
+            learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
         record = RoundRecord(
             round=self.rounds_done + 1, start_t_s=0.0, duration_s=0.0,
@@ -194,32 +219,48 @@ class Experiment:
             scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
             accuracy=learnt.accuracy, cov=learnt.cov,
         )  # fmt: skip
-        self._finish(0, RoundResult(record, (), learnt))
+        memory = RoundMemory(importance, None, learnt, total)
+        self._finish(record, (), memory, remembered=recalled is not None)
 
-    async def _learn(
-        self, scheduled: NDArray[np.bool_], delivered: NDArray[np.bool_]
-    ) -> learning.RoundLearning:
+    async def _learn(self, scheduled: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> Learnt:
         self.recorder.phase("training")
+        federation = self.world.federation
         with self.stopwatch("learn"):
             try:
                 self.state, learnt = await asyncio.to_thread(
                     learning.play_round,
-                    self.world.federation,
+                    federation,
                     self.state,
                     scheduled=scheduled,
                     delivered=delivered,
                 )
             except DivergedError as error:
                 raise InputError(f"learning diverged: {error}") from None
-        return learnt
+        losses = (learnt.local_loss[federation.members(c)] for c in range(len(federation.names)))
+        trained = (loss[np.isfinite(loss)] for loss in losses)
+        return Learnt(
+            learnt.accuracy,
+            learnt.cov,
+            {
+                name: float(loss.mean()) if loss.size else math.nan
+                for name, loss in zip(federation.names, trained, strict=True)
+            },
+        )
 
-    def _finish(self, t_ns: int, result: RoundResult) -> None:
+    def _finish(
+        self,
+        record: RoundRecord,
+        served: tuple[UplinkRecord, ...],
+        memory: RoundMemory,
+        *,
+        remembered: bool,
+    ) -> None:
         with self.stopwatch("log"):
-            self.recorder.finished(t_ns, result)
+            self.recorder.finished(RoundResult(record, served, memory, self.state, remembered))
         self.rounds_done += 1
-        self.scheduled += result.record.scheduled
-        self.delivered += result.record.delivered
-        self.accuracy = dict(result.record.accuracy)
+        self.scheduled += record.scheduled
+        self.delivered += record.delivered
+        self.accuracy = dict(record.accuracy)
 
 
 def _success(per: float) -> float:

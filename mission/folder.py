@@ -5,6 +5,7 @@ import os
 import platform
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -71,25 +72,42 @@ class RunFolder:
         return self.path / "summary.json"
 
     @property
+    def checkpoint(self) -> Path:
+        return self.path / "checkpoint"
+
+    @property
     def figures(self) -> Path:
         return self.path / "figures"
+
+    def status(self) -> str | None:
+        """How the run ended as its summary says; None without a readable summary."""
+        try:
+            values = json.loads(self.summary.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return str(values.get("status")) if isinstance(values, dict) else None
 
     def write_summary(self, values: Mapping[str, Any]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or not at all."""
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file so that it is there whole or not at all, after a power cut too.
+
+    Raises:
+        InputError: it cannot be written.
+    """
     partial = path.with_name(f".{path.name}.partial")
     try:
-        with partial.open("w", encoding="utf-8") as file:
-            file.write(text)
+        with partial.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot write: {error.strerror}") from None
 
 

@@ -49,3 +49,12 @@ class RoundRecord:
     battery_remaining: float
     accuracy: dict[str, float]  # per community, after the round; one column each
     cov: dict[str, float]  # psi per community, in force for the next round
+
+
+@dataclass(frozen=True, slots=True)
+class Learnt:
+    """What one round taught, per community."""
+
+    accuracy: dict[str, float]
+    cov: dict[str, float]  # psi, in force for the next round
+    loss: dict[str, float]  # mean over the trained devices; NaN where none was trained

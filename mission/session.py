@@ -1,20 +1,19 @@
 """One `aerofed run`: the experiment with everything that watches it, and what it leaves behind."""
 
 import asyncio
-import math
 import socket
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from fl import federation as learning
 from mission import figures
-from mission.config import RunConfig
+from mission.checkpoint import CheckpointFolder, RoundMemory, remembered_data_dir
+from mission.config import RunConfig, load_config
 from mission.errors import INTERRUPTED, AerofedError, LinkLostError
 from mission.experiment import Experiment, RoundResult
 from mission.flightplan import FlightPlan
@@ -38,6 +37,7 @@ class SessionRecorder:
     log: FlightLog
     rounds: RoundTable
     uplinks: UplinkTable
+    checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
 
@@ -59,19 +59,16 @@ class SessionRecorder:
             ideal_slot_s=flight_plan.ideal_slot_s(),
         )
 
-    def finished(self, t_ns: int, result: RoundResult) -> None:  # noqa: ARG002
+    def finished(self, result: RoundResult) -> None:
         """Log and tabulate a finished round; from here on it is kept whatever happens."""
-        record = result.record
+        record, learnt = result.record, result.memory.learnt
         self.log.uplinks(result.uplinks)
-        self.log.learning(
-            record.round,
-            accuracy=record.accuracy,
-            cov=record.cov,
-            loss=self._loss(result.learnt.local_loss),
-        )
+        self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
         self.rounds.append(record)
+        if not result.remembered:
+            self.checkpoint.save(self.world.federation, result.state, result.memory)
         flight_s = self.stopwatch.wall_s.get("fly", 0.0)
         elapsed_s = record.start_t_s + record.duration_s
         self.progress.round_done(
@@ -84,16 +81,6 @@ class SessionRecorder:
         """Show the phase."""
         self.progress.phase(name)
 
-    def _loss(self, local_loss: NDArray[np.float64]) -> dict[str, float]:
-        """Mean training loss over a community's trained devices; NaN where none was trained."""
-        federation = self.world.federation
-        by_community = (local_loss[federation.members(c)] for c in range(len(federation.names)))
-        trained = (loss[np.isfinite(loss)] for loss in by_community)
-        return {
-            name: float(loss.mean()) if loss.size else math.nan
-            for name, loss in zip(federation.names, trained, strict=True)
-        }
-
 
 def fly_session(
     config: RunConfig, path: Path, *, data_dir: Path | None, console: Console, quiet: bool
@@ -101,7 +88,8 @@ def fly_session(
     """Run an experiment into a new folder. Returns the exit code.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
-    flight keeps what was flown, with a readable log and a summary that says how it ended.
+    flight keeps what was flown, with a readable log, a summary that says how it ended, and a
+    checkpoint to resume from.
 
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
@@ -109,16 +97,66 @@ def fly_session(
     stopwatch = Stopwatch()
     with stopwatch("setup"):
         world = build_world(config, data_dir=data_dir)
-        if config.link.kind == "udp" and world.strategy is not None:
-            _check_port(config.link.udp_port)
+        _check_link(world)
         folder = RunFolder.create(path)
-        write_atomically(folder.config, config.to_toml())
-        write_atomically(folder.devices, world.devices_csv())
+        text = config.to_toml()
+        state = learning.init(world.federation)
+        checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
+        write_atomically(folder.config, text)
+        checkpoint.save(world.federation, state, None)
+    return _fly(world, folder, checkpoint, state, (), stopwatch, console=console, quiet=quiet)
+
+
+def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
+    """Go on with a run that was interrupted or killed, from its last finished round.
+
+    The rounds before are flown again by their plans, so that the folder ends like that of a run
+    that was never interrupted. Returns the exit code.
+
+    Raises:
+        InputError: not a run, finished long ago and damaged, or started with another
+            configuration, version or data.
+        AerofedError: as `fly_session`.
+    """
+    stopwatch = Stopwatch()
+    with stopwatch("setup"):
+        folder = RunFolder(path)
+        data_dir = remembered_data_dir(folder.checkpoint)
+        if folder.status() == "finished":
+            console.print(f"{path} is finished: nothing to resume", soft_wrap=True, highlight=False)
+            return 0
+        config = load_config(folder.config)
+        world = build_world(config, data_dir=data_dir)
+        _check_link(world)
+        checkpoint = CheckpointFolder(
+            folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
+        )
+        found = checkpoint.load(world.federation)
+    return _fly(
+        world, folder, checkpoint, found.state, found.rounds, stopwatch,
+        console=console, quiet=quiet,
+    )  # fmt: skip
+
+
+def _fly(
+    world: World,
+    folder: RunFolder,
+    checkpoint: CheckpointFolder,
+    state: learning.FederationState,
+    memory: Sequence[RoundMemory],
+    stopwatch: Stopwatch,
+    *,
+    console: Console,
+    quiet: bool,
+) -> int:
+    config = world.config
+    write_atomically(folder.devices, world.devices_csv())
     summary: dict[str, Any] = {
         "status": "running",
         "name": config.name,
         "strategy": config.mission.strategy,
         "seed": config.seed,
+        "resumed_after_round": len(memory) or None,
         "data": world.data_sources(),
         **environment(),
     }
@@ -133,9 +171,10 @@ def fly_session(
         _attach(log, world)
         experiment = Experiment(
             world,
-            SessionRecorder(world, log, rounds, uplinks, progress, stopwatch),
+            SessionRecorder(world, log, rounds, uplinks, checkpoint, progress, stopwatch),
             stopwatch,
-            learning.init(world.federation),
+            state,
+            memory=memory,
             observers=(log,),
         )
         error: AerofedError | None = None
@@ -149,30 +188,38 @@ def fly_session(
             error = failure
             summary["error"] = str(failure)
         finally:
-            summary |= {"status": status, **_totals(experiment, stopwatch)}
-            folder.write_summary(summary)
+            if status != "finished":
+                summary["status"] = status
+                folder.write_summary(summary | _totals(experiment, stopwatch))
     # The figures read the finished log and tables.
     with stopwatch("figures"):
         figures.draw_run(folder.path)
-    folder.write_summary(summary | _totals(experiment, stopwatch))
+    # Last of all: a folder that says "finished" has everything.
+    folder.write_summary(summary | {"status": status, **_totals(experiment, stopwatch)})
     if error is not None:
         raise error
     if not quiet:
-        _say(console, path, experiment, stopwatch)
+        _say(console, folder.path, experiment, stopwatch)
     if status == "interrupted":
-        console.print(f"interrupted; what was flown is in {path}", soft_wrap=True, highlight=False)
+        console.print(
+            f"interrupted; aerofed run --resume {folder.path} goes on",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
         return INTERRUPTED
     return 0
 
 
-def _check_port(port: int) -> None:
+def _check_link(world: World) -> None:
     """Refuse a port that is taken before anything is written."""
+    link = world.config.link
+    if link.kind != "udp" or world.strategy is None:
+        return
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.bind(("127.0.0.1", port))
+            probe.bind(("127.0.0.1", link.udp_port))
         except OSError as error:
             raise LinkLostError(
-                f"link.udp_port = {port}: cannot listen on UDP port {port}: {error.strerror}"
+                f"link.udp_port = {link.udp_port}: cannot listen on this UDP port: {error.strerror}"
             ) from None
 
 

@@ -23,6 +23,7 @@ def run(
     set_: Annotated[
         tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
     ] = (),
+    resume: Path | None = None,
     quiet: bool = False,
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
@@ -43,9 +44,17 @@ def run(
         Rounds at most; overrides mission.rounds.
     set_
         Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
+    resume
+        Go on with the run in this folder, from its last finished round; takes no other setting.
     quiet
         Print nothing but errors.
     """
+    if resume is not None:
+        if (config, out, data_dir, seed, rounds, set_) != (None, None, None, None, None, ()):
+            raise InputError("--resume takes no other setting: the folder has them all")
+        from mission.session import resume_session
+
+        return resume_session(resume, console=Console(), quiet=quiet)
     path = config or builtin_config("quickstart.toml")
     overrides = dict(parse_override(text) for text in set_)
     if seed is not None:

@@ -1,0 +1,113 @@
+"""A killed run goes on and ends like one that was never killed."""
+
+import json
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_run import SMALL, digests, fly, refused, rows
+
+from mission.cli import call
+
+ROUNDS = 3
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("whole") / "run"
+    assert fly(out, rounds=ROUNDS) == 0
+    return out
+
+
+def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
+    """Start a run and kill it without warning, some time after it finished so many rounds."""
+    command = [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", str(ROUNDS)]
+    process = subprocess.Popen([*command, *SMALL])
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        if (out / "uplinks.csv").exists() and len(rows(out / "rounds.csv")) >= after_rounds:
+            break
+        time.sleep(0.01)
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+# 20 of these were killed at random moments by hand; CI has time for a few.
+@pytest.mark.parametrize("after_rounds", [0, 1, 2])
+def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_rounds: int) -> None:
+    out = tmp_path / "killed"
+    killed(out, after_rounds=after_rounds, delay_s=random.Random(after_rounds).uniform(0.0, 0.3))
+    assert call(["run", "--resume", str(out), "--quiet"]) == 0
+    assert digests(out) == digests(whole)
+    assert json.loads((out / "summary.json").read_text())["status"] == "finished"
+
+
+def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = digests(whole)
+    assert call(["run", "--resume", str(whole)]) == 0
+    assert "nothing to resume" in capsys.readouterr().out
+    assert digests(whole) == before
+
+
+@pytest.fixture
+def stopped(whole: Path, tmp_path: Path) -> Path:
+    """A run that says it is still running."""
+    out = tmp_path / "stopped"
+    shutil.copytree(whole, out)
+    summary = json.loads((out / "summary.json").read_text()) | {"status": "running"}
+    (out / "summary.json").write_text(json.dumps(summary))
+    return out
+
+
+def test_resume_refuses_a_changed_configuration(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stopped / "config.toml"
+    path.write_text(path.read_text().replace("steps = 5", "steps = 6"))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "config.toml", "changed")
+
+
+def test_resume_refuses_a_damaged_checkpoint(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (state,) = (stopped / "checkpoint").glob("*.bin")
+    state.write_bytes(state.read_bytes()[:-3] + b"abc")
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, state.name, "damaged")
+
+
+def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = json.loads(path.read_text())
+    values["libraries"]["jsbsim"] = "0.9"
+    path.write_text(json.dumps(values))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "versions of the libraries")
+
+
+def test_resume_says_when_a_round_cannot_be_flown_again_alike(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = json.loads(path.read_text())
+    values["rounds"][0]["true_objective"] += 1e-12
+    path.write_text(json.dumps(values))
+    assert call(["run", "--resume", str(stopped), "--quiet"]) == 4
+    refused(capsys, "round 1, flown again, differs")
+
+
+def test_resume_of_what_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["run", "--resume", str(tmp_path)]) == 2
+    refused(capsys, "not a run that can be resumed")
+
+
+def test_resume_takes_no_other_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["run", "--resume", str(tmp_path), "--seed", "3"]) == 2
+    refused(capsys, "--resume takes no other setting")
