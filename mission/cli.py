@@ -27,6 +27,18 @@ app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
 app.command(
     "mission.commands.compare:compare", name="compare", help="Planned against flown, in numbers."
 )
+app.command(
+    "mission.commands.report:report", name="report", help="One HTML page to send to a colleague."
+)
+log = App(name="log", help="Look into flight logs, mend and export them.")
+log.command("mission.commands.log:info", name="info", help="What is in a log.")
+log.command("mission.commands.log:check", name="check", help="Whether a log is whole and sound.")
+log.command(
+    "mission.commands.log:recover", name="recover", help="Make a killed run's log readable again."
+)
+log.command("mission.commands.log:export", name="export", help="CSV, KML and other formats.")
+log.command("mission.commands.log:diff", name="diff", help="Where two logs differ.")
+app.command(log)
 
 
 def main(tokens: Sequence[str] | None = None) -> None:
