@@ -8,7 +8,6 @@ The same records give the same bytes.
 
 import csv
 import io
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -28,20 +27,13 @@ class TableError(InputError):
 class _Table:
     """An open CSV file that takes whole rows: what was appended survives the process."""
 
-    def __init__(self, path: Path, columns: Sequence[str], *, before_round: int | None) -> None:
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self.path = path
-        self._columns = tuple(columns)
-        kept = "" if before_round is None else _rows_before(path, self._columns, before_round)
         try:
-            partial = path.with_name(f".{path.name}.partial")
-            with partial.open("w", encoding="utf-8", newline="") as file:
-                file.write(_line(self._columns) + kept)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path)
-            self._file: IO[str] = path.open("a", encoding="utf-8", newline="")
+            self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
             raise TableError(f"{path}: cannot write the table: {error.strerror}") from None
+        self._append([columns])
 
     def _append(self, rows: Iterable[Sequence[str]]) -> None:
         try:
@@ -69,19 +61,14 @@ class _Table:
 class RoundTable(_Table):
     """`rounds.csv` being written."""
 
-    def __init__(
-        self, path: Path, communities: Sequence[str], *, before_round: int | None = None
-    ) -> None:
+    def __init__(self, path: Path, communities: Sequence[str]) -> None:
         """Start the table, replacing a file that is there.
 
-        With `before_round` the rows of earlier rounds that are in the file stay (a run that goes
-        on from a checkpoint); a last row that is cut short does not matter then.
-
         Raises:
-            TableError: the file cannot be written, or what should stay is not such a table.
+            TableError: the file cannot be written.
         """
         self._communities = tuple(communities)
-        super().__init__(path, _round_columns(self._communities), before_round=before_round)
+        super().__init__(path, _round_columns(self._communities))
 
     def append(self, record: RoundRecord) -> None:
         """Write one row and hand it to the operating system."""
@@ -98,9 +85,9 @@ class RoundTable(_Table):
 class UplinkTable(_Table):
     """`uplinks.csv` being written."""
 
-    def __init__(self, path: Path, *, before_round: int | None = None) -> None:
-        """Start the table; see `RoundTable`."""
-        super().__init__(path, _uplink_columns(), before_round=before_round)
+    def __init__(self, path: Path) -> None:
+        """Start the table, replacing a file that is there; raises TableError if it cannot be."""
+        super().__init__(path, _uplink_columns())
 
     def extend(self, records: Iterable[UplinkRecord]) -> None:
         """Write a round's rows and hand them to the operating system."""
@@ -241,27 +228,3 @@ def _parse(path: Path, line: int, column: str, cell: str, kind: Callable[[str], 
     except (ValueError, KeyError):
         allowed = _ALLOWED[kind]
         raise TableError(f"{path}: line {line}: {column} = {cell!r}: must be {allowed}") from None
-
-
-def _rows_before(path: Path, columns: Sequence[str], before_round: int) -> str:
-    """The rows of the rounds before `before_round`, as they stand in the file."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TableError(
-            f"{path}: cannot read the table that should be continued: {error}"
-        ) from None
-    lines = list(io.StringIO(text, newline="\n"))
-    if not lines or lines[0] != _line(columns):
-        raise TableError(f"{path}: line 1: other columns than the run that should be continued has")
-    kept: list[str] = []
-    for number, line in enumerate(lines[1:], start=2):
-        cell = line.split(",", 1)[0]
-        if not cell.isdigit():
-            raise TableError(f"{path}: line {number}: round = {cell!r}: must be a whole number")
-        if int(cell) >= before_round:
-            break
-        if not line.endswith("\n"):
-            raise TableError(f"{path}: line {number}: the last row is cut short")
-        kept.append(line)
-    return "".join(kept)

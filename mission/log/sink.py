@@ -7,7 +7,6 @@ from typing import Protocol
 
 from mission.log.errors import LogError
 from mission.log.mcapio import new_writer, our_channels, register
-from mission.log.resume import replay
 from mission.log.topics import Topic
 
 
@@ -27,28 +26,21 @@ class McapSink:
     The bytes are a function of what is written and flushed: nothing of the wall clock goes in.
     """
 
-    def __init__(self, path: Path, *, keep_bytes: int | None = None) -> None:
-        """Start the file, replacing one that is there; or keep its first bytes and go on.
-
-        Raises:
-            LogError: the file cannot be made, or what should be kept is missing or damaged.
-        """
+    def __init__(self, path: Path) -> None:
+        """Start the file, replacing one that is there; raises LogError if it cannot be made."""
         self.path = path
-        if keep_bytes is not None:
-            self._file, self._writer, self._sequence = replay(path, keep_bytes)
-        else:
-            try:
-                self._file = path.open("wb")
-            except OSError as error:
-                raise LogError(path, f"cannot write the log: {error.strerror}") from None
-            self._writer = new_writer(self._file)
-            register(self._writer)
-            self._sequence = {}
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise LogError(path, f"cannot write the log: {error.strerror}") from None
+        self._writer = new_writer(self._file)
+        register(self._writer)
         self._channel = {channel.topic: number for number, channel in our_channels()[1].items()}
+        self._sequence = dict.fromkeys(self._channel.values(), 0)
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         channel = self._channel[topic.name]
-        sequence = self._sequence.get(channel, 0)
+        sequence = self._sequence[channel]
         self._writer.add_message(channel, t_ns, data, publish_time=t_ns, sequence=sequence)
         self._sequence[channel] = sequence + 1
 
@@ -69,11 +61,10 @@ class McapSink:
         except OSError as error:
             raise LogError(self.path, f"cannot write the log: {error.strerror}") from None
 
-    def sync(self) -> int:
-        """Flush to the disk itself, so that it survives a power loss; returns the file's size."""
+    def sync(self) -> None:
+        """Flush to the disk itself, so that it survives a power loss."""
         self.flush()
         os.fsync(self._file.fileno())
-        return self._file.tell()
 
     def close(self) -> None:
         """Write indexes and statistics. Closing twice is fine."""

@@ -36,17 +36,6 @@ class LogRates:
     battery_hz: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class LogMark:
-    """A place in a log from which a run can go on; plain numbers, for a checkpoint."""
-
-    size_bytes: int
-    now_ns: int
-    mode: str | None
-    armed: bool
-    due_ns: tuple[int, ...]  # when each reduced rate writes next
-
-
 class FlightLog:
     """The log of one run. A `VehicleObserver`; use it as a context manager.
 
@@ -63,20 +52,16 @@ class FlightLog:
         devices: Devices,
         rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
-        resume: LogMark | None = None,
     ) -> None:
         """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
 
-        With `resume` the file that is there is cut at the mark and goes on: what comes out in the
-        end has the bytes of a log that was never interrupted.
-
         Raises:
-            LogError: the file cannot be made, or what is before the mark is missing or damaged.
+            LogError: the file cannot be made.
         """
         self._area = area
         self._frame = area.frame
         self._devices = devices
-        self._file = McapSink(path, keep_bytes=None if resume is None else resume.size_bytes)
+        self._file = McapSink(path)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         rates = rates or LogRates()
         self._due = {
@@ -92,9 +77,6 @@ class FlightLog:
         self._flown: list[messages.XYZ] = []
         self._flown_point = _Every(_PATH_POINT_NS)
         self._flown_path = _Every(_PATH_EVERY_NS)
-        if resume is not None:
-            self._restore(resume)
-            return
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
         self._write_devices(0)
@@ -229,18 +211,6 @@ class FlightLog:
         self._flush()
         self._file.sync()
 
-    def mark(self) -> LogMark:
-        """Where the log is now, safe on the disk; see `resume` of the constructor."""
-        self._flush()
-        mode, armed = self._mode or (None, False)
-        return LogMark(
-            size_bytes=self._file.sync(),
-            now_ns=self._now_ns,
-            mode=mode,
-            armed=armed,
-            due_ns=tuple(timer.next_ns for timer in self._timers()),
-        )
-
     def learning(
         self,
         round_number: int,
@@ -302,15 +272,6 @@ class FlightLog:
         for sink in self._sinks:
             sink.flush()
 
-    def _timers(self) -> tuple["_Every", ...]:
-        return (*self._due.values(), self._flown_point, self._flown_path)
-
-    def _restore(self, mark: LogMark) -> None:
-        self._now_ns = self._flushed_ns = mark.now_ns
-        self._mode = None if mark.mode is None else (mark.mode, mark.armed)
-        for timer, next_ns in zip(self._timers(), mark.due_ns, strict=True):
-            timer.next_ns = next_ns
-
     def _write_devices(self, t_ns: int) -> None:
         """At the start and with every plan, so that no damaged place can take them away."""
         values = {
@@ -339,18 +300,18 @@ class FlightLog:
 class _Every:
     """True once a period of simulated time, on a fixed grid so that rates do not drift."""
 
-    __slots__ = ("_period_ns", "next_ns")
+    __slots__ = ("_next_ns", "_period_ns")
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
-        self.next_ns = 0
+        self._next_ns = 0
 
     @classmethod
     def of(cls, rate_hz: float) -> "_Every":
         return cls(round(NS_PER_S / rate_hz))
 
     def now(self, t_ns: int) -> bool:
-        if t_ns < self.next_ns:
+        if t_ns < self._next_ns:
             return False
-        self.next_ns = (t_ns // self._period_ns + 1) * self._period_ns
+        self._next_ns = (t_ns // self._period_ns + 1) * self._period_ns
         return True

@@ -83,30 +83,6 @@ def test_a_row_is_in_the_file_as_soon_as_it_is_appended(tmp_path: Path) -> None:
     table.close()
 
 
-def test_going_on_keeps_the_earlier_rounds_byte_for_byte(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.csv", *(round_record(n) for n in range(5)))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-10])  # died within the last row
-    with RoundTable(path, ["digits", 'a "b", c'], before_round=3) as table:
-        table.append(round_record(3))
-        table.append(round_record(4))
-    assert path.read_bytes() == whole
-    uplinks = tmp_path / "u.csv"
-    with UplinkTable(uplinks) as sent:
-        sent.extend([uplink(0), uplink(0, 4), uplink(2)])
-    with UplinkTable(uplinks, before_round=2) as sent:
-        sent.extend([uplink(2, 7)])
-    assert read_uplinks(uplinks) == (uplink(0), uplink(0, 4), uplink(2, 7))
-
-
-def test_going_on_refuses_another_runs_table(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.csv", round_record())
-    before = path.read_bytes()
-    with pytest.raises(TableError, match=r"r\.csv: line 1: other columns"):
-        RoundTable(path, ["digits"], before_round=1)
-    assert path.read_bytes() == before
-
-
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
