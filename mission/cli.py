@@ -22,22 +22,16 @@ app = App(
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,
 )
-app.command("mission.commands.run:run", name="run", help="Fly the rounds of a configuration.")
+app.command("mission.commands.run:run", name="run", help=helps.RUN)
+app.command("mission.commands.compare:compare", name="compare", help=helps.COMPARE)
+app.command("mission.commands.report:report", name="report", help=helps.REPORT)
 app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
-app.command(
-    "mission.commands.compare:compare", name="compare", help="Planned against flown, in numbers."
-)
-app.command(
-    "mission.commands.report:report", name="report", help="One HTML page to send to a colleague."
-)
-log = App(name="log", help="Look into flight logs, mend and export them.")
-log.command("mission.commands.log:info", name="info", help="What is in a log.")
-log.command("mission.commands.log:check", name="check", help="Whether a log is whole and sound.")
-log.command(
-    "mission.commands.log:recover", name="recover", help="Make a killed run's log readable again."
-)
-log.command("mission.commands.log:export", name="export", help="CSV, KML and other formats.")
-log.command("mission.commands.log:diff", name="diff", help="Where two logs differ.")
+log = App(name="log", help=helps.LOG)
+log.command("mission.commands.log:info", name="info", help=helps.LOG_INFO)
+log.command("mission.commands.log:check", name="check", help=helps.LOG_CHECK)
+log.command("mission.commands.log:recover", name="recover", help=helps.LOG_RECOVER)
+log.command("mission.commands.log:export", name="export", help=helps.LOG_EXPORT)
+log.command("mission.commands.log:diff", name="diff", help=helps.LOG_DIFF)
 app.command(log)
 
 

@@ -1,5 +1,41 @@
 """Help of the commands that are imported only when they are called: a line and an example."""
 
+RUN = """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
+
+Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6"""
+
+COMPARE = """Planned against flown, in numbers: cross-track error, timing, packet error rates.
+
+Example: aerofed compare paper6"""
+
+REPORT = """One HTML page with maps, errors and curves, to send to a colleague.
+
+Example: aerofed report paper6"""
+
+LOG = """Look into flight logs, mend and export them.
+
+Example: aerofed log info paper6/flight.mcap"""
+
+LOG_INFO = """What is in a log: channels, counts, schemas, times.
+
+Example: aerofed log info paper6/flight.mcap"""
+
+LOG_CHECK = """Whether a log is whole and sound.
+
+Example: aerofed log check paper6/flight.mcap"""
+
+LOG_RECOVER = """Make the log of a killed run readable again.
+
+Example: aerofed log recover killed/flight.mcap"""
+
+LOG_EXPORT = """Export a log to CSV, Parquet or KML, or take out the files inside it.
+
+Example: aerofed log export paper6/flight.mcap --to csv"""
+
+LOG_DIFF = """Where two logs differ.
+
+Example: aerofed log diff a/flight.mcap b/flight.mcap"""
+
 SITL = """Serve the simulated vehicle to ground stations until Ctrl-C.
 
 QGroundControl finds it on port 14550, a MAVSDK program on udpin://0.0.0.0:14540.

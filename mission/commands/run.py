@@ -6,9 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from mission.config import builtin_config, load_config, parse_override
 from mission.errors import InputError
-from mission.folder import free_folder
 
 RUNS = Path("runs")
 
@@ -55,6 +53,9 @@ def run(
         from mission.session import resume_session
 
         return resume_session(resume, console=Console(), quiet=quiet)
+    from mission.config import builtin_config, load_config, parse_override
+    from mission.folder import free_folder
+
     path = config or builtin_config("quickstart.toml")
     overrides = dict(parse_override(text) for text in set_)
     if seed is not None:
