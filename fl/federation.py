@@ -6,6 +6,7 @@ theta_{m-1} is what comes down in round m.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from fl.algorithms import AlgorithmState, Update
 from fl.community import Community, Federation, build
 from fl.errors import DivergedError
 from fl.models import Vector
-from fl.training import LocalSettings, LocalTask, correct_per_class, train
+from fl.training import LocalSettings, LocalTask, correct_per_class, in_parallel, train
 
 __all__ = [
     "Community",
@@ -99,12 +100,18 @@ def importance(federation: Federation, state: FederationState, *, fairness: bool
 
 
 def play_round(
-    federation: Federation, state: FederationState, *, scheduled: Bools, delivered: Bools
+    federation: Federation,
+    state: FederationState,
+    *,
+    scheduled: Bools,
+    delivered: Bools,
+    workers: int = 1,
 ) -> tuple[FederationState, RoundLearning]:
     """One communication round, given who was scheduled and whose update arrives, both (K,).
 
     Only devices whose update arrives are trained: nobody would ever see the others', and every
-    device draws from its own stream, so the result is the same. Raises `DivergedError` naming
+    device draws from its own stream, so the result is the same. `workers` communities train at
+    a time, one thread each, with the same result for any number. Raises `DivergedError` naming
     round, community and device.
     """
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
@@ -116,17 +123,17 @@ def play_round(
     # A device sends eps_k = mean over j = m-l .. m-1 of eps_k(theta_j) along with its update.
     sent = fair.windowed_accuracy(state.eps_history)
     eps_received = np.where(delivered, sent, state.eps_received)
-    models, algorithm_states = list(state.models), list(state.algorithm)
-    losses = np.full(federation.p.size, np.nan)
-    correct = []
-    for index, community in enumerate(federation.communities):
-        members = federation.members(index)
-        arriving = np.flatnonzero(delivered[members])
-        if arriving.size:
-            models[index], algorithm_states[index], losses[members] = _learn(
-                federation, state, index, devices=arriving
-            )
-        correct.append(_correct(community, models[index]))
+    # A user's module draws from torch's one generator: no two such communities at a time.
+    separable = all(community.network.side_by_side for community in federation.communities)
+    lessons = in_parallel(
+        [
+            partial(_learn, federation, state, index, delivered=delivered)
+            for index in range(len(federation.communities))
+        ],
+        workers=workers if separable else 1,
+    )
+    correct = [lesson.correct for lesson in lessons]
+    losses = np.concatenate([lesson.losses for lesson in lessons])
     cov = state.cov.copy()
     if number % period == 0:
         for index, community in enumerate(federation.communities):
@@ -136,8 +143,8 @@ def play_round(
     eps = _device_accuracy(federation, correct)
     after = FederationState(
         rounds=number,
-        models=tuple(models),
-        algorithm=tuple(algorithm_states),
+        models=tuple(lesson.model for lesson in lessons),
+        algorithm=tuple(lesson.algorithm for lesson in lessons),
         eps_history=_frozen(np.vstack([state.eps_history, eps])[-period:]),
         eps_received=_frozen(eps_received),
         cov=_frozen(cov),
@@ -165,21 +172,33 @@ def accuracy(federation: Federation, state: FederationState) -> dict[str, float]
     }
 
 
+@dataclass(frozen=True, eq=False)
+class _Lesson:
+    """What a round made of one community."""
+
+    model: Vector
+    algorithm: AlgorithmState
+    losses: Floats  # (K_c,)
+    correct: Indices  # (classes,)
+
+
 def _learn(
-    federation: Federation, state: FederationState, index: int, *, devices: Indices
-) -> tuple[Vector, AlgorithmState, Floats]:
-    """Train `devices` of one community; its next model, algorithm state and losses (K_c,)."""
+    federation: Federation, state: FederationState, index: int, *, delivered: Bools
+) -> _Lesson:
+    """Train the devices of one community whose update arrives, aggregate, measure."""
     community, learning = federation.communities[index], federation.learning
+    model, algorithm_state = state.models[index], state.algorithm[index]
     algorithm, number = federation.algorithm, state.rounds + 1
+    devices = np.flatnonzero(delivered[federation.members(index)])
     results = train(
         community.network,
         community.dataset.train,
-        state.models[index],
+        model,
         [
             LocalTask(
                 samples=community.shares[device],
                 rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-                correction=algorithm.correction(state.algorithm[index], int(device)),
+                correction=algorithm.correction(algorithm_state, int(device)),
             )
             for device in devices
         ],
@@ -200,8 +219,9 @@ def _learn(
             raise DivergedError(number, community.name, int(device), result.loss)
         losses[device] = result.loss
         updates.append(Update(int(device), float(community.p[device]), result.model, result.steps))
-    model, algorithm_state = algorithm.apply(state.algorithm[index], state.models[index], updates)
-    return model, algorithm_state, losses
+    if updates:
+        model, algorithm_state = algorithm.apply(algorithm_state, model, updates)
+    return _Lesson(model, algorithm_state, losses, _correct(community, model))
 
 
 def _correct(community: Community, model: Vector) -> Indices:

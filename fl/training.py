@@ -5,9 +5,11 @@ own batches, in an order from its own random stream, and its own number of steps
 more steps go on while the others have finished.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -16,6 +18,8 @@ from torch import Tensor
 
 from fl.datasets import Split
 from fl.models import Network, Vector
+
+Result = TypeVar("Result")
 
 EVALUATION_BATCH = 250
 # Beyond this many parameters, devices one by one keep weights and gradients in the cache.
@@ -97,7 +101,7 @@ def train(
     )
     groups = [[task] for task in tasks] if alone else [list(tasks)]
     results: list[LocalResult] = []
-    with _one_thread():
+    with one_thread():
         for group in groups:
             with _own_randomness(network, group):
                 results += _train_group(network, split, model, group, scaling, settings)
@@ -109,7 +113,7 @@ def correct_per_class(
 ) -> NDArray[np.int64]:
     """How many images of each class one model gets right, (classes,)."""
     correct = np.zeros(classes, dtype=np.int64)
-    with _one_thread(), torch.inference_mode():
+    with one_thread(), torch.inference_mode():
         weights = [part[None] for part in _parts(network, torch.from_numpy(model.copy()))]
         for start in range(0, len(split.labels), EVALUATION_BATCH):
             part = np.arange(start, min(start + EVALUATION_BATCH, len(split.labels)))
@@ -237,7 +241,7 @@ def _corrections(network: Network, tasks: Sequence[LocalTask]) -> list[Tensor] |
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """One torch thread: sums then never depend on how many cores happen to be there."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -245,6 +249,23 @@ def _one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def in_parallel(jobs: Sequence[Callable[[], Result]], *, workers: int) -> list[Result]:
+    """The results of `jobs` in order, up to `workers` at a time, each on one torch thread.
+
+    torch's thread count is partly the process's and partly each thread's own, so it is set here
+    and in every worker, and given back when all are done.
+    """
+    if workers <= 1 or len(jobs) <= 1:
+        return [job() for job in jobs]
+    with (
+        one_thread(),
+        ThreadPoolExecutor(
+            min(workers, len(jobs)), initializer=torch.set_num_threads, initargs=(1,)
+        ) as pool,
+    ):
+        return [future.result() for future in [pool.submit(job) for job in jobs]]
 
 
 @contextmanager

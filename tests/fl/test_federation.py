@@ -211,6 +211,22 @@ def test_runs_repeat_to_the_bit_and_communities_do_not_disturb_each_other() -> N
     assert (first.models[0] != run(DIGITS, seed=2).models[0]).any()
 
 
+def test_any_number_of_workers_gives_the_same_bytes() -> None:
+    federation = build(FAST, DIGITS, SHAPES)
+    state = fed.init(federation)
+    everyone = np.ones(7, dtype=bool)
+    saved = {
+        to_bytes(
+            federation,
+            fed.play_round(
+                federation, state, scheduled=everyone, delivered=everyone, workers=workers
+            )[0],
+        )
+        for workers in (1, 2, 5)
+    }
+    assert len(saved) == 1
+
+
 def test_divergence_names_round_community_and_device() -> None:
     federation = build(FAST.model_copy(update={"learning_rate": 10.0, "local_epochs": 5}))
     state = fed.init(federation)
