@@ -16,7 +16,7 @@ from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from sitl.config import VehicleConfig
-from sitl.links import RawLink
+from sitl.links import RawLink, UdpLink
 from sitl.observer import VehicleEvent, VehicleSample
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
@@ -79,6 +79,17 @@ async def over_raw(
         assert system is not None
         yield system, simulation
         link.detach()
+
+
+@asynccontextmanager
+async def over_udp(vehicle: Vehicle) -> AsyncIterator[tuple[System, Simulation]]:
+    """The vehicle flown by MAVSDK over a UDP port that the system chose."""
+    link = UdpLink("udpin://127.0.0.1:0")
+    async with Simulation(vehicle, link) as simulation, client() as mavsdk:
+        await mavsdk.add_any_connection(f"udpout://127.0.0.1:{link.port}")
+        system = await mavsdk.first_autopilot(timeout_s=10.0)
+        assert system is not None
+        yield system, simulation
 
 
 def client() -> Mavsdk:

@@ -1,0 +1,170 @@
+"""Links and the pace of simulated time."""
+
+import asyncio
+import math
+import socket
+import time
+
+import pytest
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk
+from sitl_mavsdk import until
+
+from sitl.errors import LinkError
+from sitl.links import RawLink, UdpLink, _packed
+from sitl.pace import Simulation
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["", "udp://1.2.3.4:5", "udpin://:14550", "udpin://0.0.0.0:x", "udpin://0.0.0.0:70000",
+     "udpout://127.0.0.1:0", "udpin://0.0.0.0", "127.0.0.1:14550"],
+)  # fmt: skip
+def test_addresses_that_are_none(url: str) -> None:
+    with pytest.raises(LinkError, match="no UDP address"):
+        UdpLink(url)
+
+
+def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
+    async def run() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+            taken.bind(("127.0.0.1", 0))
+            port = taken.getsockname()[1]
+            first = UdpLink("udpin://127.0.0.1:0")
+            second = UdpLink(f"udpin://127.0.0.1:{port}")
+            with pytest.raises(LinkError, match=rf"udpin://127\.0\.0\.1:{port}: cannot be opened"):
+                async with Simulation(Desk().vehicle, first, second):
+                    pass
+            with pytest.raises(LinkError, match="not open"):
+                _ = first.port
+
+    asyncio.run(run())
+
+
+def test_a_host_without_address_is_named() -> None:
+    async def run() -> None:
+        link = UdpLink("udpout://no-such-host.invalid:14540")
+        with pytest.raises(LinkError, match=r"no-such-host\.invalid"):
+            link.open(lambda: None)
+
+    asyncio.run(run())
+
+
+def test_datagrams_hold_whole_frames() -> None:
+    frames = [bytes([i]) * 250 for i in range(12)]
+    datagrams = _packed(frames)
+    assert b"".join(datagrams) == b"".join(frames)
+    assert all(len(datagram) % 250 == 0 and len(datagram) <= 1400 for datagram in datagrams)
+    assert _packed([]) == []
+
+
+def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
+    async def run() -> None:
+        link = UdpLink("udpin://127.0.0.1:0")
+        async with Simulation(Desk().vehicle, link):
+            loop = asyncio.get_running_loop()
+            station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+            hello = bytes(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(station))
+            sockets = []
+            for _ in range(2):
+                sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                sock.setblocking(False)
+                sock.connect(("127.0.0.1", link.port))
+                sock.send(hello)
+                sockets.append(sock)
+            for sock in sockets:
+                data = await asyncio.wait_for(loop.sock_recv(sock, 2048), 5.0)
+                assert data[0] == 0xFD
+            sockets.pop().close()
+            await asyncio.sleep(0.3)
+            sockets[0].send(b"\xfd" * 7)  # noise
+            sockets[0].send(hello)
+            while True:
+                data = await asyncio.wait_for(loop.sock_recv(sockets[0], 2048), 5.0)
+                if any(m.get_type() == "HEARTBEAT" for m in mav.MAVLink(None).parse_buffer(data)):
+                    break
+            sockets[0].close()
+
+    asyncio.run(run())
+
+
+def test_simulated_time_is_never_faster_than_ordered() -> None:
+    async def run() -> float:
+        desk = Desk()
+        desk.take_off()
+        async with Simulation(desk.vehicle, RawLink(), speed=4.0) as simulation:
+            began, from_ns = time.monotonic(), desk.vehicle.t_ns
+            desk.vehicle.autopilot.flight.go_to(desk.mass.frame.to_ned(47.4003, 8.5, 518.0))
+            await until(lambda: not desk.vehicle.moving)
+            wall = time.monotonic() - began
+            sim = (desk.vehicle.t_ns - from_ns) * 1e-9
+            assert simulation.statistics.sim_s == pytest.approx(sim)
+            assert simulation.statistics.real_time_factor < 4.1
+            return sim / wall
+
+    # A chunk of 0.04 s at the end is not waited for.
+    assert asyncio.run(run()) < 4.0 * 1.1
+
+
+def test_time_stands_still_unless_something_moves_or_it_runs_freely() -> None:
+    async def run(*, free_running: bool) -> int:
+        desk = Desk()
+        before = desk.vehicle.t_ns
+        async with Simulation(desk.vehicle, RawLink(), speed=5.0, free_running=free_running):
+            await asyncio.sleep(0.2)
+        return desk.vehicle.t_ns - before
+
+    assert asyncio.run(run(free_running=False)) == 0
+    assert asyncio.run(run(free_running=True)) > 0
+
+
+def test_an_error_in_the_simulation_ends_whoever_waits_for_it() -> None:
+    class BrokenError(Exception):
+        pass
+
+    def fail() -> None:
+        raise BrokenError("physics")
+
+    async def run() -> None:
+        desk = Desk()
+        desk.take_off()
+        desk.mass.step = fail  # type: ignore[method-assign]
+        async with Simulation(desk.vehicle, RawLink()):
+            desk.vehicle.autopilot.flight.hold()
+            desk.vehicle.autopilot.flight.land()
+            await asyncio.sleep(60.0)
+
+    began = time.monotonic()
+    with pytest.raises(BrokenError, match="physics"):
+        asyncio.run(run())
+    assert time.monotonic() - began < 30.0
+
+
+def test_an_error_of_the_body_is_its_own() -> None:
+    async def run() -> None:
+        async with Simulation(Desk().vehicle, RawLink()):
+            raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        asyncio.run(run())
+
+
+def test_being_cancelled_stays_being_cancelled() -> None:
+    async def run() -> None:
+        async with Simulation(Desk().vehicle, RawLink()):
+            await asyncio.sleep(60.0)
+
+    async def cancel() -> None:
+        task = asyncio.create_task(run())
+        await asyncio.sleep(0.05)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(cancel())
+
+
+def test_no_speed_but_a_positive_one() -> None:
+    for speed in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError, match="must be positive"):
+            Simulation(Desk().vehicle, RawLink(), speed=speed)
