@@ -1,36 +1,22 @@
-"""Pictures of a run: planned against flown, and what was learnt. The one home of matplotlib.
+"""Pictures of a run: planned against flown, and what was learnt.
 
-Only figure objects are used, none of pyplot's global state, so that drawing works without a
-display and leaves nothing behind.
+The home of matplotlib, with `figure_maps` and `figure_style`. Only figure objects are used, none
+of pyplot's global state, so that drawing works without a display and leaves nothing behind.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mission.errors import InputError
-from mission.log.values import FlightData, Floats, PlanRecord
-from mission.palette import FLOWN, PLANNED, community_colour
-from mission.records import RoundRecord, UplinkRecord
-from mission.rundata import flown, load_run
-
-_MAPS = 12  # small multiples on one picture
-_DPI = 150
-_GRID = "#D9DDE2"
-_TEXT = "#1F2933"
-_FAINT = 0.35
-_SIZES = (25.0, 170.0)  # marker areas of the least and the most important device
+from mission.figure_maps import overview, round_maps
+from mission.figure_style import GRID, TEXT, new_figure, plain
+from mission.palette import community_colour
+from mission.records import RoundRecord
+from mission.rundata import load_run
 
 
 def draw_run(folder: Path) -> tuple[Path, ...]:
@@ -59,87 +45,9 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
     return tuple(target / name for name in pictures)
 
 
-def overview(run: FlightData) -> Figure:
-    """All rounds on one map: planned dashed, flown coloured by round."""
-    figure = _figure(8.4, 7.8)
-    axes = figure.add_subplot()
-    _prepare_map(axes, run)
-    records = {record.round: record for record in run.rounds}
-    numbers = [plan.round for plan in run.plans]
-    shades = _shades(numbers)
-    for plan in run.plans:
-        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), zorder=3.5)
-        record = records.get(plan.round)
-        if record is not None:
-            track = flown(run, record).pos_m
-            colour = _shade(shades, plan.round)
-            axes.plot(track[:, 0], track[:, 1], color=colour, lw=1.6, alpha=0.9, zorder=3)
-    importance = np.mean([plan.importance for plan in run.plans], axis=0)
-    _devices(axes, run, importance, outcome={})
-    for k, (x, y) in enumerate(run.devices.pos_m):
-        axes.annotate(
-            str(k), (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8, color=_TEXT,
-            zorder=6,
-        )  # fmt: skip
-    if len(numbers) > 1:
-        bar = figure.colorbar(shades, ax=axes, shrink=0.75, pad=0.02)
-        bar.set_label("round", color=_TEXT)
-        bar.set_ticks(_ticks(numbers))
-        bar.outline.set_visible(False)
-    axes.set_title("Planned and flown paths", loc="left", fontsize=12, color=_TEXT)
-    _legend(
-        figure,
-        [
-            Line2D([], [], color=PLANNED, lw=1.2, ls=(0, (4, 3)), label="planned"),
-            Line2D([], [], color=_shade(shades, numbers[0]), lw=2, label="flown"),
-            *_community_handles(run),
-            _home_handle(),
-        ],
-    )
-    return figure
-
-
-def round_maps(run: FlightData) -> Figure:
-    """A map a round, at most twelve, evenly chosen: who was served, and where it flew."""
-    chosen = _evenly([plan for plan in run.plans if _record(run, plan)], _MAPS)
-    if not chosen:
-        chosen = [run.plans[0]]
-    columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
-    rows = math.ceil(len(chosen) / columns)
-    figure = _figure(4.1 * columns, 4.3 * rows + 0.7)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in panels.flat[len(chosen) :]:
-        axes.set_visible(False)
-    for number, plan in enumerate(chosen):
-        axes = panels.flat[number]
-        _prepare_map(axes, run)
-        _round_map(axes, run, plan)
-        axes.set_ylabel("north (m)" if number % columns == 0 else "")
-        below = number + columns >= len(chosen)
-        axes.set_xlabel("east (m)" if below else "")
-        axes.tick_params(labelbottom=below)
-    _legend(
-        figure,
-        [
-            Line2D(
-                [], [], color=PLANNED, lw=1.2, ls=(0, (4, 3)), marker="o", ms=4, mfc="white",
-                label="planned",
-            ),
-            Line2D([], [], color=FLOWN, lw=1.8, label="flown"),
-            _start_handle(),
-            *_community_handles(run),
-            _served_handle("delivered", filled=True),
-            _served_handle("lost", filled=False),
-            Line2D([], [], color=PLANNED, marker="o", ls="", alpha=_FAINT, label="not served"),
-        ],
-        columns=4 if columns < 3 else 8,
-    )  # fmt: skip
-    return figure
-
-
 def learning_curves(rounds: Sequence[RoundRecord]) -> Figure:
     """Accuracy and fairness CoV per community, and the updates that arrived, by round."""
-    figure = _figure(7.6, 7.2)
+    figure = new_figure(7.6, 7.2)
     accuracy, cov, updates = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1.3))
     numbers = [record.round for record in rounds]
     marker = "o" if len(numbers) <= 25 else ""
@@ -157,7 +65,7 @@ def learning_curves(rounds: Sequence[RoundRecord]) -> Figure:
         0, 1.08 * max(1e-3, *(value for record in rounds for value in record.cov.values()))
     )
     scheduled = [record.scheduled for record in rounds]
-    updates.bar(numbers, scheduled, width=0.8, color=_GRID, label="scheduled")
+    updates.bar(numbers, scheduled, width=0.8, color=GRID, label="scheduled")
     updates.bar(
         numbers, [record.delivered for record in rounds], width=0.8, color="#009E73",
         label="delivered",
@@ -168,138 +76,9 @@ def learning_curves(rounds: Sequence[RoundRecord]) -> Figure:
     updates.set_xlabel("round")
     updates.xaxis.set_major_locator(MaxNLocator(integer=True))
     for axes in (accuracy, cov, updates):
-        _plain(axes)
+        plain(axes)
         axes.set_axisbelow(True)
-        axes.yaxis.grid(visible=True, color=_GRID, lw=0.8)
-    accuracy.set_title("What the communities learnt", loc="left", fontsize=12, color=_TEXT)
+        axes.yaxis.grid(visible=True, color=GRID, lw=0.8)
+    accuracy.set_title("What the communities learnt", loc="left", fontsize=12, color=TEXT)
     figure.align_ylabels()
     return figure
-
-
-def _round_map(axes: Axes, run: FlightData, plan: PlanRecord) -> None:
-    axes.plot(
-        *plan.waypoints_m.T, color=PLANNED, lw=1.1, ls=(0, (4, 3)), marker="o", ms=3.5,
-        mfc="white", zorder=3,
-    )  # fmt: skip
-    record = _record(run, plan)
-    outcome: dict[int, UplinkRecord] = {}
-    title = f"round {plan.round}"
-    if record is not None:
-        track = flown(run, record).pos_m
-        axes.plot(track[:, 0], track[:, 1], color=FLOWN, lw=1.5, zorder=2.5)
-        outcome = {u.device: u for u in run.uplinks if u.round == plan.round}
-        title += f"  ·  {record.delivered} of {record.scheduled} delivered"
-        title += f"  ·  {record.flown_path_m:.0f} m"
-    axes.plot(*plan.waypoints_m[0], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, zorder=6)
-    _devices(axes, run, plan.importance, outcome=outcome, faint=True)
-    axes.set_title(title, loc="left", fontsize=10, color=_TEXT)
-
-
-def _prepare_map(axes: Axes, run: FlightData) -> None:
-    width, height = run.area.size_m
-    points = np.vstack((run.truth.pos_m[:, :2], *(plan.waypoints_m for plan in run.plans)))
-    margin = 0.04 * max(width, height)
-    low = np.minimum(points.min(axis=0), 0.0) - margin
-    high = np.maximum(points.max(axis=0), (width, height)) + margin
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.plot([0, width, width, 0, 0], [0, 0, height, height, 0], color=_GRID, lw=1.2, zorder=1)
-    axes.plot(*run.area.home_m, marker="s", ms=6, mfc="none", mec=_TEXT, ls="", zorder=4)
-    axes.set_xlabel("east (m)")
-    axes.set_ylabel("north (m)")
-    _plain(axes)
-
-
-def _devices(
-    axes: Axes,
-    run: FlightData,
-    importance: Floats,
-    *,
-    outcome: Mapping[int, UplinkRecord],
-    faint: bool = False,
-) -> None:
-    """Colour: community. Area: importance. Filled: delivered; hollow with a cross: lost."""
-    largest = float(importance.max(initial=0.0)) or 1.0
-    small, large = _SIZES
-    for k, (x, y) in enumerate(run.devices.pos_m):
-        colour = community_colour(int(run.devices.community_of[k]))
-        area = small + (large - small) * float(importance[k]) / largest
-        served = outcome.get(k)
-        if served is None:
-            alpha = _FAINT if faint else 1.0
-            axes.scatter(x, y, s=area, color=colour, alpha=alpha, lw=0, zorder=4)
-        elif served.delivered:
-            axes.scatter(x, y, s=area, color=colour, ec="white", lw=0.8, zorder=5)
-        else:
-            axes.scatter(x, y, s=area, fc="white", ec=colour, lw=1.6, zorder=5)
-            axes.scatter(x, y, s=area * 0.45, marker="x", color=colour, lw=1.6, zorder=5.1)
-
-
-def _figure(width: float, height: float) -> Figure:
-    engine = ConstrainedLayoutEngine(h_pad=0.09, w_pad=0.09)  # inches: room for the titles
-    return Figure(figsize=(width, height), dpi=_DPI, layout=engine)
-
-
-def _legend(figure: Figure, handles: Sequence[Line2D], *, columns: int = 8) -> None:
-    labels = [str(handle.get_label()) for handle in handles]
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
-    )
-
-
-def _shades(numbers: Sequence[int]) -> ScalarMappable:
-    """A colour a round; without viridis's lightest end, which drowns on white."""
-    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, len(numbers))))
-    edges = (*(number - 0.5 for number in numbers), numbers[-1] + 0.5)
-    return ScalarMappable(BoundaryNorm(edges, len(numbers)), colours)
-
-
-def _shade(shades: ScalarMappable, number: int) -> tuple[float, float, float, float]:
-    red, green, blue, alpha = shades.to_rgba(np.array([number]))[0]
-    return (float(red), float(green), float(blue), float(alpha))
-
-
-def _ticks(numbers: Sequence[int]) -> list[int]:
-    return sorted({numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, 9)})
-
-
-def _community_handles(run: FlightData) -> list[Line2D]:
-    return [
-        Line2D([], [], color=community_colour(index), marker="o", ls="", ms=8, label=name)
-        for index, name in enumerate(run.devices.communities)
-    ]
-
-
-def _served_handle(label: str, *, filled: bool) -> Line2D:
-    marker, face = ("o", PLANNED) if filled else ("X", "white")
-    return Line2D([], [], color=PLANNED, mfc=face, marker=marker, ls="", ms=8, label=label)
-
-
-def _start_handle() -> Line2D:
-    return Line2D([], [], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, ls="", label="start")
-
-
-def _home_handle() -> Line2D:
-    return Line2D([], [], marker="s", ms=6, mfc="none", mec=_TEXT, ls="", label="home")
-
-
-def _record(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
-    return next((record for record in run.rounds if record.round == plan.round), None)
-
-
-def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:
-    """At most `most` of the items, evenly spread, the first and the last among them."""
-    if len(items) <= most:
-        return list(items)
-    return [items[round(index)] for index in np.linspace(0, len(items) - 1, most)]
-
-
-def _plain(axes: Axes) -> None:
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#9AA5B1")
-    axes.tick_params(colors=_TEXT, labelsize=9)
-    axes.xaxis.label.set_color(_TEXT)
-    axes.yaxis.label.set_color(_TEXT)

@@ -112,10 +112,11 @@ def export(
         (configuration, plans, a Foxglove layout).
     """
     from mission.log import export as exporting
+    from mission.log.kml import export_kml
 
     console = _console()
     if to == "kml":
-        console.print(exporting.export_kml(log, out or log.with_suffix(".kml")))
+        console.print(export_kml(log, out or log.with_suffix(".kml")))
         return 0
     write = {
         "csv": exporting.export_csv,

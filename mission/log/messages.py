@@ -10,13 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from foxglove import messages as fox
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Vector
 from mission.area import Area
 from mission.log.topics import BODY_FRAME, FRAME
-from mission.log.values import NS_PER_S, Floats
+from mission.log.values import NS_PER_S, Floats, PlanRecord
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7
@@ -155,6 +156,24 @@ def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
         timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source
     ).encode()
     return data
+
+
+def plan(written: PlanRecord) -> bytes:
+    """Our record of a round's plan; the schedule as pairs of step and device."""
+    return record(
+        {
+            "round": written.round,
+            "waypoints_m": written.waypoints_m.tolist(),
+            "schedule": np.argwhere(written.schedule).tolist(),
+            "importance": written.importance.tolist(),
+            "value": float(written.value),
+            "upper_bound": float(written.upper_bound),
+            "path_budget_m": float(written.path_budget_m),
+            "speed_mps": float(written.speed_mps),
+            "altitude_m": float(written.altitude_m),
+            "ideal_slot_s": written.ideal_slot_s.tolist(),
+        }
+    )
 
 
 def battery(state: BatteryState) -> bytes:

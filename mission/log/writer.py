@@ -1,7 +1,7 @@
 """Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,6 +12,7 @@ from mission.area import Area
 from mission.log import messages, scene, topics
 from mission.log.layout import ATTACHMENT as LAYOUT
 from mission.log.layout import layout
+from mission.log.rates import Every, LogRates
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, Devices, PlanRecord, area_to_text
@@ -23,17 +24,6 @@ _SEVERITY = {"failsafe": 4, "fault": 4}
 _NOTICE = 6
 _PATH_POINT_NS = NS_PER_S  # spacing of the points of the flown path
 _PATH_EVERY_NS = 5 * NS_PER_S
-
-
-@dataclass(frozen=True, slots=True)
-class LogRates:
-    """How often each kind of message is written, in simulated hertz; poses at every sample."""
-
-    tf_hz: float = 5.0  # viewers interpolate
-    velocity_hz: float = 5.0
-    command_hz: float = 2.0
-    location_hz: float = 1.0
-    battery_hz: float = 1.0
 
 
 class FlightLog:
@@ -65,18 +55,18 @@ class FlightLog:
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         rates = rates or LogRates()
         self._due = {
-            topics.TF: _Every.of(rates.tf_hz),
-            topics.TRUE_VELOCITY: _Every.of(rates.velocity_hz),
-            topics.COMMAND: _Every.of(rates.command_hz),
-            topics.TRUE_LOCATION: _Every.of(rates.location_hz),
-            topics.BATTERY: _Every.of(rates.battery_hz),
+            topics.TF: Every.of(rates.tf_hz),
+            topics.TRUE_VELOCITY: Every.of(rates.velocity_hz),
+            topics.COMMAND: Every.of(rates.command_hz),
+            topics.TRUE_LOCATION: Every.of(rates.location_hz),
+            topics.BATTERY: Every.of(rates.battery_hz),
         }
         self._now_ns = 0
         self._flushed_ns = 0
         self._mode: tuple[str, bool] | None = None
         self._flown: list[messages.XYZ] = []
-        self._flown_point = _Every(_PATH_POINT_NS)
-        self._flown_path = _Every(_PATH_EVERY_NS)
+        self._flown_point = Every(_PATH_POINT_NS)
+        self._flown_path = Every(_PATH_EVERY_NS)
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
         self._write_devices(0)
@@ -167,19 +157,7 @@ class FlightLog:
             altitude_m=problem.channel.altitude_m,
             ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
         )
-        values = {
-            "round": written.round,
-            "waypoints_m": written.waypoints_m.tolist(),
-            "schedule": np.argwhere(written.schedule).tolist(),
-            "importance": written.importance.tolist(),
-            "value": float(written.value),
-            "upper_bound": float(written.upper_bound),
-            "path_budget_m": float(written.path_budget_m),
-            "speed_mps": float(written.speed_mps),
-            "altitude_m": float(written.altitude_m),
-            "ideal_slot_s": written.ideal_slot_s.tolist(),
-        }
-        self._write(topics.PLAN, t_ns, messages.record(values))
+        self._write(topics.PLAN, t_ns, messages.plan(written))
         stamp = messages.timestamp(t_ns)
         points = np.column_stack(
             (plan.waypoints_m, np.full(len(plan.waypoints_m), written.altitude_m))
@@ -295,23 +273,3 @@ class FlightLog:
         if self._flown:
             path = messages.path(messages.timestamp(t_ns), np.array(self._flown))
             self._write(topics.FLOWN_PATH, t_ns, path)
-
-
-class _Every:
-    """True once a period of simulated time, on a fixed grid so that rates do not drift."""
-
-    __slots__ = ("_next_ns", "_period_ns")
-
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._next_ns = 0
-
-    @classmethod
-    def of(cls, rate_hz: float) -> "_Every":
-        return cls(round(NS_PER_S / rate_hz))
-
-    def now(self, t_ns: int) -> bool:
-        if t_ns < self._next_ns:
-            return False
-        self._next_ns = (t_ns // self._period_ns + 1) * self._period_ns
-        return True

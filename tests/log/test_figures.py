@@ -10,7 +10,8 @@ from matplotlib.image import imread
 from synthetic_flight import AREA, devices, fly
 
 from mission.errors import InputError
-from mission.figures import draw_run, learning_curves, overview, round_maps
+from mission.figure_maps import overview, round_maps
+from mission.figures import draw_run, learning_curves
 from mission.log.writer import FlightLog
 from mission.rundata import flown, load_run
 from mission.tables import RoundTable, UplinkTable
