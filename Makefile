@@ -19,6 +19,7 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python docs/generate.py --check
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)

@@ -1,5 +1,9 @@
-"""Writes docs/configuration.md from the models; `--check` fails where the file is not current."""
+"""Writes docs/configuration.md and docs/file-formats.md from the code.
 
+`--check` writes nothing and fails where a page is not current.
+"""
+
+import json
 import sys
 import types
 from pathlib import Path
@@ -10,9 +14,9 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from mission.config import RunConfig
+from mission.log import topics
 
-TARGET = Path(__file__).with_name("configuration.md")
-HEAD = """# Configuration
+CONFIGURATION = """# Configuration
 
 Every key, generated from the code (`python docs/generate.py`). Units stand in the key names:
 `_m` metres, `_s` seconds, `_mps` metres a second, `_deg` degrees, `_db` decibels, `_hz` hertz.
@@ -20,13 +24,67 @@ A file is TOML; tables are the headings below. Every key can be given on the com
 `--set mission.steps=8`, `--set communities.0.devices=4`.
 """
 
+FORMATS = """# What a run leaves
+
+Generated from the code (`python docs/generate.py`). Positions are area coordinates in metres:
+x east, y north from the south-west corner; heights are above home. Times are simulated.
+
+| file | what |
+|---|---|
+| `config.toml` | the resolved configuration; `aerofed run config.toml` flies the same again |
+| `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples` |
+| `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
+| `uplinks.csv` | a row a scheduled device, see below |
+| `flight.mcap` | the flight log, see below |
+| `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
+| `figures/` | maps of planned and flown paths, learning curves |
+| `checkpoint/` | what `aerofed run --resume` goes on from |
+
+CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
+there is no value. The same configuration and seed give the same bytes.
+"""
+
 
 def main() -> int:
-    text = HEAD + "\n".join(section("", RunConfig)) + "\n"
-    if "--check" in sys.argv[1:]:
-        return int(not TARGET.is_file() or TARGET.read_text(encoding="utf-8") != text)
-    TARGET.write_text(text, encoding="utf-8")
-    return 0
+    pages = {
+        "configuration.md": CONFIGURATION + "\n".join(section("", RunConfig)) + "\n",
+        "file-formats.md": FORMATS + "\n".join(formats()) + "\n",
+    }
+    stale = 0
+    for name, text in pages.items():
+        path = Path(__file__).with_name(name)
+        if "--check" not in sys.argv[1:]:
+            path.write_text(text, encoding="utf-8")
+        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+            print(f"{path} is not current: run python docs/generate.py")
+            stale = 1
+    return stale
+
+
+def formats() -> list[str]:
+    """The tables' columns, then every topic of the log."""
+    every = topics.TOPICS
+    lines = [
+        *("", "## rounds.csv", "", *fields(topics.ROUNDS)),
+        *("", "## uplinks.csv", "", *fields(topics.UPLINKS)),
+        *("", "## flight.mcap", ""),
+        "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",
+        "zstd chunks, indexes and statistics, `log_time` in simulated nanoseconds. Topics with a",
+        "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
+        *("", "| topic | schema | encoding |", "|---|---|---|"),
+        *(f"| `{t.name}` | `{t.schema_name}` | {t.encoding} |" for t in every),
+    ]
+    for topic in every:
+        if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):
+            about = json.loads(topic.schema)["description"]
+            lines += ["", f"### {topic.name}", "", f"{about}.", "", *fields(topic)]
+    return lines
+
+
+def fields(topic: topics.Topic) -> list[str]:
+    properties = json.loads(topic.schema)["properties"]
+    rows = (f"| `{name}` | {item.get('description', '')} |" for name, item in properties.items())
+    return ["| column | what |", "|---|---|", *rows]
 
 
 def section(path: str, model: type[BaseModel]) -> list[str]:
