@@ -88,6 +88,7 @@ class Aircraft:
             self._guidance.pass_corners(self.navigation.position(), self._nav.v)
 
     def _guide(self) -> None:
+        self.vehicle.check()
         nav = self._nav = self.navigation.update()
         guidance = self._guidance
         if self._near:

@@ -170,7 +170,8 @@ class Guidance:
             if lag > _LAG_FREE_M:
                 target = max(0.0, 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M))
         self._smooth_rate += self._dt / 1.5 * (target - self._smooth_rate)
-        self.progress.speed_limited = bool(self._corners) and self._smooth_rate < _LIMITED_RATE
+        slow = self._smooth_rate < _LIMITED_RATE
+        self.progress.speed_limited = slow and bool(self._corners) and not self.progress.finished
         most = 0.5 * self._dt  # the clock itself may not jump
         return min(self._rate + most, max(self._rate - 2 * most, target))
 

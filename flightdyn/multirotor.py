@@ -30,6 +30,7 @@ import jsbsim
 
 _ROOT = Path(__file__).parent / "airframe"
 _CONTACT_HEIGHT_FT = 20.0
+_ABSURD_FT = 1e5
 _MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
 _RANKINE_PER_K = 1.8
 _PA_PER_PSF = 47.880258980336
@@ -170,6 +171,12 @@ class Multirotor:
         """Let the inner loops drive the motors, or stop them and zero their integrators."""
         self._hold(0.0 if armed else -1.0)
 
+    def check(self) -> None:
+        """Raise ModelDivergedError where the physics has left the numbers."""
+        height = self._height()
+        if not abs(height) < _ABSURD_FT:  # NaN is not less either
+            raise ModelDivergedError(f"height above ground is {height * FT_M:g} m")
+
     def watch_ground(self) -> None:
         """Look for contact near the ground only, where a fifth of the time is well spent on it.
 
@@ -250,12 +257,9 @@ class Multirotor:
 
     def kinematics(self, t_ns: int) -> Kinematics:
         """The true state, stamped `t_ns`."""
-        position = self.position_ned()
-        if not math.isfinite(position[0] + position[1] + position[2]):
-            raise ModelDivergedError(f"position {position} at t = {t_ns / 1e9:.3f} s")
         return Kinematics(
             t_ns=t_ns,
-            pos_ned_m=frozen(position),
+            pos_ned_m=frozen(self.position_ned()),
             vel_ned_mps=frozen(self.velocity_ned()),
             q_frd_to_ned=frozen(self.attitude()),
             omega_frd_radps=frozen(self.rates()),

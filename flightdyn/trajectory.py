@@ -50,14 +50,15 @@ class Corner:
 
 
 class Trajectory:
-    """Position, velocity and acceleration over time, smooth, from `-window / 2` to `end_s`."""
+    """Position, velocity and acceleration over time, smooth, from `start_s` to `end_s`."""
 
     def __init__(self, pieces: list[Piece], end_s: float, *, window_s: float) -> None:
         self._pieces = pieces
         self._starts = [piece.t0 for piece in pieces]
         self._ends = [*self._starts[1:], math.inf]
         self._half = max(window_s / 2, 1e-3)
-        self.start_s = -self._half
+        # From rest the averaging begins before the start; from speed that would be a step back.
+        self.start_s = -self._half if pieces[0].v == (0.0, 0.0, 0.0) else 0.0
         self.end_s = end_s + self._half
 
     def at(self, t: float, *, lead_s: float = 0.0) -> Reference:

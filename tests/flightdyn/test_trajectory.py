@@ -63,7 +63,7 @@ def test_corner_is_cut_as_the_parabola_says(turn: float) -> None:
     assert np.max(cross_track(points, p)[outside]) <= 1.05
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -87,7 +87,7 @@ def test_any_path_keeps_the_limits_and_ends_where_it_should(
             speeds.append(row[3])
     path = FlightPath(np.array(points), np.array(speeds), np.full(len(points), radius))
     trajectory, corners = plan_path(path, LIMITS)
-    p, v, a = sample(trajectory, 0.02)
+    p, v, a = sample(trajectory, 0.04)
     assert p[0] == pytest.approx(START, abs=1e-6)
     assert p[-1] == pytest.approx(points[-1], abs=1e-6)
     assert np.max(np.linalg.norm(a, axis=1)) <= LIMITS.acceleration_mps2 * 1.001
@@ -95,8 +95,8 @@ def test_any_path_keeps_the_limits_and_ends_where_it_should(
     assert np.max(-v[:, 2]) <= LIMITS.climb_mps * 1.001
     assert np.max(v[:, 2]) <= LIMITS.descent_mps * 1.001
     # Velocity and acceleration are the derivatives of position and velocity.
-    assert np.gradient(p, 0.02, axis=0)[1:-1] == pytest.approx(v[1:-1], abs=0.02)
-    assert np.diff(v, axis=0) == pytest.approx((a[1:] + a[:-1]) * 0.01, abs=0.02)
+    assert np.diff(p, axis=0) == pytest.approx((v[1:] + v[:-1]) * 0.02, abs=0.002)
+    assert np.diff(v, axis=0) == pytest.approx((a[1:] + a[:-1]) * 0.02, abs=0.03)
     assert corners[-1].count == len(points)
     times = [corner.t_s for corner in corners]
     assert times == sorted(times)
