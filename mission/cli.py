@@ -33,6 +33,11 @@ log.command("mission.commands.log:recover", name="recover", help=helps.LOG_RECOV
 log.command("mission.commands.log:export", name="export", help=helps.LOG_EXPORT)
 log.command("mission.commands.log:diff", name="diff", help=helps.LOG_DIFF)
 app.command(log)
+app.command("mission.commands.sweep:sweep", name="sweep", help=helps.SWEEP)
+data = App(name="data", help=helps.DATA)
+data.command("mission.commands.data:fetch", name="fetch", help=helps.DATA_FETCH)
+data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)
+app.command(data)
 
 
 def main(tokens: Sequence[str] | None = None) -> None:

@@ -45,3 +45,19 @@ Example: aerofed sitl --udp 14540 --udp 14550 --speed 1"""
 FLY = """Fly a QGroundControl plan or a waypoint file, planned against flown.
 
 Example: aerofed fly survey.plan --out survey"""
+
+SWEEP = """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
+
+Example: aerofed sweep configs/paper.toml --data-dir data --seeds 3 --set learning.mu=0,0.1"""
+
+DATA = """Fetch the data sets from where they are published, and check a folder.
+
+Example: aerofed data fetch data"""
+
+DATA_FETCH = """Download data sets; a file is kept if its checksum is right.
+
+Example: aerofed data fetch data --task mnist cifar10"""
+
+DATA_CHECK = """Read every data set in a folder as a run would, and say what was found.
+
+Example: aerofed data check data"""

@@ -1,0 +1,88 @@
+"""`aerofed data`: fetch the data sets from where they are published, and check a folder."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
+
+from mission.errors import InputError, LinkLostError
+
+if TYPE_CHECKING:
+    from fl.fetch import TaskCheck
+
+Task = Literal["mnist", "fashion-mnist", "cifar10"]
+Tasks = Annotated[tuple[Task, ...], Parameter(name="--task", negative=(), consume_multiple=True)]
+
+
+def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
+    """Download data sets from their official locations; a file is kept if its checksum is right.
+
+    Files that are there already and right are left alone.
+
+    Example: aerofed data fetch data --task mnist cifar10
+
+    Parameters
+    ----------
+    folder
+        Each data set gets a folder of its name in it.
+    task
+        Which data sets.
+    """
+    from fl.errors import FetchError, SettingError
+    from fl.fetch import fetch as download
+
+    console = _console()
+    with Progress(
+        TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn(),
+        console=console, transient=True,
+    ) as bar:  # fmt: skip
+        shown: dict[str, TaskID] = {}
+
+        def progress(name: str, done: int, total: int | None) -> None:
+            if name not in shown:
+                shown[name] = bar.add_task(name)
+            bar.update(shown[name], completed=done, total=total)
+
+        for name in task:
+            try:
+                paths = download(name, folder, progress=progress)
+            except FetchError as error:
+                raise LinkLostError(str(error)) from None
+            except SettingError as error:
+                raise InputError(str(error)) from None
+            for path in paths:
+                console.print(path)
+    return 0
+
+
+def check(folder: Path, *, task: Tasks | None = None) -> int:
+    """Read every data set in a folder as a run would, and say what was found.
+
+    Example: aerofed data check data
+
+    Parameters
+    ----------
+    folder
+        The data folder.
+    task
+        Which data sets must be there. Default: those that are.
+    """
+    from fl.fetch import TASKS
+    from fl.fetch import check as look
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or TASKS))
+    console = _console()
+    for item in found:
+        console.print(f"{item.task}: {item.status}: {item.detail}")
+    bad = {"damaged"} if task is None else {"damaged", "missing"}
+    if any(item.status in bad for item in found):
+        return InputError.exit_code
+    return 0
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False, soft_wrap=True)

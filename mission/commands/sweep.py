@@ -1,0 +1,86 @@
+"""`aerofed sweep`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from mission.errors import InputError
+
+RUNS = Path("runs")
+ALL = "cov,no_cov,barycenter,rectangular,ideal"
+
+
+def sweep(
+    config: Path,
+    *,
+    strategies: str = ALL,
+    seeds: int = 3,
+    rounds: int | None = None,
+    jobs: int | None = None,
+    out: Path | None = None,
+    data_dir: Path | None = None,
+    set_: Annotated[
+        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
+    ] = (),
+    engine: Literal["joblib", "ray"] = "joblib",
+    address: str | None = None,
+) -> int:
+    """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
+
+    An interrupted sweep goes on when the same command is given again; seeds, strategies and
+    values may be added then.
+
+    Example: aerofed sweep configs/paper.toml --data-dir data --seeds 3 --set learning.mu=0,0.1
+
+    Parameters
+    ----------
+    config
+        TOML file.
+    strategies
+        Which to compare, separated by commas; package.module:factory is one of your own.
+    seeds
+        How many, counting up from the configuration's seed.
+    rounds
+        Rounds at most; overrides mission.rounds.
+    jobs
+        Runs at a time, one core each. Default: as many as there are cores.
+    out
+        Folder for the runs and the results. Default: runs/sweep-NAME.
+    data_dir
+        Folder with the data sets' files, where the configuration's tasks need files.
+    set_
+        Override any key; values separated by commas are swept: --set channel.extra_gain_db=0,3
+    engine
+        joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
+    address
+        Of the Ray cluster; without one, Ray is started on this machine. With a cluster, OUT and
+        the data folder must be visible to all its machines.
+    """
+    from mission.sweep.grid import make_grid, parse_axis
+
+    names = [name.strip() for name in strategies.split(",")]
+    if not all(names):
+        raise InputError(f"--strategies {strategies}: expected names separated by commas")
+    grid = make_grid(
+        config,
+        strategies=names,
+        seeds=seeds,
+        rounds=rounds,
+        axes=[parse_axis(text) for text in set_],
+    )
+    if data_dir is not None and not data_dir.is_dir():
+        raise InputError(f"--data-dir {data_dir}: no such folder")
+    # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
+    from mission.sweep.sweep import sweep as execute
+
+    return execute(
+        grid,
+        out or RUNS / f"sweep-{grid.base.name}",
+        data_dir=data_dir,
+        engine=engine,
+        jobs=jobs,
+        address=address,
+        console=Console(),
+    )

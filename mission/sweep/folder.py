@@ -1,0 +1,154 @@
+"""A sweep's folder: what it was started with, which runs are done, one sweep in it at a time."""
+
+import fcntl
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mission.errors import InputError
+from mission.folder import RunFolder, write_atomically
+from mission.sweep.grid import Grid, SweepRun
+
+_LOCK = ".lock"
+_MAX_NAMED = 8  # changes in one message
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """Where a sweep leaves its runs and results."""
+
+    path: Path
+
+    def run(self, run: SweepRun) -> RunFolder:
+        """The folder of one run, as `aerofed run` leaves one."""
+        return RunFolder(self.path / "runs" / run.name)
+
+    def done(self, run: SweepRun) -> bool:
+        """Whether the run's summary, which is written last, says that it was finished."""
+        return self.run(run).status() == "finished"
+
+    @property
+    def manifest(self) -> Path:
+        return self.path / "sweep.json"
+
+    @property
+    def figures(self) -> Path:
+        return self.path / "figures"
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Make the folder, and keep other sweeps out while this one works in it.
+
+        Raises:
+            InputError: another one does, or the folder cannot be written.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with (self.path / _LOCK).open("a") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise InputError(
+                        f"{self.path}: another sweep is at work in this folder"
+                    ) from None
+                yield
+        except OSError as error:
+            raise InputError(
+                f"{self.path}: cannot write the sweep's folder: {error.strerror}"
+            ) from None
+
+    def check(self, grid: Grid, *, data_dir: Path | None) -> None:
+        """Refuse a folder in which this sweep can neither start nor go on.
+
+        More strategies, seeds and values may join a sweep that was started before.
+
+        Raises:
+            InputError: the folder holds something else, or what it was started with is changed.
+        """
+        if self.manifest.exists():
+            changes = _changes(_read(self.manifest), _manifest(grid, data_dir=data_dir))
+            if changes:
+                named = "; ".join(changes[:_MAX_NAMED])
+                raise InputError(
+                    f"{self.path}: the sweep in this folder was started with another "
+                    f"configuration: {named}; give a new folder by --out"
+                )
+        elif self.path.is_dir():
+            others = [path.name for path in self.path.iterdir() if path.name != _LOCK]
+            if others:
+                raise InputError(
+                    f"{self.path}: already used, and not by a sweep (it holds {others[0]}); "
+                    "give a new or empty folder by --out"
+                )
+
+    def claim(self, grid: Grid, *, data_dir: Path | None) -> None:
+        """Write down what the sweep is started with, or extended to."""
+        values = _manifest(grid, data_dir=data_dir)
+        write_atomically(self.manifest, json.dumps(values, indent=2) + "\n")
+
+
+def read_manifest(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """What the sweep in `path` was started with, and the keys that it swept beside seeds."""
+    values = _read(path / "sweep.json")
+    return values, tuple(values["axes"])
+
+
+def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
+    return {
+        "format": 1,
+        "config": grid.base.model_dump(mode="json", exclude={"mission": {"strategy"}}),
+        "data_dir": None if data_dir is None else str(data_dir.resolve()),
+        "axes": {
+            "strategy": list(grid.strategies),
+            "seed": list(grid.seeds),
+            **{axis.key: list(axis.values) for axis in grid.axes},
+        },
+    }
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path.parent}: not a sweep's folder: it has no {path.name}") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot read what the sweep was started with: {error}") from None
+    if not isinstance(values, dict) or values.get("format") != 1:
+        raise InputError(f"{path}: not written by a sweep of this version")
+    return values
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    before, after = (
+        {**_flat(values["config"]), "data folder": values["data_dir"]} for values in (old, new)
+    )
+    changes = [
+        f"{key} was {before.get(key)!r}, is {after.get(key)!r}"
+        for key in sorted(before.keys() | after.keys())
+        if before.get(key) != after.get(key)
+    ]
+    for key in sorted(old["axes"].keys() | new["axes"].keys()):
+        was, now = old["axes"].get(key), new["axes"].get(key)
+        if was is None or now is None:
+            changes.append(f"{key} was {'swept' if now is None else 'not swept'}")
+        else:
+            missing = [value for value in was if value not in now]
+            if missing:
+                changes.append(f"{key} had {', '.join(map(str, missing))} as well")
+    return changes
+
+
+def _flat(value: Any, prefix: str = "") -> dict[str, Any]:
+    if isinstance(value, dict):
+        items = [(str(key), item) for key, item in value.items()]
+    elif isinstance(value, list):
+        items = [(str(index), item) for index, item in enumerate(value)]
+    else:
+        return {prefix: value}
+    flat: dict[str, Any] = {}
+    for key, item in items:
+        flat |= _flat(item, f"{prefix}.{key}" if prefix else key)
+    return flat

@@ -1,0 +1,192 @@
+"""A sweep's results: one row a run and one row a round, read from the finished runs' folders."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from mission.errors import InputError
+from mission.folder import RunFolder, write_atomically
+from mission.records import RoundRecord, UplinkRecord
+from mission.sweep.grid import Key
+from mission.tables import read_rounds, read_uplinks
+
+Cell: TypeAlias = str | int | float | bool
+Row: TypeAlias = dict[str, Cell]
+
+FINAL_ROUNDS = 5  # the last ones, whose mean is the final accuracy: one round swings by points
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """One finished run of a sweep."""
+
+    keys: dict[str, Key]
+    summary: Row  # its row in `runs.csv`, the keys among them
+    rounds: tuple[Row, ...]  # its rows in `rounds.csv`
+    wall_s: dict[str, float]  # by phase
+
+    @property
+    def group(self) -> tuple[Key, ...]:
+        """What it has in common with the runs that differ in their seed only."""
+        return tuple(value for key, value in self.keys.items() if key != "seed")
+
+    @property
+    def label(self) -> str:
+        """Names the group: strategy and settings."""
+        return ", ".join(
+            str(value) if key == "strategy" else f"{key.rpartition('.')[2]} = {value}"
+            for key, value in self.keys.items()
+            if key != "seed"
+        )
+
+    def curve(self, column: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """(rounds,) one column of its rounds."""
+        return np.array([row[column] for row in self.rounds], dtype=np.float64)
+
+
+def read_run(folder: RunFolder, keys: dict[str, Key]) -> RunResult:
+    """The results of a finished run.
+
+    Raises:
+        InputError: a table or the summary is missing or damaged.
+    """
+    try:
+        summary: dict[str, Any] = json.loads(folder.summary.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
+    records, uplinks = read_rounds(folder.rounds), read_uplinks(folder.uplinks)
+    devices = len(folder.devices.read_text(encoding="utf-8").splitlines()) - 1
+    rounds = _round_rows(keys, records, uplinks, devices=devices)
+    scheduled, delivered = (
+        sum(getattr(record, name) for record in records) for name in ("scheduled", "delivered")
+    )
+    row: Row = {
+        **keys,
+        "run": folder.path.name,
+        "rounds": len(records),
+        "flown_m": float(summary["flown_in_rounds_m"]),
+        "budget_used_m": float(summary["budget_used_m"]),
+        "simulated_s": float(summary["simulated_s"]),
+        "scheduled": scheduled,
+        "delivered": delivered,
+        "delivered_share": _ratio(delivered, scheduled),
+        "participation": _ratio(delivered, devices * len(records)),
+        "plan_per": _mean([uplink.plan_per for uplink in uplinks]),
+        "true_per": _mean([uplink.true_per for uplink in uplinks]),
+    }
+    for name in records[-1].accuracy if records else ():
+        last = records[-FINAL_ROUNDS:]
+        row[f"final_accuracy_{name}"] = _mean([record.accuracy[name] for record in last])
+        row[f"final_cov_{name}"] = _mean([record.cov[name] for record in last])
+    row["final_jain_communities"] = _mean(
+        [float(r["jain_communities"]) for r in rounds[-FINAL_ROUNDS:]]
+    )
+    return RunResult(keys, row, rounds, dict(summary["wall_s"]))
+
+
+def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
+    """`runs` and `rounds` as CSV and Parquet, and `timings.csv`; returns the files.
+
+    The same runs give the same bytes, however many workers flew them; only wall times, which
+    stand in a table of their own, differ.
+    """
+    tables = {
+        "runs": [result.summary for result in results],
+        "rounds": [row for result in results for row in result.rounds],
+        "timings": [{**r.keys, **{f"{k}_s": v for k, v in r.wall_s.items()}} for r in results],
+    }
+    written = []
+    for name, rows in tables.items():
+        columns = list(dict.fromkeys(key for row in rows for key in row))
+        path = folder / f"{name}.csv"
+        write_atomically(path, _csv(columns, rows))
+        written.append(path)
+        if name != "timings":
+            written.append(_parquet(folder / f"{name}.parquet", columns, rows))
+    return tuple(written)
+
+
+def jain(values: Sequence[float]) -> float:
+    """Jain's fairness index (sum a)^2 / (n sum a^2): 1 all equal, 1/n one has everything.
+
+    All zero is equal: 1. Source: Jain, Chiu, Hawe (1984), DEC-TR-301.
+    """
+    squares = sum(value * value for value in values)
+    return sum(values) ** 2 / (len(values) * squares) if squares > 0.0 else 1.0
+
+
+def _round_rows(
+    keys: dict[str, Key],
+    records: Sequence[RoundRecord],
+    uplinks: Sequence[UplinkRecord],
+    *,
+    devices: int,
+) -> tuple[Row, ...]:
+    by_round: dict[int, list[UplinkRecord]] = {record.round: [] for record in records}
+    for uplink in uplinks:
+        by_round[uplink.round].append(uplink)
+    rows = []
+    for record in records:
+        served = by_round[record.round]
+        row: Row = dict(keys)
+        for name in record.__slots__:
+            value = getattr(record, name)
+            if isinstance(value, dict):
+                row |= {f"{name}_{community}": float(item) for community, item in value.items()}
+            else:
+                row[name] = value
+        row |= {
+            "end_t_s": record.start_t_s + record.duration_s,
+            "participation": _ratio(record.delivered, devices),
+            "plan_per": _mean([uplink.plan_per for uplink in served]),
+            "true_per": _mean([uplink.true_per for uplink in served]),
+            "jain_communities": jain(list(record.accuracy.values())),
+        }
+        rows.append(row)
+    return tuple(rows)
+
+
+def _csv(columns: Sequence[str], rows: Sequence[Row]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        # Where communities are swept, a run has no value in another's columns.
+        writer.writerow([row.get(column, "") for column in columns])
+    return out.getvalue()
+
+
+def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> Path:
+    arrays = []
+    for column in columns:
+        values = [row.get(column) for row in rows]
+        kinds = {type(value) for value in values if value is not None}
+        if len(kinds) > 1:  # a setting whose values are of several kinds, or 1 beside 0.5
+            number = kinds <= {int, float}
+            values = [v if v is None else float(v) if number else str(v) for v in values]
+        arrays.append(pa.array(values))
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        pyarrow.parquet.write_table(pa.table(arrays, names=list(columns)), partial)
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot write the table: {error}") from None
+    return path
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values) if values else math.nan
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else math.nan

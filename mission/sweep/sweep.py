@@ -1,0 +1,152 @@
+"""One `aerofed sweep`: the runs that are not done yet, then tables and figures of all of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from mission.errors import INTERRUPTED, AerofedError
+from mission.sweep.engine import EngineName, make_engine
+from mission.sweep.execution import execute_all
+from mission.sweep.folder import SweepFolder
+from mission.sweep.grid import Grid, SweepRun
+from mission.sweep.progress import Bar, Lines, SweepProgress, TimeLeft, duration
+from mission.sweep.results import RunResult, read_run, write_results
+from mission.sweep.worker import RunEnd, RunOrder
+from mission.world import build_world
+
+
+class RunsFailedError(AerofedError):
+    """Some runs of a sweep failed; the others' results are there."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+def sweep(
+    grid: Grid,
+    path: Path,
+    *,
+    data_dir: Path | None,
+    engine: EngineName,
+    jobs: int | None,
+    address: str | None,
+    console: Console,
+) -> int:
+    """Execute a sweep, or go on with it; returns the exit code.
+
+    Raises:
+        InputError: before anything is flown, where it can be found then.
+        RunsFailedError: after everything is flown, naming every run that failed and why.
+    """
+    folder = SweepFolder(path)
+    folder.check(grid, data_dir=data_dir)
+    todo = [run for run in grid.runs if not folder.done(run)]
+    if todo:
+        # Once here, so that missing data is one line and not a failure of every run.
+        build_world(todo[0].config, data_dir=data_dir)
+    ends: dict[str, RunEnd] = {}
+    with folder.lock():
+        folder.claim(grid, data_dir=data_dir)
+        if todo:
+            try:
+                ends = _execute(
+                    grid, todo, folder,
+                    data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
+                )  # fmt: skip
+            except KeyboardInterrupt:
+                done = sum(folder.done(run) for run in grid.runs)
+                _say(
+                    console,
+                    f"interrupted; {done} of {len(grid.runs)} runs are done, "
+                    "the same command goes on with the others",
+                )
+                return INTERRUPTED
+        results = [read_run(folder.run(run), run.keys) for run in grid.runs if folder.done(run)]
+        if results:
+            _report(folder, results, console)
+    failed = {name: end for name, end in ends.items() if end.exit_code}
+    if failed:
+        lines = [f"run {name} failed: {end.message}" for name, end in failed.items()]
+        raise RunsFailedError("\n".join(lines), next(iter(failed.values())).exit_code)
+    return 0
+
+
+def _execute(
+    grid: Grid,
+    todo: Sequence[SweepRun],
+    folder: SweepFolder,
+    *,
+    data_dir: Path | None,
+    engine: EngineName,
+    jobs: int | None,
+    address: str | None,
+    console: Console,
+) -> dict[str, RunEnd]:
+    before = len(grid.runs) - len(todo)
+    time_left = TimeLeft(folder, todo)
+    # Workers may start elsewhere: every path is made absolute here.
+    data = None if data_dir is None else data_dir.resolve()
+    base, here = folder.path.resolve(), Path.cwd()
+
+    def order(run: SweepRun) -> RunOrder:
+        return RunOrder(run.name, run.config, SweepFolder(base).run(run).path, data, here)
+
+    workers = make_engine(engine, jobs=jobs, address=address)
+    progress: SweepProgress = (
+        Bar(console, time_left, runs=len(grid.runs)) if console.is_terminal else Lines(console)
+    )
+    ended = 0
+
+    def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
+        nonlocal ended
+        if run is None:
+            progress.update(done=before + ended, running=running)
+            return
+        if end is None:
+            progress.say(f"{run.name}: its worker died; the run is repeated")
+            return
+        ended += 1
+        time_left.ended(run)
+        outcome = f"failed: {end.message}" if end.exit_code else _outcome(folder, run)
+        parts = (outcome, time_left.text(running) if ended < len(todo) else "")
+        progress.say(
+            f"run {before + ended}/{len(grid.runs)} {run.name}: "
+            + ", ".join(part for part in parts if part)
+        )
+
+    try:
+        if before:
+            progress.say(f"{before} of {len(grid.runs)} runs are done already")
+        progress.say(f"{len(todo)} runs, {min(workers.slots, len(todo))} at a time")
+        return execute_all(todo, workers, order=order, watch=watch)
+    finally:
+        workers.close()
+        progress.close()
+
+
+def _outcome(folder: SweepFolder, run: SweepRun) -> str:
+    result = read_run(folder.run(run), run.keys)
+    accuracy = " ".join(
+        f"{key.removeprefix('final_accuracy_')} {value:.3f}"
+        for key, value in result.summary.items()
+        if key.startswith("final_accuracy_")
+    )
+    rounds, wall_s = result.summary["rounds"], result.wall_s["total"]
+    return f"{rounds} rounds in {duration(wall_s)}, accuracy {accuracy}"
+
+
+def _report(folder: SweepFolder, results: Sequence[RunResult], console: Console) -> None:
+    # Only now: matplotlib takes a second to import.
+    from mission.sweep.figures import draw_sweep
+    from mission.sweep.view import final_table
+
+    write_results(folder.path, results)
+    draw_sweep(folder.path, results)
+    console.print(final_table(results))
+    _say(console, f"results in {folder.path}")
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, soft_wrap=True, highlight=False, markup=False)
