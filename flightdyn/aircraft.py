@@ -57,7 +57,13 @@ class Aircraft:
             self.navigation = TrueNavigation(self.vehicle, inner, clock)
         else:
             self.navigation = inertial = InertialNavigation(
-                config.sensors, self.vehicle, inner, clock, streams, earth=earth
+                config.sensors,
+                self.vehicle,
+                inner,
+                clock,
+                streams,
+                earth=earth,
+                guidance_ticks=interval,
             )
             receiver, imu = inertial.receiver, inertial.imu
         self._faults = FaultState(config.faults, self.vehicle, receiver=receiver, imu=imu)

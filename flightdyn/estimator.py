@@ -5,17 +5,11 @@ of it (zero after every correction) and its covariance. Everything is fused in o
 that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
 forward by the IMU increments since (the arrangement of PX4's EKF2).
 
-Error state (22): position, velocity, attitude (rotation vector in NED), gyroscope bias,
-accelerometer bias, correlated error of the GNSS position, offset of the magnetometer, drift of the
-barometer. The last seven are there because those errors are not white: a filter that took them for
-white would believe far too much in its position and heading. Equations: J. Farrell, Aided
-Navigation (2008), chapter 11; J. Sola, Quaternion kinematics for the error-state Kalman filter
-(2017), 7.
+Its states and matrices are those of `error_model`.
 """
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,11 +17,29 @@ from filterpy.kalman import KalmanFilter
 
 from flightdyn.atmosphere import altitude_m, pressure_slope
 from flightdyn.config import SensorsConfig
+from flightdyn.error_model import (
+    ATT,
+    BA,
+    BARO,
+    BG,
+    BMAG,
+    HEADING,
+    POS,
+    STATES,
+    VEL,
+    Alignment,
+    gnss_correlation,
+    initial_covariance,
+    level,
+    magnetometer_row,
+    measurement_matrix,
+    measurement_noise,
+    process_noise,
+    transition,
+)
 from flightdyn.frames import (
-    Matrix9,
     Triple,
     frozen,
-    quaternion_from_euler,
     quaternion_multiply,
     rotation_matrix,
     rotation_quaternion,
@@ -37,10 +49,6 @@ from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 
-STATES = 22
-POS, VEL, ATT, BG, BA, BGNSS, BMAG = (slice(i, i + 3) for i in range(0, 21, 3))
-BBARO = 21
-BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocity
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
 _DOUBTS = 3
 _DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
@@ -71,17 +79,6 @@ class Biases(NamedTuple):
     baro: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """Where the filter starts from: means over a time at rest."""
-
-    rates: Triple
-    specific_force: Triple
-    field_frd_gauss: Triple
-    pressure_pa: float
-    duration_s: float
-
-
 class Estimator:
     """Filter at the delayed horizon, prediction to now."""
 
@@ -98,13 +95,12 @@ class Estimator:
         """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
         self._config = config
         self._earth = earth
-        self._step_s = step_s
         self._step_ns = round(step_s * 1e9)
         self._delay_ns = round(config.gnss.delay_s * 1e9)
         mag = config.mag
         self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
         self._ground_m = altitude_m(align.pressure_pa)
-        self._pa_per_m = pressure_slope(align.pressure_pa)
+        pa_per_m = pressure_slope(align.pressure_pa)
         # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
         self._biases = Biases(
             gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
@@ -113,7 +109,7 @@ class Estimator:
             t_ns,
             (float(fix.pos_ned_m[0]), float(fix.pos_ned_m[1]), 0.0),
             (0.0, 0.0, 0.0),
-            self._level(align),
+            level(align, declination_rad=self._declination),
         )
         self.now = self.horizon
         self._increments: deque[ImuIncrement] = deque()
@@ -128,123 +124,15 @@ class Estimator:
         self.fused_ns: dict[str, int] = {"gnss position": fix.t_ns}
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.x = np.zeros((STATES, 1))
-        self._noise()
-        self._kf.P = self._initial_covariance(align.duration_s)
-
-    def _level(self, align: Alignment) -> tuple[float, float, float, float]:
-        fx, fy, fz = align.specific_force
-        roll = math.atan2(-fy, -fz)
-        pitch = math.atan2(fx, math.hypot(fy, fz))
-        r = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0))
-        x, y, z = align.field_frd_gauss
-        north = r[0] * x + r[1] * y + r[2] * z
-        east = r[3] * x + r[4] * y + r[5] * z
-        return quaternion_from_euler(
-            roll, pitch, wrap_pi(self._declination - math.atan2(east, north))
+        self._kf.Q = process_noise(config, step_s=step_s, pa_per_m=pa_per_m)
+        self._kf.F = transition(config, step_s=step_s)
+        self._keep = gnss_correlation(config, step_s=step_s)
+        self._H = measurement_matrix(config)
+        self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._baro_var = float(self._R[BARO, BARO])
+        self._kf.P = initial_covariance(
+            config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
         )
-
-    def _heading_white(self) -> float:
-        """White error (rad) of a heading from the magnetometer."""
-        mag = self._config.mag
-        return mag.white_gauss / math.hypot(mag.field_north_gauss, mag.field_east_gauss)
-
-    def _offset_row(self, r: Matrix9) -> Vector:
-        """What an offset of the magnetometer (body axes) adds to the heading's residual."""
-        mag = self._config.mag
-        n, e = mag.field_north_gauss, mag.field_east_gauss
-        k = 1 / (n * n + e * e)
-        return np.array([(e * r[i] - n * r[3 + i]) * k for i in range(3)])
-
-    def _initial_covariance(self, rest_s: float) -> Vector:
-        c = self._config
-        g = self._earth.gravity_mps2
-        imu, gnss = c.imu, c.gnss
-        P = np.zeros((STATES, STATES))
-        horizontal = gnss.std_horizontal_m**2
-        for i in range(2):
-            # The first fix is the position: its error is the receiver's with the sign turned.
-            P[i, i] = horizontal + gnss.white_m**2 + 1e-6
-            P[i, 15 + i] = P[15 + i, i] = -horizontal
-            P[15 + i, 15 + i] = horizontal + 1e-9
-        P[2, 2] = 1e-4  # height is counted from here
-        P[17, 17] = gnss.std_vertical_m**2 + 1e-9
-        P[VEL, VEL] = np.eye(3) * 1e-4
-        accel = imu.accel_turn_on_mps2**2 + 1e-8
-        # Levelling takes an accelerometer bias b for a tilt of b / g: the two errors are one.
-        r = rotation_matrix(self.horizon.q)
-        R = np.array(r).reshape(3, 3)
-        tilt = np.array(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 0.0))) / g @ R
-        # The heading was taken with that tilt, which leaks into it through the dip of the field.
-        dip = self._H[HEADING, ATT]
-        tilt[2] = -(dip[0] * tilt[0] + dip[1] * tilt[1])
-        offset = np.zeros((3, 3))
-        offset[2] = -self._offset_row(r)
-        spread = np.diag([accel, accel, 4e-4])
-        P[BA, BA] = spread
-        P[ATT, BA] = tilt @ spread
-        P[BA, ATT] = P[ATT, BA].T
-        iron = np.eye(3) * (c.mag.hard_iron_gauss**2 + 1e-10)
-        P[BMAG, BMAG] = iron
-        P[ATT, BMAG] = offset @ iron
-        P[BMAG, ATT] = P[ATT, BMAG].T
-        heading = self._heading_white() ** 2 / max(1.0, rest_s / c.mag.interval_s)
-        P[ATT, ATT] = (
-            tilt @ spread @ tilt.T
-            + offset @ iron @ offset.T
-            + np.diag([1e-6, 1e-6, heading + 1e-6])
-        )
-        gyro = imu.gyro_noise_density**2 / rest_s + imu.gyro_random_walk**2 * rest_s
-        P[BG, BG] = np.eye(3) * (gyro + 1e-10)
-        P[BBARO, BBARO] = 1e-4
-        return P
-
-    def _noise(self) -> None:
-        """Process noise and transition of one filter step, and measurement noise."""
-        c, dt = self._config, self._step_s
-        imu, gnss = c.imu, c.gnss
-        # A little more than the sensors' own noise keeps the filter awake where they are exact.
-        accel = imu.accel_noise_density**2 + 1e-7
-        gyro = imu.gyro_noise_density**2 + 1e-10
-        Q = np.zeros((STATES, STATES))
-        for i in range(3):
-            Q[i, i] = accel * dt**3 / 3
-            Q[i, 3 + i] = Q[3 + i, i] = accel * dt**2 / 2
-            Q[3 + i, 3 + i] = accel * dt
-            Q[6 + i, 6 + i] = gyro * dt
-            Q[9 + i, 9 + i] = imu.gyro_random_walk**2 * dt
-            Q[12 + i, 12 + i] = imu.accel_random_walk**2 * dt
-        keep = math.exp(-dt / gnss.correlation_s)
-        std = np.array([gnss.std_horizontal_m] * 2 + [gnss.std_vertical_m])
-        Q[BMAG, BMAG] = np.eye(3) * 1e-12 * dt
-        Q[BGNSS, BGNSS] = np.diag(std**2 * (1 - keep**2))
-        # Drift since the ground pressure was taken: at first a random walk.
-        drift = c.baro.drift_pa / self._pa_per_m
-        Q[BBARO, BBARO] = 2 * drift**2 / c.baro.drift_correlation_s * dt
-        self._kf.Q = Q
-        F = np.eye(STATES)
-        F[POS, VEL] = np.eye(3) * dt
-        F[BGNSS, BGNSS] *= keep
-        self._kf.F = F
-        self._keep = keep
-        heading_var = self._heading_white() ** 2 + 1e-6
-        self._baro_var = (c.baro.white_pa / self._pa_per_m) ** 2 + 1e-6
-        position = gnss.white_m**2 + 1e-6
-        horizontal = gnss.std_vel_horizontal_mps**2 + 1e-6
-        vertical = gnss.std_vel_vertical_mps**2 + 1e-6
-        self._R = np.diag(
-            [position] * 3 + [horizontal] * 2 + [vertical, self._baro_var, heading_var]
-        )
-        H = np.zeros((8, STATES))
-        H[0:3, POS] = H[0:3, BGNSS] = H[3:6, VEL] = np.eye(3)
-        H[BARO, 2] = -1.0
-        H[BARO, BBARO] = 1.0
-        # Heading of the horizontal field: (field x across) / size, with `across` horizontal and
-        # to the right of the field. Tilt errors leak into it through the dip.
-        mag = c.mag
-        n, e, d = mag.field_north_gauss, mag.field_east_gauss, mag.field_down_gauss
-        H[HEADING, ATT] = (-d * n, -d * e, n * n + e * e)
-        H[HEADING, ATT] /= n * n + e * e
-        self._H = H
 
     @property
     def biases(self) -> Biases:
@@ -369,7 +257,7 @@ class Estimator:
         (x, y, z), b = sample.field_frd_gauss, self._biases.mag
         x, y, z = x - b[0], y - b[1], z - b[2]
         r = rotation_matrix(self.horizon.q)
-        self._H[HEADING, BMAG] = self._offset_row(r)
+        self._H[HEADING, BMAG] = magnetometer_row(self._config.mag, r)
         north = r[0] * x + r[1] * y + r[2] * z
         east = r[3] * x + r[4] * y + r[5] * z
         return wrap_pi(self._declination - math.atan2(east, north))

@@ -9,8 +9,9 @@ from typing import Protocol
 
 from flightdyn.clock import SimClock
 from flightdyn.config import SensorsConfig
+from flightdyn.error_model import Alignment
 from flightdyn.errors import FlightInputError
-from flightdyn.estimator import Alignment, Estimator
+from flightdyn.estimator import Estimator
 from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
 from flightdyn.inner_loops import InnerLoops
@@ -116,6 +117,7 @@ class InertialNavigation:
         streams: RandomStreams,
         *,
         earth: Earth,
+        guidance_ticks: int,
     ) -> None:
         """Aligned at rest: the clock is run from before zero up to zero."""
         self._config = config
@@ -130,6 +132,10 @@ class InertialNavigation:
         self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self._errors = iter(self.imu)
+        if clock.ticks(FILTER_STEP_S, what="filter step") % guidance_ticks:
+            raise FlightInputError(
+                f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
+            )
         if self._mag_ticks % clock.ticks(FILTER_STEP_S, what="filter step"):
             raise FlightInputError(
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "

@@ -19,7 +19,8 @@ from flightdyn.config import (
     SensorsConfig,
     WindConfig,
 )
-from flightdyn.estimator import Alignment, Estimator
+from flightdyn.error_model import Alignment
+from flightdyn.estimator import Estimator
 from flightdyn.faults import GnssJump, GnssOff, ImuBias
 from flightdyn.frames import Quaternion, Triple, frozen, quaternion_multiply, rotation_matrix
 from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
