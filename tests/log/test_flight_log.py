@@ -2,7 +2,9 @@
 
 import contextlib
 import dataclasses
+import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +192,29 @@ def test_slots_never_reached_and_missing_bounds_survive(tmp_path: Path) -> None:
     assert repr(data.rounds) == repr((unbound,))
     assert math.isnan(data.plans[0].upper_bound)
     assert not messages(path, "/scene/links")
+
+
+def test_the_layout_inside_shows_topics_and_fields_that_exist(made: Fixed) -> None:
+    attached = read_log(made.log).attachments["foxglove-layout.json"].decode()
+    names = {topic.name for topic in TOPICS}
+    shown = set(re.findall(r'"(/[a-z/]+)', attached))
+    assert len(shown) >= 10
+    assert shown <= names
+    records = {"uplinks": made.uplinks[0], "battery": made.samples[0].battery}
+    for topic, field in re.findall(r'"/(uplinks|battery)\.([a-z_]+)"', attached):
+        assert hasattr(records[topic], field)
+    for name in made.world.communities:
+        assert f'community==\\"{name}\\"' in attached
+
+
+def test_json_schemas_describe_every_field_that_is_written(made: Fixed) -> None:
+    with made.log.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if channel.message_encoding == "json":
+                assert schema is not None
+                described = json.loads(schema.data)["properties"]
+                assert list(json.loads(message.data)) == list(described), channel.topic
+                assert all("description" in entry for entry in described.values())
 
 
 def test_severity_becomes_the_level_of_a_log_line(tmp_path: Path) -> None:
