@@ -94,7 +94,10 @@ def check(log: Path) -> int:
 
 
 def export(
-    log: Path, out: Path | None = None, *, to: Literal["csv", "parquet", "kml", "attachments"]
+    log: Path,
+    out: Path | None = None,
+    *,
+    to: Literal["csv", "parquet", "kml", "tlog", "attachments"],
 ) -> int:
     """Write a log's contents as tables, or its paths for a map.
 
@@ -105,11 +108,11 @@ def export(
     log
         The log.
     out
-        The new folder, or file for kml. Default: beside the log.
+        The new folder, or file for kml and tlog. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events
-        and battery; kml: devices, planned and flown paths; attachments: the files inside the log
-        (configuration, plans, a Foxglove layout).
+        and battery; kml: devices, planned and flown paths; tlog: raw MAVLink, where the run
+        recorded it; attachments: the files inside the log (configuration, a Foxglove layout).
     """
     from mission.log import export as exporting
     from mission.log.kml import export_kml
@@ -117,6 +120,11 @@ def export(
     console = _console()
     if to == "kml":
         console.print(export_kml(log, out or log.with_suffix(".kml")))
+        return 0
+    if to == "tlog":
+        from mission.log.mavlink import export_tlog
+
+        console.print(export_tlog(log, out or log.with_suffix(".tlog")))
         return 0
     write = {
         "csv": exporting.export_csv,

@@ -38,7 +38,7 @@ def our_channels() -> tuple[dict[int, Schema], dict[int, Channel]]:
     """The schemas and channels of every log of ours, by id; ids count from 1 as mcap gives them."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    known: dict[str, int] = {}
+    known: dict[str, int] = {"": 0}  # 0: no schema
     for topic in TOPICS:
         if topic.schema_name not in known:
             number = known[topic.schema_name] = len(schemas) + 1

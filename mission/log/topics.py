@@ -17,7 +17,7 @@ BODY_FRAME = "aircraft"  # x forward, y left, z up
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One channel of the log."""
+    """One channel of the log. Without a schema its name and data are empty."""
 
     name: str
     schema_name: str
@@ -175,8 +175,13 @@ EVENTS = _json(
     est_m=("numbers", "believed x east, y north, height above home"),
 )
 
+# Raw frames as they went over the link, where that is asked for; no schema describes bytes.
+MAVLINK_TO_VEHICLE = Topic("/mavlink/to_vehicle", "", "", b"", "mavlink")
+MAVLINK_FROM_VEHICLE = Topic("/mavlink/from_vehicle", "", "", b"", "mavlink")
+
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
+    *(MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE),
 )

@@ -208,6 +208,12 @@ class FlightLog:
             }
             self._write(topics.LEARNING, self._now_ns, messages.record(values))
 
+    def mavlink(self, data: bytes, *, to_vehicle: bool) -> None:
+        """Write raw MAVLink; see `RecordedLink`. What is sent when depends on the wall clock, so
+        a log with raw MAVLink is not the same twice."""
+        topic = topics.MAVLINK_TO_VEHICLE if to_vehicle else topics.MAVLINK_FROM_VEHICLE
+        self._write(topic, self._now_ns, data)
+
     def note(self, text: str, *, severity: int = _NOTICE, source: str = "mission") -> None:
         """Write a line of our own, at the present simulated time."""
         line = messages.log_line(self._now_ns, text, severity=severity, source=source)

@@ -57,7 +57,10 @@ def test_the_standard_reader_finds_index_statistics_and_well_known_schemas(made:
     assert summary.statistics is not None
     assert summary.chunk_indexes
     assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
-    found = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
+    found = {
+        c.topic: summary.schemas[c.schema_id].name if c.schema_id else ""
+        for c in summary.channels.values()
+    }
     assert found == {topic.name: topic.schema_name for topic in TOPICS}
     assert found["/true/pose"] == found["/est/pose"] == "foxglove.PoseInFrame"
     assert found["/tf"] == "foxglove.FrameTransform"
