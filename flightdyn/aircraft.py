@@ -9,9 +9,10 @@ from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
 from flightdyn.inertial import Earth
+from flightdyn.inertial_navigation import InertialNavigation
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
-from flightdyn.navigation import InertialNavigation, Navigation, TrueNavigation
+from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.random import RandomStreams
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector

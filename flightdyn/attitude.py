@@ -22,7 +22,7 @@ def limit_thrust(
     return (x, y, -up), False
 
 
-def attitude_error(r: Matrix9, thrust: Triple, heading: float, wanted_heading: float) -> Triple:
+def attitude_error(r: Matrix9, thrust: Triple, *, heading: float, wanted_heading: float) -> Triple:
     """Rotation vector (rad, body) that turns the thrust axis onto `thrust` the short way and,
     about the body's own z axis, towards the wanted heading.
     """

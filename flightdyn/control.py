@@ -85,7 +85,7 @@ class Controller:
         self.reset()
         self._inner.command(zero, zero, self._airframe.idle_collective if armed else 0.0)
 
-    def fly(self, nav: NavState, force: Triple, to: Setpoint, *, flying: bool) -> None:
+    def fly(self, nav: NavState, force: Triple, *, to: Setpoint, flying: bool) -> None:
         """One step; `force` is the measured specific force (body).
 
         Where it may stand on the ground (not `flying`) the aircraft stays level and learns nothing.
@@ -133,7 +133,7 @@ class Controller:
         collective = min(k.most_thrust, max(0.02, along / full))
         self._lagged += dt / k.motor_lag_s * (collective - self._lagged)
         self.lift = collective * full / self._g
-        error = attitude_error(r, thrust, yaw_of(nav.q), to.yaw)
+        error = attitude_error(r, thrust, heading=yaw_of(nav.q), wanted_heading=to.yaw)
         rate = to.yaw_rate
         self._inner.command(error, (r[6] * rate, r[7] * rate, r[8] * rate), collective)
 

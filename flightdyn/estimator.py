@@ -154,7 +154,9 @@ class Estimator:
         if fix is not None:
             self._fixes.append(fix)
         b = self._biases
-        self.now, _ = propagate(self.now, increment, b.gyro, b.accel, self._earth)
+        self.now, _ = propagate(
+            self.now, increment, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+        )
         horizon_ns = increment.t_ns - self._delay_ns
         increments, batch = self._increments, self._batch
         while increments and increments[0].t_ns <= horizon_ns:
@@ -181,7 +183,9 @@ class Estimator:
         state = self.horizon
         dt = sum(part.dt_s for part in self._batch)
         for part in self._batch:
-            state, (n, e, d) = propagate(state, part, b.gyro, b.accel, self._earth)
+            state, (n, e, d) = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
             dn, de, dd = dn + n, de + e, dd + d
         self.horizon = state
         self._batch.clear()
@@ -319,7 +323,11 @@ class Estimator:
         """Carry the corrected horizon to now."""
         state, b = self.horizon, self._biases
         for part in self._batch:
-            state, _ = propagate(state, part, b.gyro, b.accel, self._earth)
+            state, _ = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
         for part in self._increments:
-            state, _ = propagate(state, part, b.gyro, b.accel, self._earth)
+            state, _ = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
         self.now = state

@@ -10,7 +10,8 @@ from flightdyn.frames import Triple, yaw_of
 from flightdyn.inertial import NavState
 from flightdyn.landing import LandDetector
 from flightdyn.path import FlightPath, PathProgress
-from flightdyn.trajectory import Corner, Trajectory, brake_and_go, plan_path
+from flightdyn.path_plan import Corner, brake_and_go, plan_path
+from flightdyn.trajectory import Trajectory
 
 _LEASH_M = 0.6  # how far the reference of a velocity order may run ahead
 _LAG_FREE_M = 1.5  # lag along the path that the governor lets pass
@@ -44,6 +45,7 @@ class Guidance:
         self._corners: list[Corner] = []
         self._next = 0
         self._over_s = 0.0
+        self._too_fast = False  # a speed ordered is beyond the limits
         self._velocity: Triple = (0.0, 0.0, 0.0)
         self._course_follows = False
         self._point: Setpoint | None = None
@@ -70,7 +72,7 @@ class Guidance:
         """Go to `pos` and stay."""
         _finite("hold", (*pos, yaw))
         p, v = self._start(nav)
-        self._trajectory = brake_and_go(p, v, pos, self._limits)
+        self._trajectory = brake_and_go(p, v, goal=pos, limits=self._limits)
         self._begin(yaw, course=False)
         self._corners = []
 
@@ -80,6 +82,7 @@ class Guidance:
         self._trajectory, self._corners = plan_path(path, self._limits, start_vel=v)
         self._begin(self._heading.yaw, course=True)
         self._next = 1
+        self._too_fast = bool(path.speeds_mps.max() > self._limits.speed_mps)
         self.progress.passed = self._corners[0].count
 
     def _begin(self, yaw: float, *, course: bool) -> None:
@@ -125,7 +128,7 @@ class Guidance:
             if self._land.contact and point.v[2] > 0:
                 self._controller.idle(armed=True)
             else:
-                self._controller.fly(nav, force, point, flying=flying)
+                self._controller.fly(nav, force, to=point, flying=flying)
         self._land.update(
             armed=self.armed,
             descend_mps=0.0 if point is None else point.v[2],
@@ -170,7 +173,7 @@ class Guidance:
             if lag > _LAG_FREE_M:
                 target = max(0.0, 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M))
         self._smooth_rate += self._dt / 1.5 * (target - self._smooth_rate)
-        slow = self._smooth_rate < _LIMITED_RATE
+        slow = self._too_fast or self._smooth_rate < _LIMITED_RATE
         self.progress.speed_limited = slow and bool(self._corners) and not self.progress.finished
         most = 0.5 * self._dt  # the clock itself may not jump
         return min(self._rate + most, max(self._rate - 2 * most, target))

@@ -57,7 +57,7 @@ class Earth(NamedTuple):
         )
 
 
-def integrate(samples: Sequence[ImuSample], t_ns: int, dt_s: float) -> ImuIncrement:
+def integrate(samples: Sequence[ImuSample], t_ns: int, *, dt_s: float) -> ImuIncrement:
     """Sum samples, each held for `dt_s`, up to `t_ns`; biases are left in."""
     ax = ay = az = vx = vy = vz = 0.0
     half = dt_s / 2
@@ -77,6 +77,7 @@ def integrate(samples: Sequence[ImuSample], t_ns: int, dt_s: float) -> ImuIncrem
 def propagate(
     state: NavState,
     step: ImuIncrement,
+    *,
     gyro_bias: Triple,
     accel_bias: Triple,
     earth: Earth,

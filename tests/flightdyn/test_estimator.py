@@ -24,7 +24,7 @@ from flightdyn.estimator import Estimator
 from flightdyn.faults import GnssJump, GnssOff, ImuBias
 from flightdyn.frames import Quaternion, Triple, frozen, quaternion_multiply, rotation_matrix
 from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
-from flightdyn.navigation import InertialNavigation
+from flightdyn.inertial_navigation import InertialNavigation
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 
@@ -92,7 +92,7 @@ class Twin:
         push = np.array([3 * math.sin(0.5 * t), 2 * math.cos(0.8 * t), -EARTH.gravity_mps2])
         velocity = 0.02 * (r.T @ push)
         true = ImuIncrement(t_ns, 0.02, tuple(angle.tolist()), tuple(velocity.tolist()))
-        self.state, _ = propagate(self.state, true, ZERO, ZERO, EARTH)
+        self.state, _ = propagate(self.state, true, gyro_bias=ZERO, accel_bias=ZERO, earth=EARTH)
         self.history[t_ns] = self.state
         bias = 0.02 * np.array(self.accel_bias)
         felt = true._replace(velocity=tuple((velocity + bias).tolist()))

@@ -19,8 +19,8 @@ FLAT = Earth(9.8, 0.0, 0.0)
 def carry(state: NavState, samples: list[ImuSample], earth: Earth = FLAT) -> NavState:
     for i in range(0, len(samples), 5):
         t_ns = round((i + 5) * DT * 1e9)
-        step = integrate(samples[i : i + 5], t_ns, DT)
-        state, _ = propagate(state, step, NO_BIAS, NO_BIAS, earth)
+        step = integrate(samples[i : i + 5], t_ns, dt_s=DT)
+        state, _ = propagate(state, step, gyro_bias=NO_BIAS, accel_bias=NO_BIAS, earth=earth)
     return state
 
 

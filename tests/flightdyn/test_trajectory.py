@@ -12,8 +12,9 @@ from flightdyn.clock import SimClock
 from flightdyn.config import LimitsConfig
 from flightdyn.errors import FlightInputError, PathError
 from flightdyn.path import FlightPath
+from flightdyn.path_plan import brake_and_go, plan_path
 from flightdyn.state import Vector
-from flightdyn.trajectory import Trajectory, brake_and_go, plan_path
+from flightdyn.trajectory import Trajectory
 
 LIMITS = LimitsConfig()
 START = np.array([0.0, 0.0, -60.0])
@@ -114,7 +115,9 @@ def test_start_at_speed_keeps_the_speed_along_the_first_leg() -> None:
 
 
 def test_braking_stops_in_the_closed_form_distance() -> None:
-    trajectory = brake_and_go((0.0, 0.0, -50.0), (20.0, 0.0, 0.0), (0.0, 0.0, -50.0), LIMITS)
+    trajectory = brake_and_go(
+        (0.0, 0.0, -50.0), (20.0, 0.0, 0.0), goal=(0.0, 0.0, -50.0), limits=LIMITS
+    )
     p, v, _ = sample(trajectory)
     assert np.max(p[:, 0]) == pytest.approx(20**2 / (2 * LIMITS.acceleration_mps2), abs=0.1)
     assert p[-1] == pytest.approx([0, 0, -50], abs=1e-9)
