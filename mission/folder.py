@@ -68,6 +68,10 @@ class RunFolder:
         return self.path / "flight.mcap"
 
     @property
+    def plans(self) -> Path:
+        return self.path / "plans"
+
+    @property
     def summary(self) -> Path:
         return self.path / "summary.json"
 

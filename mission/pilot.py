@@ -73,8 +73,7 @@ class Pilot:
     async def take_off(self, alt_rel_m: float) -> None:
         """Arm, climb, and wait for the hover at `alt_rel_m` above home."""
         await self._order("set the take-off altitude", self._action.set_takeoff_altitude(alt_rel_m))
-        await self._order("arm", self._action.arm())
-        await self._until(lambda: self._armed, "arm")
+        await self.arm()
         await self._order("take off", self._action.takeoff())
         # Telemetry of one instant arrives in several messages, so all of it must agree.
         await self._until(
@@ -92,7 +91,20 @@ class Pilot:
         Raises:
             FlightError: the vehicle refuses the mission, leaves it, or misses its end.
         """
-        items = mission_items(plan, positions)
+        await self.fly_items(mission_items(plan, positions))
+        await self._until(lambda: self._mode == FlightMode.HOLD, "hold after the mission")
+
+    async def arm(self) -> None:
+        """Release the motors."""
+        await self._order("arm", self._action.arm())
+        await self._until(lambda: self._armed, "arm")
+
+    async def fly_items(self, items: list[MissionItem]) -> None:
+        """Upload any mission, start it, and wait until the vehicle has carried it out.
+
+        Raises:
+            FlightError: the vehicle refuses the mission, leaves it, or misses its end.
+        """
         await self._upload(items)
         await self._order("start the mission", self._mission.start_mission())
         loop = asyncio.get_running_loop()
@@ -108,15 +120,22 @@ class Pilot:
                     f"the vehicle left the mission for {self._mode.name}{self._because()}"
                 )
             await asyncio.sleep(POLL_S)
-        await self._until(lambda: self._mode == FlightMode.HOLD, "hold after the mission")
 
-    async def land(self) -> None:
-        """Return to home, land, and wait until the motors are off."""
-        await self._order("return and land", self._action.return_to_launch())
+    async def upload_fence(self, items: list[MissionItem]) -> None:
+        """Upload a geofence."""
+        await self._order("take the geofence", self._mission.upload_geofence(items))
+
+    async def landed(self) -> None:
+        """Wait until the vehicle stands on the ground with its motors off."""
         await self._until(
             lambda: self._landed == LandedState.ON_GROUND and not self._armed,
             "land and disarm",
         )
+
+    async def land(self) -> None:
+        """Return to home, land, and wait until the motors are off."""
+        await self._order("return and land", self._action.return_to_launch())
+        await self.landed()
 
     async def hold(self) -> None:
         """Stop and hover where the vehicle is."""
@@ -227,7 +246,7 @@ async def connect(
     Raises:
         LinkLostError: the connection cannot be opened, or no autopilot answers on it.
     """
-    log_subscribe(_log)
+    log_subscribe(log_mavsdk)
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     async with Mavsdk(configuration) as mavsdk:
         try:
@@ -311,7 +330,8 @@ def _essence(item: MissionItem) -> tuple[int, ...]:
     return (item.seq, item.command, item.x, item.y, round(item.z * 1000), round(item.param2 * 1000))
 
 
-def _log(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
+def log_mavsdk(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
+    """Take MAVSDK's own messages into ours; for `log_subscribe`."""
     # MAVSDK's complaints are for whoever debugs; what matters of them becomes our own errors.
     worth = logging.INFO if level in (LogLevel.WARN, LogLevel.ERROR) else logging.DEBUG
     logger.log(worth, "mavsdk: %s", message)

@@ -20,6 +20,7 @@ from mission.flightplan import FlightPlan
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
+from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.progress import Progress, make_progress
 from mission.stopwatch import Stopwatch
@@ -34,6 +35,7 @@ class SessionRecorder:
     """Hands what happens to the log, the tables and the progress display."""
 
     world: World
+    folder: RunFolder
     log: FlightLog
     rounds: RoundTable
     uplinks: UplinkTable
@@ -58,6 +60,8 @@ class SessionRecorder:
             speed_mps=flight_plan.speed_mps,
             ideal_slot_s=flight_plan.ideal_slot_s(),
         )
+        path = self.folder.plans / f"round-{round_number:03d}.plan"
+        write_round_plan(path, flight_plan, self.world.area)
 
     def finished(self, result: RoundResult) -> None:
         """Log and tabulate a finished round; from here on it is kept whatever happens."""
@@ -171,7 +175,7 @@ def _fly(
         _attach(log, world)
         experiment = Experiment(
             world,
-            SessionRecorder(world, log, rounds, uplinks, checkpoint, progress, stopwatch),
+            SessionRecorder(world, folder, log, rounds, uplinks, checkpoint, progress, stopwatch),
             stopwatch,
             state,
             memory=memory,

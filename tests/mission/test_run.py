@@ -54,7 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_leaves_what_it_promises(run: Path) -> None:
     assert {path.name for path in run.iterdir()} >= {
         "config.toml", "devices.csv", "rounds.csv", "uplinks.csv", "flight.mcap", "summary.json",
-        "figures", "checkpoint",
+        "figures", "checkpoint", "plans",
     }  # fmt: skip
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in (run / "figures").iterdir())
     rounds, uplinks = rows(run / "rounds.csv"), rows(run / "uplinks.csv")

@@ -7,14 +7,16 @@ from typing import Any
 
 import pytest
 from pymavlink import mavutil
+from serving import free_port, served
 
 from mission.cli import call
-from serving import free_port, served
 
 ARM, TAKE_OFF = 400, 22
 
 
-def wait_for(client: Any, kind: str, fit: Callable[[Any], bool], *, timeout_s: float = 60) -> Any:
+def wait_for(
+    client: Any, kind: str, fit: Callable[[Any], bool] = bool, *, timeout_s: float = 60
+) -> Any:
     """The next message of a kind that fits."""
     limit = time.monotonic() + timeout_s
     while time.monotonic() < limit:
@@ -41,7 +43,7 @@ def test_two_ground_stations_at_once() -> None:
             "--set", "area.home_lat_deg=47.4", "--set", "area.home_lon_deg=8.5",
         ):  # fmt: skip
             for client in (one, two):
-                beat = wait_for(client, "HEARTBEAT", lambda m: True)
+                beat = wait_for(client, "HEARTBEAT")
                 assert beat.autopilot == mavutil.mavlink.MAV_AUTOPILOT_PX4
             ready = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
             wait_for(one, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & ready))
@@ -63,7 +65,7 @@ def test_it_listens_for_whoever_comes() -> None:
         client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
         try:
             client.mav.heartbeat_send(6, 8, 0, 0, 0)
-            assert wait_for(client, "HEARTBEAT", lambda m: True).get_srcSystem() == 1
+            assert wait_for(client, "HEARTBEAT").get_srcSystem() == 1
         finally:
             client.close()
 
