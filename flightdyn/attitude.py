@@ -5,17 +5,16 @@ import math
 from flightdyn.frames import Matrix9, Triple, wrap_pi
 
 
-def limit_thrust(
-    wanted: Triple, *, tilt_rad: float, least: float, most: float
-) -> tuple[Triple, bool]:
+def limit_thrust(wanted: Triple, *, slope: float, least: float, most: float) -> tuple[Triple, bool]:
     """Thrust over mass (m/s2, NED) within lean and strength; height goes before position.
 
-    Returns the limited vector and whether it had to be cut by more than a hundredth.
+    `slope`: tangent of the largest lean; `least`: upwards, `most`: in all, m/s2. Returns the
+    limited vector and whether it had to be cut by more than a hundredth.
     """
     x, y, z = wanted
     up = min(max(-z, least), most)
     across = math.hypot(x, y)
-    room = min(up * math.tan(tilt_rad), math.sqrt(max(most * most - up * up, 0.0)))
+    room = min(up * slope, math.sqrt(max(most * most - up * up, 0.0)))
     if across > room:
         k = room / across
         return (x * k, y * k, -up), across > 1.01 * room

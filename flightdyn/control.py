@@ -13,7 +13,7 @@ from typing import NamedTuple
 from flightdyn.airframe.parameters import Airframe
 from flightdyn.attitude import attitude_error, limit_thrust
 from flightdyn.config import LimitsConfig
-from flightdyn.frames import Triple, rotation_matrix, wrap_pi, yaw_of
+from flightdyn.frames import Triple, rotation_matrix, wrap_pi
 from flightdyn.inertial import NavState
 from flightdyn.inner_loops import InnerLoops
 
@@ -59,7 +59,7 @@ class Controller:
     ) -> None:
         self._inner = inner
         self._airframe = airframe
-        self._tilt = math.radians(limits.tilt_deg)
+        self._slope = math.tan(math.radians(limits.tilt_deg))
         self._dt = dt_s
         self._g = self.gravity_mps2 = gravity_mps2
         self._gains = gains or Gains()
@@ -125,7 +125,7 @@ class Controller:
         full = self._full * self.effectiveness
         thrust, self.saturated = limit_thrust(
             wanted,
-            tilt_rad=self._tilt,
+            slope=self._slope,
             least=0.25 * self._g,
             most=k.most_thrust * full,
         )
@@ -133,7 +133,7 @@ class Controller:
         collective = min(k.most_thrust, max(0.02, along / full))
         self._lagged += dt / k.motor_lag_s * (collective - self._lagged)
         self.lift = collective * full / self._g
-        error = attitude_error(r, thrust, heading=yaw_of(nav.q), wanted_heading=to.yaw)
+        error = attitude_error(r, thrust, heading=math.atan2(r[3], r[0]), wanted_heading=to.yaw)
         rate = to.yaw_rate
         self._inner.command(error, (r[6] * rate, r[7] * rate, r[8] * rate), collective)
 

@@ -24,7 +24,9 @@ class InnerLoops:
         "_set_ep",
         "_set_eq",
         "_set_er",
-        "_set_feeds",
+        "_set_fp",
+        "_set_fq",
+        "_set_fr",
         "_set_p",
         "_set_q",
         "_set_r",
@@ -36,15 +38,16 @@ class InnerLoops:
         self._fp = self._fq = self._fr = 0.0
         self._set_ep, self._set_eq, self._set_er = vehicle.set_errors
         self._set_p, self._set_q, self._set_r = vehicle.set_rates
-        self._set_feeds = vehicle.set_feeds
+        self._set_fp, self._set_fq, self._set_fr = vehicle.set_feeds
         self._set_collective = vehicle.set_collective
 
     def command(self, error: Triple, feed: Triple, collective: float) -> None:
         """Attitude error (rad), rate fed forward (rad/s), thrust per rotor (1 = full)."""
         self._ep, self._eq, self._er = error
         self._fp, self._fq, self._fr = feed
-        for put, value in zip(self._set_feeds, feed, strict=True):
-            put(value)
+        self._set_fp(feed[0])
+        self._set_fq(feed[1])
+        self._set_fr(feed[2])
         self._set_ep(error[0])
         self._set_eq(error[1])
         self._set_er(error[2])
