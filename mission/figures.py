@@ -4,16 +4,18 @@ The home of matplotlib, with `figure_maps` and `figure_style`. Only figure objec
 of pyplot's global state, so that drawing works without a display and leaves nothing behind.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from mission.compare import Comparison, RunComparison
 from mission.errors import InputError
 from mission.figure_maps import overview, round_maps
-from mission.figure_style import GRID, TEXT, new_figure, plain
+from mission.figure_style import GRID, TEXT, add_legend, new_figure, plain
 from mission.palette import community_colour
 from mission.records import RoundRecord
 from mission.rundata import load_run
@@ -43,6 +45,57 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
     except OSError as error:
         raise InputError(f"{target}: cannot write the figures: {error.strerror}") from None
     return tuple(target / name for name in pictures)
+
+
+def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:
+    """Draw several runs into one picture, `comparison_figure`; returns the file.
+
+    Raises:
+        InputError: the picture cannot be written.
+    """
+    try:
+        comparison_figure(runs).savefig(target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot write the figure: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
+    return target
+
+
+def comparison_figure(runs: Sequence[RunComparison]) -> Figure:
+    """Runs against each other, round by round: tracking, timing, objective and arrivals."""
+    figure = new_figure(9.6, 7.2)
+    panels = figure.subplots(2, 2, sharex=True)
+    kinds: tuple[tuple[str, Callable[[Comparison], float]], ...] = (
+        ("cross-track rms on straights (m)", lambda c: c.straight_rms_m),
+        ("slots late, mean (s)", lambda c: c.slot_late_mean_s),
+        ("true objective", lambda c: c.true_objective),
+        ("updates arrived", lambda c: float(c.delivered)),
+    )
+    for axes, (label, value) in zip(panels.flat, kinds, strict=True):
+        for index, run in enumerate(runs):
+            numbers = [item.round or 0 for item in run.rounds]
+            axes.plot(
+                numbers, [value(item) for item in run.rounds], color=community_colour(index),
+                lw=1.7, marker="o" if len(numbers) <= 25 else "", ms=4,
+            )  # fmt: skip
+        axes.set_title(label, loc="left", fontsize=10, color=TEXT)
+        axes.set_ylim(bottom=0)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.yaxis.grid(visible=True, color=GRID, lw=0.8)
+        axes.set_axisbelow(True)
+        plain(axes)
+    for axes in panels[1]:
+        axes.set_xlabel("round")
+    add_legend(
+        figure,
+        [
+            Line2D([], [], color=community_colour(index), lw=2, marker="o", ms=4, label=name)
+            for index, name in enumerate(run.source.name or str(run.source) for run in runs)
+        ],
+        columns=min(len(runs), 4),
+    )
+    return figure
 
 
 def learning_curves(rounds: Sequence[RoundRecord]) -> Figure:

@@ -71,6 +71,11 @@ class PlanRecord:
     altitude_m: float
     ideal_slot_s: Floats  # (N,) seconds after t_ns at which a step is passed at planned speed
 
+    @property
+    def path_m(self) -> float:
+        """Length of the planned polyline."""
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+
 
 @dataclass(frozen=True)
 class LearningRecord:

@@ -79,7 +79,8 @@ def flight_cards(run: FlightData, comparison: RunComparison) -> list[str]:
         ],
         x_label="round · seconds", whole_x=True,
     )  # fmt: skip
-    return [_along_card(run), card(cross), card(late)]
+    moved = any(plan.path_m > 0 for plan in run.plans)
+    return [*([_along_card(run)] if moved else []), card(cross), card(late)]
 
 
 def radio_cards(run: FlightData, comparison: RunComparison) -> list[str]:

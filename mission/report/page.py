@@ -111,11 +111,12 @@ def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[s
         tiles += [
             (f"{total.flown_path_m / 1000:.2f} km", "flown in rounds"),
             (f"{_number(total.straight_rms_m)} m", "cross-track rms on straights"),
-            (f"{_number(total.corner_cut_max_m)} m", "deepest corner cut"),
             (f"{100 * last.battery_remaining:.0f} %", "battery left"),
         ]
-    if "real_time_factor" in summary:
-        tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
+        if math.isfinite(total.corner_cut_max_m):
+            tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
+        if "real_time_factor" in summary:
+            tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
     body = "".join(
         f'<div class="tile"><b>{escape(value)}</b><span>{escape(label)}</span></div>'
         for value, label in tiles

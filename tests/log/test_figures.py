@@ -9,9 +9,10 @@ import pytest
 from matplotlib.image import imread
 from synthetic_flight import AREA, devices, fly
 
+from mission.compare import compare_run
 from mission.errors import InputError
 from mission.figure_maps import overview, round_maps
-from mission.figures import draw_run, learning_curves
+from mission.figures import comparison_figure, draw_comparison, draw_run, learning_curves
 from mission.log.writer import FlightLog
 from mission.rundata import flown, load_run
 from mission.tables import RoundTable, UplinkTable
@@ -55,6 +56,23 @@ def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
         np.testing.assert_allclose(line.get_ydata(), [100 * r.accuracy[name] for r in made.rounds])
     for name, line in zip(made.rounds[0].cov, cov.lines, strict=True):
         np.testing.assert_allclose(line.get_ydata(), [r.cov[name] for r in made.rounds])
+
+
+def test_runs_side_by_side(tmp_path: Path) -> None:
+    runs = []
+    for name, seed in (("one", 1), ("two", 2)):
+        (tmp_path / name).mkdir()
+        fly(tmp_path / name, rounds=2, seed=seed)
+        runs.append(compare_run(tmp_path / name))
+    figure = comparison_figure(runs)
+    for run, line in zip(runs, figure.axes[2].lines, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), [r.true_objective for r in run.rounds])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
+    assert draw_comparison(runs, tmp_path / "c.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="not a kind of picture"):
+        draw_comparison(runs, tmp_path / "c.txt")
+    with pytest.raises(InputError, match="cannot write the figure"):
+        draw_comparison(runs, tmp_path / "no" / "c.png")
 
 
 def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
