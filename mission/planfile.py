@@ -220,9 +220,10 @@ def _waypoint_row(path: Path, number: int, line: str) -> Sequence[float]:
 
 
 def _home(path: Path, lat_deg: float, lon_deg: float, alt_msl_m: float) -> GeodeticPoint:
-    if not (abs(lat_deg) <= 85 and abs(lon_deg) <= 180 and not abs(alt_msl_m) > 5000):
+    high_enough = math.isnan(alt_msl_m) or -400 <= alt_msl_m <= 5000
+    if not (abs(lat_deg) <= 85 and abs(lon_deg) <= 180 and high_enough):
         raise InputError(
             f"{path}: planned home {lat_deg}, {lon_deg}, {alt_msl_m} m: latitude is -85..85, "
-            "longitude -180..180 deg, altitude at most 5000 m"
+            "longitude -180..180 deg, altitude -400..5000 m"
         )
     return GeodeticPoint(float(lat_deg), float(lon_deg), float(alt_msl_m))

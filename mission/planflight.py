@@ -1,0 +1,241 @@
+"""One `aerofed fly`: a plan file flown by the simulated vehicle, planned against flown."""
+
+import asyncio
+import csv
+import io
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from flightdyn.errors import FlightInputError
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.alignment import align
+from mission.area import Area
+from mission.config import AreaConfig, RunConfig
+from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
+from mission.flyer import open_flyer
+from mission.folder import RunFolder, environment, write_atomically
+from mission.log.values import Devices
+from mission.log.writer import FlightLog
+from mission.plancheck import PlannedPath, check_plan, here_means
+from mission.planfile import PlanFile, read_plan_file
+from mission.planimport import Imported, import_plan, raw_items
+from mission.track import Flight
+from sitl.autopilot.items import PLACES
+from sitl.errors import SitlInputError
+from sitl.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+_MARGIN_M = 50.0  # around the plan, for the map
+_COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
+
+
+@dataclass(frozen=True)
+class PlannedAndFlown:
+    """How a flight was against its plan, up to its last place; metres, simulated seconds."""
+
+    plan_path_m: float  # horizontal
+    flown_path_m: float
+    plan_duration_s: float  # always at the planned speed
+    flown_duration_s: float
+    cross_track_rms_m: float  # horizontal distance of the true track to the planned line
+    cross_track_max_m: float
+    places: int
+    places_reached: int
+    miss_max_m: float  # horizontal distance to a place on the instant it was passed
+    height_error_max_m: float  # the same, vertically
+    estimate_rms_m: float  # horizontal distance of belief to truth
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """Everything that can be refused has been; nothing has been written."""
+
+    plan: PlanFile
+    imported: Imported
+    path: PlannedPath
+    area: Area
+    vehicle: Vehicle
+    config: RunConfig
+
+
+def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, quiet: bool) -> int:
+    """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
+
+    Raises:
+        InputError: the plan is damaged or holds what may not be flown; nothing is written then.
+        FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
+    """
+    ready = _prepare(config, read_plan_file(source))
+    folder = RunFolder.create(path)
+    write_atomically(folder.config, ready.config.to_toml())
+    write_atomically(folder.path / source.name, source.read_bytes())
+    summary: dict[str, Any] = {
+        "status": "running",
+        "plan": source.name,
+        "seed": config.seed,
+        "ignored_rally_points": ready.imported.rally_points,
+        **environment(),
+    }
+    folder.write_summary(summary)
+    status, error = "failed", None
+    nobody = Devices(np.zeros((0, 2)), ())
+    with FlightLog(folder.log, area=ready.area, devices=nobody) as log:
+        log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
+        log.attach(source.name, "text/plain", ready.plan.text.encode())
+        try:
+            flight = asyncio.run(_fly(ready, log))
+            status = "finished"
+        except KeyboardInterrupt:
+            status = "interrupted"
+        except AerofedError as failure:
+            error = failure
+            summary["error"] = str(failure)
+        finally:
+            summary["status"] = status
+            folder.write_summary(summary)
+    if error is not None:
+        raise error
+    if status == "interrupted":
+        console.print(f"interrupted; what was flown is in {folder.log}", soft_wrap=True)
+        return INTERRUPTED
+    write_atomically(folder.path / "track.csv", _track_csv(flight, ready.area))
+    numbers = compare_with_plan(flight, ready.path)
+    folder.write_summary(summary | {"planned_and_flown": asdict(numbers)})
+    if not quiet:
+        _say(console, numbers, ready.imported, folder.path)
+    return 0
+
+
+def compare_with_plan(flight: Flight, path: PlannedPath) -> PlannedAndFlown:
+    """Planned against flown, from the start of the mission to its last place.
+
+    Raises:
+        FlightError: the last place was never reached.
+    """
+    end = flight.reached.get(path.last_place)
+    if end is None:
+        raise FlightError(f"item {path.last_place} was never reached")
+    until = int(np.searchsorted(flight.t_ns, end.t_ns, side="right"))
+    true_m, est_m = flight.true_ned_m[:until], flight.est_ned_m[:until]
+    cross_m = align(true_m[:, :2], path.points_ned_m[:, :2]).cross_m
+    error_m = np.linalg.norm(est_m[:, :2] - true_m[:, :2], axis=1)
+    misses = [
+        flight.reached[seq].true_ned_m - place
+        for seq, place in path.places.items()
+        if seq in flight.reached
+    ]
+    return PlannedAndFlown(
+        plan_path_m=path.path_m,
+        flown_path_m=float(np.linalg.norm(np.diff(true_m[:, :2], axis=0), axis=1).sum()),
+        plan_duration_s=path.duration_s,
+        flown_duration_s=float(end.t_ns - flight.t_ns[0]) / 1e9,
+        cross_track_rms_m=math.sqrt(float((cross_m**2).mean())),
+        cross_track_max_m=float(cross_m.max()),
+        places=len(path.places),
+        places_reached=len(misses),
+        miss_max_m=max(float(np.linalg.norm(miss[:2])) for miss in misses),
+        height_error_max_m=max(abs(float(miss[2])) for miss in misses),
+        estimate_rms_m=math.sqrt(float((error_m**2).mean())),
+    )
+
+
+def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
+    ground = config.area.home_alt_msl_m
+    planned = plan.home or GeodeticPoint(config.area.home_lat_deg, config.area.home_lon_deg, ground)
+    vehicle, imported = _at(planned, config, plan)
+    if plan.home is None:
+        first = next((item for item in imported.items if item.command in PLACES), None)
+        if first is None:
+            raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
+        planned = GeodeticPoint(first.x, first.y, ground)
+        vehicle, imported = _at(planned, config, plan)
+    path = check_plan(imported.items, imported.fence, vehicle=vehicle, source=str(plan.path))
+    area_config = _area_around(path, vehicle.autopilot.flight.home)
+    return _Ready(
+        plan,
+        imported,
+        path,
+        area_config.build(),
+        vehicle,
+        config.model_copy(update={"area": area_config}),
+    )
+
+
+def _at(home: GeodeticPoint, config: RunConfig, plan: PlanFile) -> tuple[Vehicle, Imported]:
+    """A vehicle on the ground at `home`, and the plan as imported for it."""
+    if math.isnan(home.alt_msl_m):
+        home = GeodeticPoint(home.lat_deg, home.lon_deg, config.area.home_alt_msl_m)
+    try:
+        vehicle = Vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
+    except (SitlInputError, FlightInputError) as error:
+        raise InputError(str(error)) from None
+    vehicle.greet()
+    imported = import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
+    items = here_means(imported.items, home)
+    return vehicle, Imported(items, imported.fence, imported.rally_points)
+
+
+def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
+    """The rectangle around the plan."""
+    low = path.points_ned_m[:, :2].min(axis=0) - _MARGIN_M
+    high = path.points_ned_m[:, :2].max(axis=0) + _MARGIN_M
+    return AreaConfig(
+        size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
+        home_m=(float(-low[1]), float(-low[0])),
+        home_lat_deg=home.lat_deg,
+        home_lon_deg=home.lon_deg,
+        home_alt_msl_m=home.alt_msl_m,
+    )
+
+
+async def _fly(ready: _Ready, log: FlightLog) -> Flight:
+    async with open_flyer(ready.config, ready.vehicle, area=ready.area, observers=(log,)) as flyer:
+        pilot = flyer.pilot
+        await pilot.ready()
+        if ready.imported.fence:
+            await pilot.upload_fence(raw_items(ready.imported.fence))
+        flyer.recorder.start(flyer.here())
+        await pilot.arm()
+        await pilot.fly_items(raw_items(ready.imported.items))
+        if ready.path.returns:
+            await pilot.landed()
+        else:
+            await pilot.land()
+        return flyer.recorder.finish(flyer.here(), ready.vehicle.aircraft.battery.remaining)
+
+
+def _track_csv(flight: Flight, area: Area) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    true_xy, est_xy = area.from_ned(flight.true_ned_m), area.from_ned(flight.est_ned_m)
+    for i, t_ns in enumerate(flight.t_ns.tolist()):
+        true, est = (*true_xy[i], -flight.true_ned_m[i, 2]), (*est_xy[i], -flight.est_ned_m[i, 2])
+        writer.writerow([repr(t_ns / 1e9), *(f"{float(value):.4f}" for value in (*true, *est))])
+    return out.getvalue()
+
+
+def _say(console: Console, found: PlannedAndFlown, imported: Imported, folder: Path) -> None:
+    lines = [
+        f"path      planned {found.plan_path_m:.0f} m, flown {found.flown_path_m:.0f} m",
+        f"duration  at planned speed {found.plan_duration_s:.1f} s, "
+        f"flown {found.flown_duration_s:.1f} s",
+        f"cross-track error  rms {found.cross_track_rms_m:.2f} m, "
+        f"max {found.cross_track_max_m:.2f} m",
+        f"places    {found.places_reached}/{found.places} reached, passed within "
+        f"{found.miss_max_m:.2f} m and {found.height_error_max_m:.2f} m in height",
+        f"estimate  {found.estimate_rms_m:.2f} m rms from the truth",
+    ]
+    if imported.rally_points:
+        lines.append(f"{imported.rally_points} rally points are not used")
+    lines.append(f"results in {folder}")
+    for line in lines:
+        console.print(line, soft_wrap=True, highlight=False, markup=False)

@@ -1,0 +1,153 @@
+"""`aerofed fly`: plans of ground stations flown headless, planned against flown."""
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from test_planfile import HOME_ROW, ROW, plan_document, simple
+
+from mission.cli import call
+
+TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
+SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
+RETURN = simple(20, 0, 0, 0, 0, 0, 0, 0, frame=2)
+
+
+def place(lat: float, lon: float, alt: float = 50, *, wait_s: float = 0) -> dict[str, Any]:
+    return simple(16, wait_s, 3, 0, None, lat, lon, alt)
+
+
+# 200 m north, 200 m east, back south: metres by the meridian and parallel arcs at 47.4 deg.
+NORTH, EAST = 47.4 + 200 / 111_180.0, 8.5 + 200 / 75_480.0
+CORNERS = [place(NORTH, 8.5), SPEED, place(NORTH, EAST, wait_s=4), place(47.4, EAST, 60)]
+
+
+def written(folder: Path, *items: Any, name: str = "square.plan") -> Path:
+    path = folder / name
+    path.write_text(json.dumps(plan_document(*items)))
+    return path
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return loaded
+
+
+def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "cross-track" in printed
+    found = summary(out)["planned_and_flown"]
+    assert found["plan_path_m"] == pytest.approx(600, abs=1.0)
+    assert found["flown_path_m"] == pytest.approx(600, rel=0.03)
+    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, and 4 s of waiting.
+    assert found["plan_duration_s"] == pytest.approx(50 / 3 + 20 + 400 / 15 + 4, abs=1.0)
+    assert 0 < found["flown_duration_s"] - found["plan_duration_s"] < 25
+    assert 0 < found["cross_track_rms_m"] < 1.5
+    assert found["cross_track_max_m"] < 5
+    assert (found["places"], found["places_reached"]) == (4, 4)
+    assert found["height_error_max_m"] < 1
+    with (out / "track.csv").open(newline="") as file:
+        track = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    # From home up and round and, by the last item, back home and down.
+    home = (track[0]["true_x_m"], track[0]["true_y_m"])
+    assert math.dist(home, (track[-1]["true_x_m"], track[-1]["true_y_m"])) < 4
+    assert max(row["true_alt_m"] for row in track) == pytest.approx(60, abs=1)
+    assert abs(track[-1]["true_alt_m"]) < 0.5
+    assert max(row["true_x_m"] for row in track) - home[0] == pytest.approx(200, abs=4)
+    with (out / "flight.mcap").open("rb") as log:
+        reader = make_reader(log)
+        counts = reader.get_summary()
+        assert counts is not None
+        assert counts.statistics.message_count > 1000
+        assert "square.plan" in {a.name for a in reader.iter_attachments()}
+    assert (out / "square.plan").read_bytes() == plan.read_bytes()
+
+
+def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path: Path) -> None:
+    # A plan without take-off and without an end: straight up first, and home afterwards.
+    plan = written(tmp_path, place(47.401, 8.5, 60), place(47.402, 8.5, 60))
+    second = ROW.format(2).replace("47.401", "47.402")
+    rows = tmp_path / "line.waypoints"
+    rows.write_text("QGC WPL 110\n" + HOME_ROW + (ROW.format(1) + second).replace("\t5\t", "\t3\t"))
+    tracks = []
+    for number, source in enumerate((plan, plan, rows)):
+        out = tmp_path / str(number)
+        assert call(["fly", str(source), "--out", str(out), "--quiet"]) == 0
+        tracks.append((out / "track.csv").read_bytes())
+    assert tracks[0] == tracks[1] == tracks[2]
+    data = np.genfromtxt(tmp_path / "0" / "track.csv", delimiter=",", names=True)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+
+
+def test_landing_elsewhere(tmp_path: Path) -> None:
+    plan = written(
+        tmp_path, TAKE_OFF, place(47.401, 8.5), simple(21, 0, 0, 0, None, 47.4015, 8.5, 0)
+    )
+    assert call(["fly", str(plan), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    data = np.genfromtxt(tmp_path / "out" / "track.csv", delimiter=",", names=True)
+    assert data["true_y_m"][-1] - data["true_y_m"][0] == pytest.approx(0.0015 * 111_180, abs=4)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+
+
+REFUSED = {
+    "servo": ([TAKE_OFF, simple(183, 1, 1500, 0, 0, 0, 0, 0)], ["item 1", "DO_SET_SERVO (183)"]),
+    "unknown": ([simple(9999, 0, 0, 0, 0, 0, 0, 0)], ["item 0", "unknown command (9999)"]),
+    "jump": ([TAKE_OFF, simple(177, 0, 5, 0, 0, 0, 0, 0, frame=2)], ["DO_JUMP (177)"]),
+    "endless": ([simple(17, 0, 0, 0, 0, 47.4, 8.5, 50)], ["NAV_LOITER_UNLIM (17)"]),
+    "terrain": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=10)], ["item 0", "frame 10"]),
+    "far": ([TAKE_OFF, place(48.4, 8.5)], ["item 1", "from home"]),
+    "sea": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=0)], ["item 0", "-438", "above home"]),
+    "high": ([place(47.4, 8.5, 900)], ["item 0", "900", "500 m"]),
+    "low": ([place(47.4, 8.5, -3)], ["item 0", "-3.0 m above home"]),
+    "null island": ([place(0, 0)], ["item 0", "no position"]),
+    "speed": ([TAKE_OFF, simple(178, 1, 80, -1, 0, 0, 0, 0, frame=2)], ["item 1", "80 m/s"]),
+    "after": ([TAKE_OFF, RETURN, place(47.401, 8.5)], ["item 1", "nothing may come after"]),
+    "late": ([place(47.401, 8.5), TAKE_OFF], ["item 1", "first"]),
+    "nowhere": ([SPEED, RETURN], ["no item leads anywhere"]),
+    "wait": ([place(47.401, 8.5, wait_s=1e6)], ["item 0", "3600 s"]),
+    "radius": ([simple(16, 0, -3, 0, None, 47.4, 8.5, 50)], ["item 0", "INVALID_PARAM2"]),
+    "stop": ([{**place(47.4, 8.5), "autoContinue": False}], ["item 0", "autocontinue"]),
+    "empty": ([], ["mission is empty"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_may_not_be_flown_is_named_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    items, words = REFUSED[case]
+    plan, out = written(tmp_path, *items), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    for word in (str(plan), *words):
+        assert word in printed.err
+    assert not out.exists()
+
+
+def test_a_fence_of_the_plan_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
+    document["geoFence"]["circles"] = [
+        {"inclusion": True, "version": 1, "circle": {"center": [47.4, 8.5], "radius": 100}}
+    ]
+    plan = tmp_path / "fenced.plan"
+    plan.write_text(json.dumps(document))
+    assert call(["fly", str(plan), "--out", str(tmp_path / "out"), "--quiet"]) == 4
+    assert "fence" in capsys.readouterr().err.lower()
+    assert summary(tmp_path / "out")["status"] == "failed"
+
+
+def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = written(tmp_path, *CORNERS), tmp_path / "out"
+    out.mkdir()
+    (out / "mine").write_text("mine")
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    assert "already used" in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} == {"mine"}
