@@ -67,6 +67,7 @@ class Autopilot:
             monitor=self.monitor,
             failsafes=self.failsafes,
         )
+        self.monitor.fenced = self.guard.fenced
         self.flight.position_ok = self.guard.position_ok
         self.flight.forbidden = self.guard.breach
         self.flight.arming_denied = self._arming_denied

@@ -43,6 +43,13 @@ class Guard:
         """
         self._fence = compile_fence(items, self._aircraft.frame)
 
+    def fenced(self) -> bool:
+        """Whether there is a fence, and it is not switched off."""
+        p = self._parameters
+        cylinder = p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
+        drawn = bool(self._fence.inclusions or self._fence.exclusions)
+        return self.fence_enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
+
     def breach(self, pos_ned_m: Vector) -> str:
         """What the fence has against being there; empty if nothing."""
         if not self.fence_enabled or self._parameters["GF_ACTION"] == 0:

@@ -1,6 +1,7 @@
 """The state of health: what telemetry reports of it, and what is said when it changes."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -38,6 +39,7 @@ class Monitor:
         self._landed = LandedState.UNDEFINED
         self._limited = False
         self._faults: tuple[Fault, ...] = ()
+        self.fenced: Callable[[], bool] = lambda: False
         self.ground_station_at = math.nan  # wall time of the last heartbeat from one
 
     def heard_ground_station(self, now: float) -> None:
@@ -115,8 +117,8 @@ class Monitor:
             armed=aircraft.armed,
             system_state=self._system_state(failsafes),
             landed_state=flight.landed_state,
-            sensors_present=_PRESENT,
-            sensors_healthy=self._healthy(fix is not None),
+            sensors_present=_PRESENT | (Sensor.GEOFENCE if self.fenced() else Sensor(0)),
+            sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
             armed_t_ns=flight.armed_t_ns,
             flights=flight.flights,
         )
@@ -130,8 +132,10 @@ class Monitor:
             return SystemState.ACTIVE
         return SystemState.STANDBY if self._aircraft.ready else SystemState.CALIBRATING
 
-    def _healthy(self, gnss: bool) -> Sensor:
+    def _healthy(self, failsafes: Failsafes, *, gnss: bool) -> Sensor:
         healthy = _PRESENT
+        if not failsafes.present(Cause.FENCE_BREACHED):
+            healthy |= Sensor.GEOFENCE
         if not self._aircraft.ready:
             healthy &= ~_ALIGNED
         if not gnss:

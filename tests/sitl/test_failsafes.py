@@ -197,6 +197,24 @@ def test_fence_of_polygons_and_circles() -> None:
     assert desk.mass.belief.pos_ned_m[1] < 75.0
 
 
+def test_the_fence_in_the_vehicles_status() -> None:
+    bit = mav.MAV_SYS_STATUS_GEOFENCE
+
+    def status(desk: Desk) -> tuple[bool, bool]:
+        message = of(desk.pass_wall_time(1.0), "SYS_STATUS")[-1]
+        return (
+            bool(message.onboard_control_sensors_present & bit),
+            bool(message.onboard_control_sensors_health & bit),
+        )
+
+    desk = hovering({"GF_ACTION": 1})
+    assert status(desk) == (False, True)
+    desk.upload(fence_items(), mav.MAV_MISSION_TYPE_FENCE)
+    assert status(desk) == (True, True)
+    breach_fence(desk)
+    assert status(desk) == (True, False)
+
+
 def test_a_polygon_that_lacks_corners_is_refused() -> None:
     desk = Desk()
     broken = fence_items()[:3]
