@@ -30,6 +30,14 @@ class _Upload:
     items: list[m.MissionItem] = field(default_factory=list)
 
 
+@dataclass(frozen=True, slots=True)
+class _Completed:
+    peer: m.Peer
+    kind: MissionType
+    count: int
+    at: float
+
+
 @dataclass(slots=True)
 class _Download:
     items: tuple[m.MissionItem, ...]
@@ -51,7 +59,7 @@ class MissionTransfer:
         }
         self._upload: _Upload | None = None
         self._downloads: dict[tuple[m.Peer, MissionType], _Download] = {}
-        self._completed: tuple[m.Peer, MissionType, int] | None = None
+        self._completed: _Completed | None = None
 
     def receive(self, peer: m.Peer, message: m.Incoming, now: float) -> bool:
         """Handle a message of the mission protocol; False for one that is none."""
@@ -113,9 +121,7 @@ class MissionTransfer:
     def _item(self, peer: m.Peer, item: m.MissionItem, now: float) -> None:
         upload = self._upload
         if upload is None or (upload.peer, upload.kind) != (peer, item.mission_type):
-            if self._completed == (peer, item.mission_type, item.seq):
-                # The last item again: our acknowledgement was lost.
-                self._ack(peer, item.mission_type, MissionResult.ACCEPTED)
+            self._thank_again(peer, item, now)
             return
         if item.seq != len(upload.items):
             return  # a duplicate, or overtaken by another; what is missing is asked for again
@@ -131,7 +137,19 @@ class MissionTransfer:
         verdict = self._take(upload.kind, tuple(upload.items))
         self._finish(upload, verdict)
         if verdict is MissionResult.ACCEPTED:
-            self._completed = (peer, upload.kind, upload.count - 1)
+            self._completed = _Completed(peer, upload.kind, upload.count, now)
+
+    def _thank_again(self, peer: m.Peer, item: m.MissionItem, now: float) -> None:
+        """Still sending items of a complete upload: our acknowledgement was lost.
+
+        Not at once: that would be a duplicate on its way, and a second acknowledgement might
+        meet the next upload.
+        """
+        done = self._completed
+        if done is None or (done.peer, done.kind) != (peer, item.mission_type):
+            return
+        if item.seq < done.count and now - done.at >= REQUEST_AGAIN_S:
+            self._ack(peer, item.mission_type, MissionResult.ACCEPTED)
 
     def _list(self, peer: m.Peer, message: m.MissionRequestList, now: float) -> None:
         items = self._lists.get(message.mission_type)

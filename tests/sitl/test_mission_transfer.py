@@ -170,7 +170,7 @@ def keep_polling(network: BadNetwork, station: Uploader | Downloader) -> None:
 BAD = {"loss": 0.2, "duplication": 0.2, "jitter_s": 0.4}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32), count=st.integers(1, 25))
 def test_upload_survives_loss_duplication_and_reordering(seed: int, count: int) -> None:
     network, vehicle = BadNetwork(seed, **BAD), Vehicle()
@@ -182,7 +182,7 @@ def test_upload_survives_loss_duplication_and_reordering(seed: int, count: int) 
     assert vehicle.lists[MissionType.MISSION] == items
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32), count=st.integers(0, 25))
 def test_download_survives_loss_duplication_and_reordering(seed: int, count: int) -> None:
     network, vehicle = BadNetwork(seed, **BAD), Vehicle()
@@ -234,13 +234,16 @@ def test_a_second_count_starts_again_so_that_missions_never_mix() -> None:
     assert vehicle.lists[MissionType.MISSION] == new
 
 
-def test_the_last_item_again_is_thanked_for_again() -> None:
+def test_items_after_a_complete_upload_are_thanked_for_again_but_not_at_once() -> None:
     vehicle = Vehicle()
     items = waypoints(2)
     accepted = m.MissionAck(MissionResult.ACCEPTED, MissionType.MISSION)
-    assert upload(vehicle, items) == accepted
-    assert vehicle.say(items[1]) == [accepted]
-    assert vehicle.say(items[0]) == []
+    assert upload(vehicle, items, now=5.0) == accepted
+    assert vehicle.say(items[1], now=5.1) == []  # a duplicate on its way
+    assert vehicle.say(items[1], now=5.5) == [accepted]
+    assert vehicle.say(items[0], now=5.5) == [accepted]
+    assert vehicle.say(waypoints(3)[2], now=5.5) == []
+    assert vehicle.say(items[1], now=5.5, peer=OTHER) == []
 
 
 def test_only_one_station_uploads_at_a_time() -> None:
