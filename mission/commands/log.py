@@ -9,6 +9,8 @@ from rich.table import Table
 
 LIMITS_NOT_MET = 6
 
+Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
+
 
 def recover(log: Path, out: Path | None = None) -> int:
     """Save everything sound of a log that was cut short or damaged, as a complete log.
@@ -97,7 +99,7 @@ def export(
     log: Path,
     out: Path | None = None,
     *,
-    to: Literal["csv", "parquet", "kml", "tlog", "attachments"],
+    to: Form,
 ) -> int:
     """Write a log's contents as tables, or its paths for a map.
 
@@ -114,26 +116,30 @@ def export(
         and battery; kml: devices, planned and flown paths; tlog: raw MAVLink, where the run
         recorded it; attachments: the files inside the log (configuration, a Foxglove layout).
     """
-    from mission.log import export as exporting
-    from mission.log.kml import export_kml
+    for path in _write(log, out, to):
+        _console().print(path)
+    return 0
 
-    console = _console()
+
+def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
+    """Only what one form needs is imported."""
+    folder = out or log.with_name(f"{log.stem}-{to}")
+    file = out or log.with_suffix(f".{to}")
     if to == "kml":
-        console.print(export_kml(log, out or log.with_suffix(".kml")))
-        return 0
+        from mission.log.kml import export_kml
+
+        return (export_kml(log, file),)
     if to == "tlog":
         from mission.log.mavlink import export_tlog
 
-        console.print(export_tlog(log, out or log.with_suffix(".tlog")))
-        return 0
-    write = {
-        "csv": exporting.export_csv,
-        "parquet": exporting.export_parquet,
-        "attachments": exporting.export_attachments,
-    }
-    for path in write[to](log, out or log.with_name(f"{log.stem}-{to}")):
-        console.print(path)
-    return 0
+        return (export_tlog(log, file),)
+    if to == "parquet":
+        from mission.log.parquet import export_parquet
+
+        return export_parquet(log, folder)
+    from mission.log.export import export_attachments, export_csv
+
+    return export_csv(log, folder) if to == "csv" else export_attachments(log, folder)
 
 
 def diff(first: Path, second: Path) -> int:

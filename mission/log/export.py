@@ -1,7 +1,6 @@
-"""A log as tables (CSV, Parquet), and the files inside it."""
+"""A log as tables, written as CSV, and the files inside it."""
 
 import csv
-import importlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -78,7 +77,7 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
     found = tables(read_log(path))
-    _prepare(folder)
+    prepare_folder(folder)
     written = []
     for name, columns in found.items():
         rows = zip(*(_texts(column) for column in columns.values()), strict=True)
@@ -96,36 +95,6 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     return tuple(written)
 
 
-def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
-    """Write every table with a row to `folder` as Parquet (zstd); returns the files.
-
-    Raises:
-        LogError: the log cannot be read.
-        InputError: pyarrow is not installed; the folder is used or cannot be written.
-    """
-    try:
-        arrow = importlib.import_module("pyarrow")
-        parquet = importlib.import_module("pyarrow.parquet")
-    except ModuleNotFoundError:
-        raise InputError(
-            "Parquet needs pyarrow, which is not installed: pip install 'aerofed[parquet]'"
-        ) from None
-    found = tables(read_log(path))
-    _prepare(folder)
-    written = []
-    for name, columns in found.items():
-        if not columns:
-            continue
-        target = folder / f"{name}.parquet"
-        table = arrow.table({key: arrow.array(list(column)) for key, column in columns.items()})
-        try:
-            parquet.write_table(table, target, compression="zstd")
-        except OSError as error:
-            raise InputError(f"{target}: cannot write: {error}") from None
-        written.append(target)
-    return tuple(written)
-
-
 def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
     """Write the files inside the log to `folder`; returns the files.
 
@@ -137,7 +106,7 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
     for name in found:
         if Path(name).name != name:
             raise LogError(path, f"attachment {name!r} is no plain file name")
-    _prepare(folder)
+    prepare_folder(folder)
     for name, data in found.items():
         try:
             (folder / name).write_bytes(data)
@@ -177,7 +146,12 @@ def _texts(column: Column) -> Iterable[str]:
             yield repr(value) if isinstance(value, float) else str(value)
 
 
-def _prepare(folder: Path) -> None:
+def prepare_folder(folder: Path) -> None:
+    """Make the folder, or take an empty one.
+
+    Raises:
+        InputError: it holds something, or cannot be written.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):

@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pyarrow.parquet
 import pymap3d
 import pytest
 from mcap.writer import Writer
@@ -112,12 +113,11 @@ def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
 
 
 def test_parquet_holds_the_same_as_csv(made: Fixed, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow (the extra `parquet`)")
     assert log.export(made.log, tmp_path / "p", to="parquet") == 0
     assert log.export(made.log, tmp_path / "c", to="csv") == 0
     names = {path.stem for path in (tmp_path / "p").iterdir()}
     assert names == {path.stem for path in (tmp_path / "c").iterdir()}
-    table = parquet.read_table(tmp_path / "p" / "track.parquet")
+    table = pyarrow.parquet.read_table(tmp_path / "p" / "track.parquet")
     written = rows(tmp_path / "c" / "track.csv")
     assert table.column_names == list(written[0])
     np.testing.assert_array_equal(
