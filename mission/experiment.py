@@ -14,7 +14,8 @@ from fl.errors import DivergedError
 from mission.checkpoint import RoundMemory
 from mission.errors import FlightError, InputError
 from mission.flightplan import FlightPlan, stops_of
-from mission.flyer import Flyer, open_flyer
+from mission.flyer import Flyer
+from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.pilot import stop_sequence
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -72,6 +73,7 @@ class Experiment:
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
     observers: Sequence[VehicleObserver] = ()
+    workers: int = 1  # communities that train at a time; changes no result
     budget_used_m: float = 0.0
     rounds_done: int = 0
     flown_m: float = 0.0
@@ -105,9 +107,7 @@ class Experiment:
 
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
-        async with open_flyer(
-            world.config, world.vehicle, area=world.area, observers=self.observers
-        ) as flyer:
+        async with open_flyer(world, self.observers) as flyer:
             self.recorder.phase("take-off")
             with self.stopwatch("fly"):
                 await flyer.take_off()
@@ -118,7 +118,7 @@ class Experiment:
             self.recorder.phase("landing")
             with self.stopwatch("fly"):
                 await flyer.land()
-            self.sim_s = flyer.vehicle.t_ns / 1e9
+            self.sim_s = flyer.t_ns / 1e9
 
     async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
         world, number = self.world, self.rounds_done + 1
@@ -233,6 +233,7 @@ class Experiment:
                     self.state,
                     scheduled=scheduled,
                     delivered=delivered,
+                    workers=self.workers,
                 )
             except DivergedError as error:
                 raise InputError(f"learning diverged: {error}") from None

@@ -1,6 +1,7 @@
 """One `aerofed run`: the experiment with everything that watches it, and what it leaves behind."""
 
 import asyncio
+import os
 import socket
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -17,6 +18,7 @@ from mission.config import RunConfig, load_config
 from mission.errors import INTERRUPTED, AerofedError, LinkLostError
 from mission.experiment import Experiment, RoundResult
 from mission.flightplan import FlightPlan
+from mission.flyers import position_source
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
@@ -87,9 +89,17 @@ class SessionRecorder:
 
 
 def fly_session(
-    config: RunConfig, path: Path, *, data_dir: Path | None, console: Console, quiet: bool
+    config: RunConfig,
+    path: Path,
+    *,
+    data_dir: Path | None,
+    console: Console,
+    quiet: bool,
+    workers: int | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
+
+    Up to `workers` communities (default: one a core) train at a time.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     flight keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -108,7 +118,10 @@ def fly_session(
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
         write_atomically(folder.config, text)
         checkpoint.save(world.federation, state, None)
-    return _fly(world, folder, checkpoint, state, (), stopwatch, console=console, quiet=quiet)
+    return _fly(
+        world, folder, checkpoint, state, (), stopwatch,
+        console=console, quiet=quiet, workers=workers,
+    )  # fmt: skip
 
 
 def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
@@ -152,6 +165,7 @@ def _fly(
     *,
     console: Console,
     quiet: bool,
+    workers: int | None = None,
 ) -> int:
     config = world.config
     write_atomically(folder.devices, world.devices_csv())
@@ -161,6 +175,7 @@ def _fly(
         "strategy": config.mission.strategy,
         "seed": config.seed,
         "resumed_after_round": len(memory) or None,
+        "position_source": position_source(config.link),
         "data": world.data_sources(),
         **environment(),
     }
@@ -179,6 +194,7 @@ def _fly(
             stopwatch,
             state,
             memory=memory,
+            workers=workers or os.cpu_count() or 1,
             observers=(log,),
         )
         error: AerofedError | None = None
