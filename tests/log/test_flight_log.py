@@ -220,16 +220,6 @@ def test_json_schemas_describe_every_field_that_is_written(made: Fixed) -> None:
                 assert all("description" in entry for entry in described.values())
 
 
-def test_the_documentation_names_every_topic_and_column(made: Fixed) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
-    for topic in TOPICS:
-        assert f"`{topic.name}`" in page
-        assert topic.schema_name in page
-    for record in (made.rounds[0], made.uplinks[0]):
-        for field in dataclasses.fields(record):
-            assert re.search(rf"`{field.name}(_<community>)?`", page), field.name
-
-
 def test_severity_becomes_the_level_of_a_log_line(tmp_path: Path) -> None:
     path = tmp_path / "levels.mcap"
     state = kinematics(5)
