@@ -16,7 +16,9 @@ from flightdyn.trajectory import Trajectory
 _LEASH_M = 0.6  # how far the reference of a velocity order may run ahead
 _LAG_FREE_M = 1.5  # lag along the path that the governor lets pass
 _LAG_STOP_M = 6.0  # lag at which the reference waits
-_LIMITED_RATE = 0.93  # the reference's clock slower than that: the speed cannot be held
+_YIELD_PER_S, _RECOVER_PER_S = 0.3, 0.3  # of the reference's rate, while saturated and not
+_LEAST_ROOM = 0.2
+_LIMITED_RATE = 0.9  # the reference's clock slower than that: the speed cannot be held
 _STOPPED_MPS = 0.3
 _STOPPED_M = 0.5
 _EARLY_S = 0.5  # before its blend a corner cannot be passed, whatever the position says
@@ -41,6 +43,7 @@ class Guidance:
         self._t = 0.0  # on the trajectory's clock
         self._rate = 1.0  # of the trajectory's clock
         self._smooth_rate = 1.0
+        self._room = 1.0  # what saturation leaves of it
         self._along: Triple = (0.0, 0.0, 0.0)
         self._corners: list[Corner] = []
         self._next = 0
@@ -89,7 +92,7 @@ class Guidance:
         assert self._trajectory is not None
         self._mode = self._track
         self._t = self._trajectory.start_s
-        self._rate = self._smooth_rate = 1.0
+        self._rate = self._smooth_rate = self._room = 1.0
         self._over_s = 0.0
         self._yaw_order = yaw
         self._course_follows = course
@@ -172,6 +175,11 @@ class Guidance:
             lag = ahead / math.sqrt(square)
             if lag > _LAG_FREE_M:
                 target = max(0.0, 1 - (lag - _LAG_FREE_M) / (_LAG_STOP_M - _LAG_FREE_M))
+        # At the limit of lean or thrust nothing is left to keep to the line with: slower, before
+        # the lag shows.
+        pace = -_YIELD_PER_S if self._controller.saturated else _RECOVER_PER_S
+        self._room = min(1.0, max(_LEAST_ROOM, self._room + pace * self._dt))
+        target = min(target, self._room)
         self._smooth_rate += self._dt / 1.5 * (target - self._smooth_rate)
         slow = self._too_fast or self._smooth_rate < _LIMITED_RATE
         self.progress.speed_limited = slow and bool(self._corners) and not self.progress.finished
