@@ -71,8 +71,11 @@ def formats() -> list[str]:
         "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",
         "zstd chunks, indexes and statistics, `log_time` in simulated nanoseconds. Topics with a",
         "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
-        *("", "| topic | schema | encoding |", "|---|---|---|"),
-        *(f"| `{t.name}` | `{t.schema_name}` | {t.encoding} |" for t in every),
+        *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
+        *(
+            f"| `{t.name}` | `{t.schema_name or 'none'}` | {t.encoding} | {t.description} |"
+            for t in every
+        ),
     ]
     for topic in every:
         if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):

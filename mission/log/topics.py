@@ -24,11 +24,12 @@ class Topic:
     schema_encoding: str
     schema: bytes
     encoding: str
+    description: str
 
 
-def _foxglove(name: str, message: Any) -> Topic:
+def _foxglove(name: str, message: Any, description: str) -> Topic:
     schema = message.get_schema()
-    return Topic(name, schema.name, schema.encoding, bytes(schema.data), "protobuf")
+    return Topic(name, schema.name, schema.encoding, bytes(schema.data), "protobuf", description)
 
 
 def _json(name: str, title: str, description: str, **properties: tuple[str, str]) -> Topic:
@@ -42,7 +43,7 @@ def _json(name: str, title: str, description: str, **properties: tuple[str, str]
         "required": list(properties),
     }
     data = json.dumps(schema, separators=(",", ":")).encode()
-    return Topic(name, title, "jsonschema", data, "json")
+    return Topic(name, title, "jsonschema", data, "json", description)
 
 
 _NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
@@ -52,32 +53,47 @@ _TYPES: dict[str, dict[str, Any]] = {
     "boolean": {"type": "boolean"},
     "string": {"type": "string"},
     "numbers": _NUMBERS,
+    "strings": {"type": "array", "items": {"type": "string"}},
     "pairs": {"type": "array", "items": _NUMBERS},
     "by_community": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
 }
 
-TF = _foxglove("/tf", fox.FrameTransform)
-TRUE_POSE = _foxglove("/true/pose", fox.PoseInFrame)
-EST_POSE = _foxglove("/est/pose", fox.PoseInFrame)
-TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3)
-EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3)
-COMMAND = _foxglove("/cmd/position", fox.Point3InFrame)
-TRUE_LOCATION = _foxglove("/true/location", fox.LocationFix)
-GNSS = _foxglove("/gnss", fox.LocationFix)
-PLAN_PATH = _foxglove("/plan/path", fox.PosesInFrame)
-FLOWN_PATH = _foxglove("/flown/path", fox.PosesInFrame)
-PLAN_MAP = _foxglove("/plan/map", fox.GeoJson)
-SCENE_GROUND = _foxglove("/scene/ground", fox.SceneUpdate)
-SCENE_DEVICES = _foxglove("/scene/devices", fox.SceneUpdate)
-SCENE_LINKS = _foxglove("/scene/links", fox.SceneUpdate)
-LOG = _foxglove("/log", fox.Log)
+TF = _foxglove(
+    "/tf", fox.FrameTransform, "frame `area` to `aircraft` (x forward, y left, z up); 5 Hz"
+)
+TRUE_POSE = _foxglove("/true/pose", fox.PoseInFrame, "where the aircraft is; 10 Hz")
+EST_POSE = _foxglove("/est/pose", fox.PoseInFrame, "where the autopilot believes it is; 10 Hz")
+TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3, "east, north, up in m/s; 5 Hz")
+EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3, "the same as believed; 5 Hz")
+COMMAND = _foxglove("/cmd/position", fox.Point3InFrame, "where the guidance wants to be; 2 Hz")
+TRUE_LOCATION = _foxglove(
+    "/true/location", fox.LocationFix, "where the aircraft is, on the globe; 1 Hz"
+)
+GNSS = _foxglove(
+    "/gnss",
+    fox.LocationFix,
+    "the receiver's solutions, stamped with the instant that they describe",
+)
+PLAN_PATH = _foxglove("/plan/path", fox.PosesInFrame, "a round's planned polyline")
+FLOWN_PATH = _foxglove(
+    "/flown/path", fox.PosesInFrame, "the round's true track so far; every 5 s and at the end"
+)
+PLAN_MAP = _foxglove("/plan/map", fox.GeoJson, "devices and planned path, for the map panel")
+SCENE_GROUND = _foxglove("/scene/ground", fox.SceneUpdate, "edge of the area and take-off point")
+SCENE_DEVICES = _foxglove(
+    "/scene/devices", fox.SceneUpdate, "devices; colour: community, size: importance"
+)
+SCENE_LINKS = _foxglove(
+    "/scene/links", fox.SceneUpdate, "transmissions; colour: true PER, thin: lost"
+)
+LOG = _foxglove("/log", fox.Log, "events as lines for people")
 
 DEVICES = _json(
     "/devices",
     "aerofed.Devices",
     "The ground devices; written at the start and with every plan",
     pos_m=("pairs", "x east, y north of each device, area coordinates"),
-    community=("pairs", "name of each device's community"),
+    community=("strings", "name of each device's community"),
 )
 PLAN = _json(
     "/plan",
@@ -176,8 +192,12 @@ EVENTS = _json(
 )
 
 # Raw frames as they went over the link, where that is asked for; no schema describes bytes.
-MAVLINK_TO_VEHICLE = Topic("/mavlink/to_vehicle", "", "", b"", "mavlink")
-MAVLINK_FROM_VEHICLE = Topic("/mavlink/from_vehicle", "", "", b"", "mavlink")
+MAVLINK_TO_VEHICLE = Topic(
+    "/mavlink/to_vehicle", "", "", b"", "mavlink", "raw frames to the vehicle, by option"
+)
+MAVLINK_FROM_VEHICLE = Topic(
+    "/mavlink/from_vehicle", "", "", b"", "mavlink", "raw frames of the vehicle, by option"
+)
 
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
