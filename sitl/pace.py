@@ -11,8 +11,8 @@ from typing import Self
 from sitl.links import Link
 from sitl.vehicle import Vehicle
 
-_CHUNK_NS = 40_000_000  # simulated time between looks at the links
-_CHUNK_WALL_S = 0.01  # and wall time, on a slow machine
+_CHUNK_S = 0.1  # simulated time between looks at the links
+_CHUNK_WALL_S = 0.02  # and wall time, where the pace is ordered
 _BREATH_EVERY_NS = 1_000_000_000
 _BREATH_S = 0.001  # MAVSDK loses telemetry without a pause now and then
 
@@ -50,6 +50,8 @@ class Simulation:
         self.vehicle = vehicle
         self.statistics = Statistics()
         self._links: Sequence[Link] = links
+        chunk_s = min(_CHUNK_S, _CHUNK_WALL_S * speed)
+        self._chunk = max(1, round(chunk_s * 1e9 / vehicle.aircraft.dt_ns))
         self._speed = speed
         self._free_running = free_running
         self._wake = asyncio.Event()
@@ -137,15 +139,10 @@ class Simulation:
 
     async def _advance(self) -> None:
         """A stretch of simulated time, and the pause that the pace asks for."""
-        vehicle = self.vehicle
+        vehicle, step = self.vehicle, self.vehicle.step
         began, started_ns = time.monotonic(), vehicle.t_ns
-        until_ns, until = started_ns + _CHUNK_NS, began + _CHUNK_WALL_S
-        step = vehicle.step
-        while True:
-            step()
-            if not (vehicle.moving or self._free_running):
-                break
-            if vehicle.t_ns >= until_ns or time.monotonic() >= until:
+        for _ in range(self._chunk):
+            if not step() and not self._free_running:
                 break
         sim_s = (vehicle.t_ns - started_ns) * 1e-9
         self.statistics.sim_s += sim_s

@@ -65,15 +65,17 @@ class Vehicle:
         """Tell `observer` from now on."""
         self._observers.append(observer)
 
-    def step(self) -> None:
-        """One tick of simulated time."""
+    def step(self) -> bool:
+        """One tick of simulated time; whether a manoeuvre is under way after it."""
         self.aircraft.step()
-        self.autopilot.tick()
+        moving = self.autopilot.tick()
         self._tick += 1
         if self._tick % self._watch_every == 0:
             self.autopilot.watch()
+            moving = self.moving  # a failsafe may have begun another one
         if self._tick % self._sample_every == 0:
             self._sample()
+        return moving
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take MAVLink bytes at the wall time `now` (s): a datagram, or more of a `stream`."""

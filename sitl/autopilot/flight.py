@@ -89,11 +89,15 @@ class Flight:
             return self._aircraft.why_not_ready
         return self.arming_denied()
 
-    def tick(self) -> None:
-        """Look after the manoeuvre; after every physics tick."""
+    def tick(self) -> bool:
+        """Look after the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre
-        if manoeuvre is not None and manoeuvre.tick():
+        if manoeuvre is None:
+            return False
+        if manoeuvre.tick():
             self._finished()
+            return self._manoeuvre is not None
+        return True
 
     # --- orders ---------------------------------------------------------------------------------
 
