@@ -89,7 +89,7 @@ def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
 
 
 def test_simulated_time_is_never_faster_than_ordered() -> None:
-    async def run() -> float:
+    async def run() -> tuple[float, float]:
         desk = Desk()
         desk.take_off()
         async with Simulation(desk.vehicle, RawLink(), speed=4.0) as simulation:
@@ -99,11 +99,11 @@ def test_simulated_time_is_never_faster_than_ordered() -> None:
             wall = time.monotonic() - began
             sim = (desk.vehicle.t_ns - from_ns) * 1e-9
             assert simulation.statistics.sim_s == pytest.approx(sim)
-            assert simulation.statistics.real_time_factor < 4.1
-            return sim / wall
+            return sim, wall
 
-    # A chunk of 0.04 s at the end is not waited for.
-    assert asyncio.run(run()) < 4.0 * 1.1
+    sim, wall = asyncio.run(run())
+    # One stretch of 20 ms is allowed ahead, and the pause after the last one is not waited for.
+    assert wall >= sim / 4.0 - 0.045
 
 
 def test_time_stands_still_unless_something_moves_or_it_runs_freely() -> None:
