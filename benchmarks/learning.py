@@ -1,27 +1,30 @@
-"""Local training: milliseconds of one core per device step, ours against a plain loop.
+"""Local training: milliseconds of one core per device step, ours against others.
 
 One step is one batch of 16 images on one device. Everything is measured in this process, on
 one thread, in turns, so that a busy machine slows all alike; read the ratios.
 
-    python benchmarks/learning.py [--seconds 4] [--devices 6]
+    python benchmarks/learning.py [--seconds 4] [--devices 6] [--no-flower]
 
 plain     torch DataLoader, nn.Module, torch.optim.SGD, FedProx term by autograd, device by device
 alone     ours, device by device
-together  ours, the devices of a community side by side (what a run uses where it is faster)
+together  ours, the devices of a community side by side (what a run does with small networks)
 floor     the multiply-adds of forward and backward pass at the best speed this core shows
+
+Where `flwr[simulation]` is installed, whole rounds of Flower follow.
 """
 
 import argparse
+import importlib.util
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import nn
-from torch.utils.data import DataLoader, TensorDataset
+from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, loader_of, plain_epoch
 
 from fl.datasets import Split
 from fl.models import ConvNet, make_network, parameter_count
@@ -43,46 +46,45 @@ CASES = (
 )
 
 
-class PlainNet(nn.Module):
-    """The same network as one would write it."""
+@dataclass(frozen=True)
+class Jobs:
+    """One epoch on all devices, done in different ways with the same data."""
 
-    def __init__(self, net: ConvNet) -> None:
-        super().__init__()
-        height, width, depth = net.image_shape
-        first, second = net.channels
-        self.conv1 = nn.Conv2d(depth, first, 5, padding=net.padding[0])
-        self.conv2 = nn.Conv2d(first, second, 5, padding=net.padding[1])
-        features = self._features(torch.zeros(1, depth, height, width)).numel()
-        layers: list[nn.Module] = []
-        for width_in, width_out in zip((features, *net.hidden), net.hidden, strict=False):
-            layers += [nn.Linear(width_in, width_out), nn.ReLU()]
-        self.dense = nn.Sequential(*layers, nn.Linear(net.hidden[-1], net.classes))
-
-    def _features(self, x: torch.Tensor) -> torch.Tensor:
-        x = F.max_pool2d(F.relu(self.conv1(x)), 2)
-        return F.max_pool2d(F.relu(self.conv2(x)), 2)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Logits of images (batch, channels, height, width)."""
-        logits: torch.Tensor = self.dense(self._features(x).flatten(1))
-        return logits
+    net: ConvNet
+    steps: int
+    plain: Callable[[], None]
+    alone: Callable[[], None]
+    together: Callable[[], None]
 
 
-def plain_epoch(net: nn.Module, loaders: Sequence[DataLoader[tuple[torch.Tensor, ...]]]) -> None:
-    """One epoch of FedProx on every device, from the same global model."""
-    start = {key: value.clone() for key, value in net.state_dict().items()}
-    for loader in loaders:
-        net.load_state_dict(start)
-        anchor = [p.detach().clone() for p in net.parameters()]
-        optimiser = torch.optim.SGD(net.parameters(), lr=0.01, momentum=0.9)
-        for images, labels in loader:
-            optimiser.zero_grad()
-            loss = F.cross_entropy(net(images), labels)
-            pairs = zip(net.parameters(), anchor, strict=True)
-            distance = torch.stack([((p - a) ** 2).sum() for p, a in pairs]).sum()
-            (loss + 0.05 * distance).backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-    net.load_state_dict(start)
+def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: int) -> Jobs:
+    """`samples` random images a device; what is in them does not matter for the time."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    net = make_network(name, image_shape=shape, classes=10)
+    assert isinstance(net, ConvNet)
+    count = devices * samples
+    images = rng.integers(0, 256, (count, *shape)).astype(np.uint8)
+    split = Split(images, rng.integers(0, 10, count))
+    scaling, model = scaling_of(split), net.initial(rng)
+    shares = np.array_split(rng.permutation(count), devices)
+    floats = torch.from_numpy((split.images * scaling.scale + scaling.shift).astype(np.float32))
+    floats, labels = floats.permute(0, 3, 1, 2).contiguous(), torch.from_numpy(split.labels.copy())
+    loaders = [loader_of(floats[share], labels[share], batch=BATCH) for share in shares]
+    plain = PlainNet(net)
+
+    def ours(*, batched: bool) -> None:
+        settings = LocalSettings(LEARNING_RATE, MOMENTUM, MU, BATCH, 1, batched=batched)
+        streams = [np.random.Generator(np.random.PCG64(k)) for k in range(devices)]
+        tasks = [LocalTask(share, rng) for share, rng in zip(shares, streams, strict=True)]
+        train(net, split, model, tasks, scaling=scaling, settings=settings)
+
+    return Jobs(
+        net=net,
+        steps=sum(-(-share.size // BATCH) for share in shares),
+        plain=lambda: plain_epoch(plain, loaders),
+        alone=lambda: ours(batched=False),
+        together=lambda: ours(batched=True),
+    )
 
 
 def training_flops(net: ConvNet) -> float:
@@ -136,65 +138,50 @@ def in_turns(jobs: dict[str, Callable[[], None]], *, seconds: float) -> dict[str
     return {key: float(np.median(values)) for key, values in taken.items()}
 
 
-def rows(*, devices: int, seconds: float) -> Iterator[tuple[str, dict[str, float]]]:
-    """Milliseconds per device step of each case."""
-    peak = peak_flops()
-    rng = np.random.Generator(np.random.PCG64(1))
-    for title, name, shape in CASES:
-        net = make_network(name, image_shape=shape, classes=10)
-        assert isinstance(net, ConvNet)
-        count = devices * SAMPLES_PER_DEVICE
-        images = rng.integers(0, 256, (count, *shape)).astype(np.uint8)
-        split = Split(images, rng.integers(0, 10, count))
-        scaling, model = scaling_of(split), net.initial(rng)
-        shares = np.array_split(rng.permutation(count), devices)
-        floats = torch.from_numpy(split.images * scaling.scale + scaling.shift)
-        floats = floats.to(torch.float32).permute(0, 3, 1, 2).contiguous()
-        labels = torch.from_numpy(split.labels.copy())
-        loaders = [
-            DataLoader(TensorDataset(floats[share], labels[share]), batch_size=BATCH, shuffle=True)
-            for share in shares
-        ]
-        plain = PlainNet(net)
+def against_flower(title: str, jobs: Jobs, *, devices: int, samples: int) -> str:
+    """Flower's whole rounds against our epochs of the same size just before and after."""
+    from flower_peer import flower_ms_per_step
 
-        def ours(batched: bool) -> None:
-            settings = LocalSettings(0.01, 0.9, 0.1, BATCH, 1, batched=batched)
-            tasks = [
-                LocalTask(share, np.random.Generator(np.random.PCG64(k)))
-                for k, share in enumerate(shares)  # noqa: B023  # called before the next case
-            ]
-            train(net, split, model, tasks, scaling=scaling, settings=settings)  # noqa: B023
-
-        taken = in_turns(
-            {
-                "plain": lambda: plain_epoch(plain, loaders),  # noqa: B023
-                "alone": lambda: ours(False),
-                "together": lambda: ours(True),
-            },
-            seconds=seconds,
-        )
-        steps = devices * SAMPLES_PER_DEVICE / BATCH
-        figures = {key: 1e3 * value / steps for key, value in taken.items()}
-        if parameter_count(net) > SIDE_BY_SIDE_PARAMETERS:
-            figures["together"] = math.nan
-        figures["floor"] = 1e3 * training_flops(net) / peak
-        yield title, figures
+    ours = [in_turns({"ours": jobs.together}, seconds=2.0)["ours"]]
+    flower = flower_ms_per_step(jobs.net, devices=devices, samples=samples, batch=BATCH)
+    ours.append(in_turns({"ours": jobs.together}, seconds=2.0)["ours"])
+    mean = 1e3 * sum(ours) / 2 / jobs.steps
+    return f"{title:<18} Flower {flower:6.2f}   ours {mean:6.2f}   {flower / mean:6.2f}x"
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=4.0, help="per network")
     parser.add_argument("--devices", type=int, default=6)
+    parser.add_argument("--no-flower", action="store_true")
     arguments = parser.parse_args()
+    devices: int = arguments.devices
     torch.set_num_threads(1)
+    peak = peak_flops()
     print(f"{'ms per device step':<18}   plain   alone  together   floor   plain/ours  ours/floor")
-    for title, ms in rows(devices=arguments.devices, seconds=arguments.seconds):
-        ours = np.nanmin([ms["alone"], ms["together"]])
+    for title, name, shape in CASES:
+        jobs = make_jobs(name, shape, devices=devices, samples=SAMPLES_PER_DEVICE)
+        ways = {"plain": jobs.plain, "alone": jobs.alone}
+        if parameter_count(jobs.net) <= SIDE_BY_SIDE_PARAMETERS:
+            ways["together"] = jobs.together
+        taken = in_turns(ways, seconds=arguments.seconds)
+        ms = {key: 1e3 * value / jobs.steps for key, value in taken.items()}
+        ours = ms.get("together", ms["alone"])
+        floor = 1e3 * training_flops(jobs.net) / peak
         print(
-            f"{title:<18} {ms['plain']:7.2f} {ms['alone']:7.2f} {ms['together']:9.2f}"
-            f" {ms['floor']:7.2f} {ms['plain'] / ours:11.2f}x {ours / ms['floor']:9.2f}x"
+            f"{title:<18} {ms['plain']:7.2f} {ms['alone']:7.2f}"
+            f" {ms.get('together', math.nan):9.2f} {floor:7.2f}"
+            f" {ms['plain'] / ours:11.2f}x {ours / floor:9.2f}x",
+            flush=True,
         )
+    if arguments.no_flower or importlib.util.find_spec("flwr") is None:
+        return
+    lines = []
+    for title, name, shape in CASES[:2]:
+        jobs = make_jobs(name, shape, devices=devices, samples=1600)
+        lines.append(against_flower(title, jobs, devices=devices, samples=1600))
+    print("\nwhole rounds, ms per device step", *lines, sep="\n")
 
 
 if __name__ == "__main__":
