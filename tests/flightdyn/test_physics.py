@@ -223,6 +223,18 @@ def test_tumbling_is_that_of_an_independent_rigid_body() -> None:
     assert 2 * tumble(0.0005) - tumble(0.001) == pytest.approx(expected, abs=2e-3)
 
 
+@pytest.mark.parametrize("height", [0.15, 0.3, 2.0])
+def test_ground_effect_is_that_of_cheeseman_and_bennett(height: float) -> None:
+    v = vehicle()
+    place(v, height)
+    freeze(v)
+    drive(v, (0.4,) * 4, 250)
+    thrust = sum(v.rotor_thrusts_n())
+    gain = -v._fdm["forces/fbz-aero-lbs"] * 4.4482216152605 / thrust
+    expected = 1 / (1 - (0.127 / (4 * height)) ** 2) - 1
+    assert gain == pytest.approx(expected if height < 1 else 0.0, rel=0.03, abs=1e-6)
+
+
 def test_it_stands_still_on_its_legs() -> None:
     v = vehicle(488.0)
     for _ in range(15_000):
