@@ -11,14 +11,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig
 from flightdyn.state import GeodeticPoint
 from mission.area import Area
 from mission.errors import InputError
+from mission.importing import is_import_path
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
+from sitl.errors import LinkError
+from sitl.links import UdpLink
 
 Metres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -44,7 +47,7 @@ class AreaConfig(BaseModel):
         return Area(self.size_m, self.home_m, home)
 
 
-StrategyName = Literal["cov", "no_cov", "barycenter", "rectangular", "ideal"]
+STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 
 
 class MissionConfig(BaseModel):
@@ -52,7 +55,11 @@ class MissionConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    strategy: StrategyName = Field("cov", description="who is served where, round by round")
+    strategy: str = Field(
+        "cov",
+        description="who is served where, round by round: one of cov, no_cov, barycenter, "
+        "rectangular, ideal, or one of your own as 'package.module:factory'",
+    )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
@@ -77,14 +84,38 @@ class MissionConfig(BaseModel):
         "as a fraction of its size",
     )
 
+    @field_validator("strategy")
+    @classmethod
+    def _known(cls, strategy: str) -> str:
+        if strategy not in STRATEGIES and not is_import_path(strategy):
+            close = get_close_matches(strategy, STRATEGIES, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(
+                f"must be one of {', '.join(map(repr, STRATEGIES))} or the import path of your "
+                f"own, 'package.module:factory'{hint}"
+            )
+        return strategy
+
 
 class LinkConfig(BaseModel):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    kind: Literal["in_process", "udp"] = Field(
-        "in_process", description="in_process needs no port; udp uses the loopback address"
+    kind: Literal["in_process", "udp", "external"] = Field(
+        "in_process",
+        description="in_process needs no port; udp uses the loopback address; external flies "
+        "the autopilot at url instead of the simulated vehicle",
+    )
+    url: str = Field(
+        "udpin://0.0.0.0:14540",
+        pattern=r"^(udpin|udpout|tcpin|tcpout|serial)://.+$",
+        description="external: MAVSDK connection URL of the autopilot",
+    )
+    gcs: tuple[str, ...] = Field(
+        (),
+        description="ground stations that see the simulated vehicle while it is flown: "
+        "udpout://HOST:PORT or udpin://HOST:PORT",
     )
     udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
     speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
@@ -96,6 +127,16 @@ class LinkConfig(BaseModel):
         le=3600,
         description="wall seconds without any progress of the vehicle after which a run ends",
     )
+
+    @field_validator("gcs")
+    @classmethod
+    def _udp(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
+        for url in urls:
+            try:
+                UdpLink(url)
+            except LinkError as error:
+                raise ValueError(str(error)) from None
+        return urls
 
 
 class RunConfig(BaseModel):

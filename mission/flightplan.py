@@ -37,6 +37,11 @@ class FlightPlan:
         """(S, 2) the polyline in area coordinates."""
         return np.array([stop.xy_m for stop in self.stops])
 
+    @property
+    def stands(self) -> bool:
+        """Whether there is nothing to fly: one stop, without a hover."""
+        return len(self.stops) == 1 and self.stops[0].hold_s == 0.0
+
     def ideal_slot_s(self) -> list[float]:
         """(N,) when each step would be passed, in seconds after the start, by an aircraft that
         is always at its planned speed. Steps that share a hover are spread evenly over it.

@@ -1,10 +1,11 @@
-"""A simulated vehicle with its pilot: orders in area coordinates in, flights out."""
+"""A vehicle with its pilot, and the simulated one: orders in area coordinates in, flights out."""
 
 import asyncio
 import math
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from flightdyn.errors import FlightDynamicsError
 from mission import pilot as piloting
 from mission.area import Area
-from mission.config import RunConfig
+from mission.config import MissionConfig, RunConfig
 from mission.errors import AerofedError, FlightError, LinkLostError
 from mission.flightplan import FlightPlan, Stop
 from mission.track import Flight, FlightRecorder, Passage
@@ -27,18 +28,62 @@ Floats = NDArray[np.float64]
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 
 
-@dataclass
-class Flyer:
+class Flyer(Protocol):
     """Flies stretches one after another and hands out what was recorded of each."""
+
+    area: Area
+    mission: MissionConfig
+
+    @property
+    def t_ns(self) -> int:
+        """The vehicle's time."""
+        ...
+
+    def here(self) -> Passage:
+        """Truth and belief at this instant."""
+        ...
+
+    async def take_off(self) -> None:
+        """From the ground to the hover above home."""
+        ...
+
+    async def fly(self, plan: FlightPlan) -> Flight:
+        """Fly the stops; a plan that neither moves nor hovers is over at once."""
+        ...
+
+    async def land(self) -> None:
+        """Back to home and down."""
+        ...
+
+    def flight_plan(self, stops: Sequence[Stop]) -> FlightPlan:
+        """The stops at the mission's altitude, speed and acceptance radius."""
+        mission = self.mission
+        return FlightPlan(
+            tuple(stops), mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m
+        )
+
+    async def go_to(self, xy_m: Floats) -> None:
+        """To a point in area coordinates, outside any round."""
+        start = self.area.from_ned(self.here().est_ned_m)
+        if float(np.linalg.norm(xy_m - start)) > self.mission.acceptance_radius_m:
+            await self.fly(self.flight_plan((Stop(start, ()), Stop(xy_m, ()))))
+
+
+@dataclass
+class SimulatedFlyer(Flyer):
+    """Flies the simulated vehicle, whose truth is known."""
 
     pilot: piloting.Pilot
     vehicle: Vehicle
     simulation: Simulation
     recorder: FlightRecorder
     area: Area
-    altitude_m: float
-    speed_mps: float
-    acceptance_m: float
+    mission: MissionConfig
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self.vehicle.t_ns
 
     def here(self) -> Passage:
         """Truth and belief at this instant."""
@@ -48,24 +93,13 @@ class Flyer:
     async def take_off(self) -> None:
         """From the ground to the hover above home."""
         await self.pilot.ready()
-        await self.pilot.take_off(self.altitude_m)
-
-    def flight_plan(self, stops: Sequence[Stop]) -> FlightPlan:
-        """The stops at this flyer's altitude, speed and acceptance radius."""
-        return FlightPlan(tuple(stops), self.altitude_m, self.speed_mps, self.acceptance_m)
-
-    async def go_to(self, xy_m: Floats) -> None:
-        """To a point in area coordinates, outside any round."""
-        start = self.area.from_ned(self.here().est_ned_m)
-        if float(np.linalg.norm(xy_m - start)) > self.acceptance_m:
-            await self.fly(self.flight_plan((Stop(start, ()), Stop(xy_m, ()))))
+        await self.pilot.take_off(self.mission.altitude_m)
 
     async def fly(self, plan: FlightPlan) -> Flight:
         """Fly the stops; a plan that neither moves nor hovers is over at once."""
-        if len(plan.stops) == 1 and plan.stops[0].hold_s == 0.0:
+        if plan.stands:
             here = self.here()
-            reached = {0: here}
-            return Flight.standing(here, reached, self.vehicle.aircraft.battery.remaining)
+            return Flight.standing(here, {0: here}, self.vehicle.aircraft.battery.remaining)
         self.recorder.start(self.here())
         await self.pilot.fly(plan, plan.positions(self.area))
         return self.recorder.finish(self.here(), self.vehicle.aircraft.battery.remaining)
@@ -76,12 +110,13 @@ class Flyer:
 
 
 @asynccontextmanager
-async def open_flyer(
+async def open_simulated(
     config: RunConfig, vehicle: Vehicle, *, area: Area, observers: Sequence[VehicleObserver]
-) -> AsyncIterator[Flyer]:
+) -> AsyncIterator[SimulatedFlyer]:
     """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
 
-    An interrupted flight is ended by an order to hold.
+    Ground stations of `link.gcs` see the vehicle too. An interrupted flight is ended by an
+    order to hold.
 
     Raises:
         LinkLostError: the link cannot be opened or the vehicle does not answer.
@@ -95,18 +130,14 @@ async def open_flyer(
     try:
         link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
         async with (
-            Simulation(vehicle, link, speed=speed) as simulation,
+            Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed) as simulation,
             piloting.connect(
                 "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
                 raw_link=raw_link,
                 stall_timeout_s=config.link.stall_timeout_s,
             ) as pilot,
         ):
-            mission = config.mission
-            flyer = Flyer(
-                pilot, vehicle, simulation, recorder, area,
-                mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m,
-            )  # fmt: skip
+            flyer = SimulatedFlyer(pilot, vehicle, simulation, recorder, area, config.mission)
             try:
                 yield flyer
             except asyncio.CancelledError:

@@ -16,6 +16,7 @@ from mavsdk.asyncio import Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.autopilot import Autopilot
 from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import MavsdkError
 from mavsdk.logging import LogLevel, log_subscribe
@@ -23,6 +24,7 @@ from mavsdk.plugins.mission_raw import MissionItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from flightdyn.state import GeodeticPoint
+from mission.dialects import ARDUPILOT, PX4, Dialect
 from mission.errors import FlightError, LinkLostError
 from mission.flightplan import FlightPlan
 from sitl.links import RawLink
@@ -46,7 +48,9 @@ UNCHANGED = -1.0
 class Pilot:
     """Flies one vehicle over one MAVSDK system. Build it with `connect`."""
 
-    def __init__(self, system: Any, *, stall_timeout_s: float) -> None:
+    def __init__(self, system: Any, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
+        self.system = system
+        self.dialect = dialect
         self._action = ActionAsync(system)
         self._mission = MissionRawAsync(system)
         self._telemetry = TelemetryAsync(system)
@@ -59,6 +63,16 @@ class Pilot:
         self._mode = FlightMode.UNKNOWN
         self._landed = LandedState.UNKNOWN
         self._last_warning = ""
+
+    @property
+    def mode(self) -> str:
+        """The flight mode, by MAVSDK's name."""
+        return str(self._mode.name)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are released."""
+        return self._armed
 
     # --- orders -------------------------------------------------------------------------------
 
@@ -79,7 +93,7 @@ class Pilot:
         await self._until(
             lambda: (
                 self._landed == LandedState.IN_AIR
-                and self._mode == FlightMode.HOLD
+                and self.mode in self.dialect.resting
                 and abs(self._alt_rel_m - alt_rel_m) < TAKE_OFF_TOLERANCE_M
             ),
             f"climb to {alt_rel_m:g} m and hold there",
@@ -91,8 +105,10 @@ class Pilot:
         Raises:
             FlightError: the vehicle refuses the mission, leaves it, or misses its end.
         """
-        await self.fly_items(mission_items(plan, positions))
-        await self._until(lambda: self._mode == FlightMode.HOLD, "hold after the mission")
+        await self.fly_items(mission_items(plan, positions, self.dialect))
+        await self._until(
+            lambda: self.mode in self.dialect.resting, "hold its position after the mission"
+        )
 
     async def arm(self) -> None:
         """Release the motors."""
@@ -153,11 +169,24 @@ class Pilot:
                 self._check_alive("take a mission")
                 failure = f"the vehicle did not take the mission of {len(items)} items: {error}"
                 continue
-            if [_essence(item) for item in back] == [_essence(item) for item in items]:
-                await self._order("rewind the mission", self._mission.set_current_mission_item(0))
+            first = int(self.dialect.home_first)
+            if self._essence(back[first:]) == self._essence(items[first:]):
+                await self._order(
+                    "rewind the mission", self._mission.set_current_mission_item(first)
+                )
                 return
             failure = f"the vehicle holds another mission than the {len(items)} items uploaded"
         raise FlightError(failure)
+
+    def _essence(self, items: list[MissionItem]) -> list[tuple[int, ...]]:
+        """What must come back unchanged; parameters travel as 32-bit floats, heights in cm."""
+        return [
+            (
+                item.seq, item.command, item.x, item.y, round(item.z * 100),
+                round(item.param2 * 1000) if self.dialect.keeps_radius else 0,
+            )
+            for item in items
+        ]  # fmt: skip
 
     async def _order(self, what: str, call: Awaitable[Any]) -> Any:
         try:
@@ -262,7 +291,9 @@ async def connect(
             system = await mavsdk.first_autopilot(timeout_s=CONNECT_TIMEOUT_S)
             if system is None:
                 raise LinkLostError(f"no vehicle answered on {url} in {CONNECT_TIMEOUT_S:g} s")
-            pilot = Pilot(system, stall_timeout_s=stall_timeout_s)
+            kind = await system.autopilot_type()
+            dialect = ARDUPILOT if kind == Autopilot.ARDUPILOT else PX4
+            pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)
             watch = asyncio.create_task(pilot.watch())
             try:
                 yield pilot
@@ -275,7 +306,9 @@ async def connect(
                 raw_link.detach()
 
 
-def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[MissionItem]:
+def mission_items(
+    plan: FlightPlan, positions: Sequence[GeodeticPoint], dialect: Dialect = PX4
+) -> list[MissionItem]:
     """The stops as MAVLink items: the first stop, the speed of all legs, the other stops.
 
     The first stop is where the vehicle already is; the speed stands after it because autopilots
@@ -296,15 +329,28 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     ]
     speed = _item(DO_CHANGE_SPEED, GROUND_SPEED, plan.speed_mps, UNCHANGED, 0.0)
     items = [waypoints[0], speed, *waypoints[1:]]
+    if dialect.home_first:
+        # The autopilot puts its own home there.
+        home = positions[0]
+        items.insert(
+            0,
+            _item(
+                NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0,
+                x=round(home.lat_deg * 1e7), y=round(home.lon_deg * 1e7), z=0.0,
+            ),
+        )  # fmt: skip
     for seq, item in enumerate(items):
         item.seq = seq
-        item.current = int(seq == 0)
+        item.current = int(seq == int(dialect.home_first))
+        if dialect.finite and math.isnan(item.param4):
+            item.param4 = 0.0
     return items
 
 
-def stop_sequence(plan: FlightPlan) -> list[int]:
+def stop_sequence(plan: FlightPlan, dialect: Dialect = PX4) -> list[int]:
     """The MAVLink sequence number of every stop in `mission_items`."""
-    return [0, *range(2, len(plan.stops) + 1)]
+    first = int(dialect.home_first)
+    return [first, *range(first + 2, first + len(plan.stops) + 1)]
 
 
 def _item(command: int, *params: float, x: int = 0, y: int = 0, z: float = 0.0) -> MissionItem:
@@ -323,11 +369,6 @@ def _item(command: int, *params: float, x: int = 0, y: int = 0, z: float = 0.0) 
         z=z,
         mission_type=0,
     )
-
-
-def _essence(item: MissionItem) -> tuple[int, ...]:
-    """What must come back unchanged; parameters travel as 32-bit floats."""
-    return (item.seq, item.command, item.x, item.y, round(item.z * 1000), round(item.param2 * 1000))
 
 
 def log_mavsdk(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

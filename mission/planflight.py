@@ -19,7 +19,7 @@ from mission.alignment import align
 from mission.area import Area
 from mission.config import AreaConfig, RunConfig
 from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
-from mission.flyer import open_flyer
+from mission.flyer import open_simulated
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
@@ -197,7 +197,9 @@ def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
 
 
 async def _fly(ready: _Ready, log: FlightLog) -> Flight:
-    async with open_flyer(ready.config, ready.vehicle, area=ready.area, observers=(log,)) as flyer:
+    async with open_simulated(
+        ready.config, ready.vehicle, area=ready.area, observers=(log,)
+    ) as flyer:
         pilot = flyer.pilot
         await pilot.ready()
         if ready.imported.fence:

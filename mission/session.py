@@ -15,7 +15,7 @@ from fl import federation as learning
 from mission import figures
 from mission.checkpoint import CheckpointFolder, RoundMemory, remembered_data_dir
 from mission.config import RunConfig, load_config
-from mission.errors import INTERRUPTED, AerofedError, LinkLostError
+from mission.errors import INTERRUPTED, AerofedError, InputError, LinkLostError
 from mission.experiment import Experiment, RoundResult
 from mission.flightplan import FlightPlan
 from mission.flyers import position_source
@@ -143,6 +143,11 @@ def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
             console.print(f"{path} is finished: nothing to resume", soft_wrap=True, highlight=False)
             return 0
         config = load_config(folder.config)
+        if config.link.kind == "external":
+            raise InputError(
+                f"{path}: flown by an external autopilot: its rounds cannot be flown again, so "
+                "the run cannot be resumed"
+            )
         world = build_world(config, data_dir=data_dir)
         _check_link(world)
         checkpoint = CheckpointFolder(
@@ -230,17 +235,32 @@ def _fly(
 
 
 def _check_link(world: World) -> None:
-    """Refuse a port that is taken before anything is written."""
+    """Refuse ports that are taken before anything is written."""
     link = world.config.link
-    if link.kind != "udp" or world.strategy is None:
+    if world.strategy is None:
         return
+    if link.kind == "udp":
+        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+    elif link.kind == "external":
+        _check_url(link.url, "link.url")
+    if link.kind != "external":
+        for url in link.gcs:
+            _check_url(url, "link.gcs")
+
+
+def _check_url(url: str, key: str) -> None:
+    host, _, port = url.removeprefix("udpin://").rpartition(":")
+    if url.startswith("udpin://") and port.isdecimal():
+        _check_port(host, int(port), f"{key} = {url}")
+
+
+def _check_port(host: str, port: int, what: str) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.bind(("127.0.0.1", link.udp_port))
-        except OSError as error:
-            raise LinkLostError(
-                f"link.udp_port = {link.udp_port}: cannot listen on this UDP port: {error.strerror}"
-            ) from None
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None
 
 
 def _attach(log: FlightLog, world: World) -> None:

@@ -21,6 +21,8 @@ def run(
     set_: Annotated[
         tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
     ] = (),
+    gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    vehicle: str | None = None,
     resume: Path | None = None,
     quiet: bool = False,
 ) -> int:
@@ -42,13 +44,20 @@ def run(
         Rounds at most; overrides mission.rounds.
     set_
         Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
+    gcs
+        Ground station that sees the simulated vehicle while it is flown, once for each:
+        udpout://127.0.0.1:14550 sends to QGroundControl on this machine; overrides link.gcs.
+    vehicle
+        Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
+        a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting.
     quiet
         Print nothing but errors.
     """
     if resume is not None:
-        if (config, out, data_dir, seed, rounds, set_) != (None, None, None, None, None, ()):
+        others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
+        if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         from mission.session import resume_session
 
@@ -62,6 +71,10 @@ def run(
         overrides["seed"] = seed
     if rounds is not None:
         overrides["mission.rounds"] = rounds
+    if gcs:
+        overrides["link.gcs"] = list(gcs)
+    if vehicle is not None:
+        overrides |= {"link.kind": "external", "link.url": vehicle}
     resolved = load_config(path, overrides)
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")

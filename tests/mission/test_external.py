@@ -1,0 +1,94 @@
+"""The experiment on an external autopilot: our own, served by another process."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from serving import free_port, served
+
+from mission.cli import call
+
+SMALL = (
+    "--set", "mission.steps=5",
+    "--set", "mission.path_budget_m=300",
+    "--set", "communities.0.devices=3",
+    "--set", "communities.1.devices=3",
+    "--set", "learning.local_epochs=1",
+    "--set", "planner.kind=paper",
+    "--quiet",
+)  # fmt: skip
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
+    port, out = free_port(), tmp_path / "out"
+    url = f"udpin://127.0.0.1:{port}"
+    with served("--udp", str(port), "--speed", "8"):
+        assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "2", *SMALL]) == 0
+    rounds, uplinks = rows(out / "rounds.csv"), rows(out / "uplinks.csv")
+    assert [row["round"] for row in rounds] == ["1", "2"]
+    for row in rounds:
+        plan_m, flown_m = float(row["plan_path_m"]), float(row["flown_path_m"])
+        assert 100 < plan_m <= 300 + 1e-3
+        assert abs(flown_m - plan_m) < 0.05 * plan_m + 5
+        # Simulated seconds, as the vehicle's clock has them: about 20 m/s, stops included.
+        assert plan_m / 20 < float(row["duration_s"]) < plan_m / 20 + 25
+    assert len(uplinks) == sum(int(row["scheduled"]) for row in rounds) > 0
+    for uplink in uplinks:
+        plan, true, est = (
+            complex(float(uplink[f"{name}_x_m"]), float(uplink[f"{name}_y_m"]))
+            for name in ("plan", "true", "est")
+        )
+        assert true == est  # nobody knows better than the autopilot
+        assert abs(true - plan) < 6.0
+        assert abs(float(uplink["true_alt_m"]) - 60) < 2
+    for number in ("1", "2"):
+        slots = [float(u["slot_t_s"]) for u in uplinks if u["round"] == number]
+        assert all(map(math.isfinite, slots))
+        assert slots == sorted(slots)
+    # The second round starts where the first ended.
+    plans = [json.loads((out / "plans" / f"round-00{n}.plan").read_text()) for n in (1, 2)]
+    end, start = (
+        np.array(plan["mission"]["items"][index]["params"][4:6])
+        for plan, index in zip(plans, (-1, 0), strict=True)
+    )
+    assert np.abs((end - start) * (111_000, 80_000)).max() < 3
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "finished"
+    assert "telemetry" in summary["position_source"]
+
+
+def test_an_autopilot_elsewhere_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port, out = free_port(), tmp_path / "out"
+    url = f"udpin://127.0.0.1:{port}"
+    with served("--udp", str(port), "--set", "area.home_lat_deg=47.4"):
+        assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert "421 km" in error
+    assert "area.home_lat_deg" in error
+    assert "47.4000" in error
+
+
+def test_nobody_there_is_a_lost_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    url = f"udpin://127.0.0.1:{free_port()}"
+    assert call(["run", "--vehicle", url, "--out", str(tmp_path / "out"), *SMALL]) == 5
+    assert url in capsys.readouterr().err
+
+
+def test_a_url_of_another_kind_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert call(["run", "--vehicle", "http://here", "--out", str(out), *SMALL]) == 2
+    printed = capsys.readouterr()
+    assert "link.url = 'http://here'" in printed.err
+    assert not out.exists()
