@@ -27,7 +27,7 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
     }
     for index, model in enumerate(state.models):
         arrays[f"model/{index}"] = model
-        arrays[f"class_accuracy/{index}"] = state.class_accuracy[index]
+        arrays[f"correct/{index}"] = state.correct[index]
         for key, value in state.algorithm[index].items():
             arrays[f"algorithm/{index}/{key}"] = value
     header = {
@@ -73,8 +73,8 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
             eps_received=arrays["eps_received"].astype(np.float64, copy=False),
             cov=arrays["cov"].astype(np.float64, copy=False),
             missed=arrays["missed"].astype(np.bool_, copy=False),
-            class_accuracy=tuple(
-                arrays[f"class_accuracy/{i}"].astype(np.float64, copy=False) for i in range(count)
+            correct=tuple(
+                arrays[f"correct/{i}"].astype(np.int64, copy=False) for i in range(count)
             ),
         )
     except (ValueError, KeyError, TypeError, EOFError) as error:

@@ -48,7 +48,7 @@ class FederationState:
     eps_received: Floats  # (K,) last eps_k that reached the UAV; NaN: none yet
     cov: Floats  # (C,) psi
     missed: Bools  # (K,) not scheduled, or update lost, in the last round
-    class_accuracy: tuple[Floats, ...]  # of each community's model, (classes,); NaN: no images
+    correct: tuple[Indices, ...]  # validation images each model gets right, (classes,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def init(federation: Federation) -> FederationState:
         eps_received=_frozen(np.full(devices, np.nan)),
         cov=_frozen(np.full(len(federation.communities), fair.INITIAL_COV)),
         missed=_frozen(np.ones(devices, dtype=np.bool_)),
-        class_accuracy=_class_accuracy(federation, correct),
+        correct=tuple(correct),
     )
 
 
@@ -149,13 +149,13 @@ def play_round(
         eps_received=_frozen(eps_received),
         cov=_frozen(cov),
         missed=_frozen(~delivered),
-        class_accuracy=_class_accuracy(federation, correct),
+        correct=tuple(correct),
     )
     learnt = RoundLearning(
         round=number,
         accuracy=accuracy(federation, after),
         cov=dict(zip(federation.names, map(float, cov), strict=True)),
-        class_accuracy=dict(zip(federation.names, after.class_accuracy, strict=True)),
+        class_accuracy=_class_accuracy(federation, after),
         device_accuracy=_frozen(eps),
         local_loss=_frozen(losses),
     )
@@ -165,10 +165,8 @@ def play_round(
 def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
     """Accuracy of each community's model on its whole validation set."""
     return {
-        community.name: float(
-            np.nansum(per_class * community.validation_counts) / community.validation_counts.sum()
-        )
-        for community, per_class in zip(federation.communities, state.class_accuracy, strict=True)
+        community.name: float(right.sum() / community.validation_counts.sum())
+        for community, right in zip(federation.communities, state.correct, strict=True)
     }
 
 
@@ -219,18 +217,21 @@ def _learn(
             raise DivergedError(number, community.name, int(device), result.loss)
         losses[device] = result.loss
         updates.append(Update(int(device), float(community.p[device]), result.model, result.steps))
-    if updates:
-        model, algorithm_state = algorithm.apply(algorithm_state, model, updates)
+    if not updates:
+        return _Lesson(model, algorithm_state, losses, state.correct[index])
+    model, algorithm_state = algorithm.apply(algorithm_state, model, updates)
     return _Lesson(model, algorithm_state, losses, _correct(community, model))
 
 
 def _correct(community: Community, model: Vector) -> Indices:
-    return correct_per_class(
-        community.network,
-        community.dataset.validation,
-        model,
-        scaling=community.scaling,
-        classes=community.dataset.classes,
+    return _frozen(
+        correct_per_class(
+            community.network,
+            community.dataset.validation,
+            model,
+            scaling=community.scaling,
+            classes=community.dataset.classes,
+        )
     )
 
 
@@ -243,13 +244,13 @@ def _device_accuracy(federation: Federation, correct: Sequence[Indices]) -> Floa
     )
 
 
-def _class_accuracy(federation: Federation, correct: Sequence[Indices]) -> tuple[Floats, ...]:
-    rates = []
-    for community, right in zip(federation.communities, correct, strict=True):
+def _class_accuracy(federation: Federation, state: FederationState) -> dict[str, Floats]:
+    rates = {}
+    for community, right in zip(federation.communities, state.correct, strict=True):
         total = community.validation_counts
         rate = np.full(total.size, np.nan)
-        rates.append(_frozen(np.divide(right, total, out=rate, where=total > 0)))
-    return tuple(rates)
+        rates[community.name] = _frozen(np.divide(right, total, out=rate, where=total > 0))
+    return rates
 
 
 def _frozen(array: Array) -> Array:

@@ -158,14 +158,14 @@ def test_a_scheduled_device_whose_update_is_lost_counts_as_missed() -> None:
 
 def test_device_accuracy_is_measured_on_the_devices_own_labels() -> None:
     federation = build()
-    state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
+    _, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
     community = federation.communities[0]
     labels = community.dataset.validation.labels
     for device, row in enumerate(community.counts):
         own = set(np.flatnonzero(row).tolist())
         n = sum(int((labels == c).sum()) for c in own)
         right = sum(
-            round(float(state.class_accuracy[0][c]) * int((labels == c).sum())) for c in own
+            round(float(learnt.class_accuracy["digits"][c]) * int((labels == c).sum())) for c in own
         )
         assert learnt.device_accuracy[device] == pytest.approx(right / n)
     assert len(set(learnt.device_accuracy.tolist())) > 1
