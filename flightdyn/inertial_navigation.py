@@ -47,7 +47,10 @@ class InertialNavigation:
         self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self._errors = iter(self.imu)
-        if clock.ticks(FILTER_STEP_S, what="filter step") % guidance_ticks:
+        if (
+            clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
+            % guidance_ticks
+        ):
             raise FlightInputError(
                 f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
             )

@@ -1,11 +1,13 @@
 """How exactly paths are flown: the figures promised, in calm air and in wind."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from flights import (
     BREEZE,
+    HOME,
     PERFECT,
     Track,
     corner_distance,
@@ -20,6 +22,7 @@ from flights import (
 
 from flightdyn.config import LimitsConfig, SensorsConfig, WindConfig
 from flightdyn.path import FlightPath
+from flightdyn.state import GeodeticPoint
 
 TURNS = (0.0, 90.0, 90.0, 45.0, 135.0)
 STRAIGHT_M = 20.0  # from a corner on, the path is straight again whatever the blend
@@ -154,3 +157,31 @@ def test_limits_of_configuration_are_kept() -> None:
         run(aircraft, 0.1)
         fastest = max(fastest, float(np.linalg.norm(aircraft.truth.vel_ned_mps)))
     assert 7.9 < fastest < 8.3
+
+
+@pytest.mark.parametrize(
+    ("changes", "home"),
+    [
+        (
+            {"sensors": {"gnss": {"interval_s": 0.1, "delay_s": 0.0}}},
+            GeodeticPoint(-33.9, 151.2, 20),
+        ),
+        ({"sensors": {"gnss": {"interval_s": 1.0, "delay_s": 0.2}}}, GeodeticPoint(78.0, 15.0, 0)),
+        ({"sensors": {"gnss": {"delay_s": 0.11}}}, GeodeticPoint(10.0, 179.9999, 0)),
+        ({"physics_hz": 400}, GeodeticPoint(27.9, 86.9, 3500)),
+        ({"physics_hz": 500, "guidance_interval_s": 0.01, "heading_deg": 200}, HOME),
+        ({"sensors": {"imu": {"gyro_turn_on_radps": 0.03, "accel_noise_density": 0.01}}}, HOME),
+    ],
+    ids=["fast receiver", "slow receiver", "odd delay", "400 Hz, high", "500 Hz", "poor IMU"],
+)
+def test_other_rates_sensors_and_places(changes: dict[str, Any], home: GeodeticPoint) -> None:
+    sensors = SensorsConfig.model_validate(changes.pop("sensors", {}))
+    aircraft = make(seed=3, sensors=sensors, wind=BREEZE, home=home, **changes)
+    take_off(aircraft, 30.0)
+    points = legs(aircraft.belief.pos_ned_m, (0.0, 120.0, -60.0), 100.0)
+    track = fly(aircraft, path_along(points))
+    straight = corner_distance(points, track.belief) > STRAIGHT_M
+    assert math.sqrt(np.mean(cross_track(points, track.belief)[straight] ** 2)) < 0.2
+    error = track.belief - track.truth
+    assert np.sqrt(np.mean(error[:, :2] ** 2)) < 1.2
+    assert np.sqrt(np.mean(error[:, 2] ** 2)) < 0.15
