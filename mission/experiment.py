@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fl import federation as learning
 from fl.errors import DivergedError
 from mission.checkpoint import RoundMemory
+from mission.custom import Known, Weighing
 from mission.errors import FlightError, InputError
 from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer
@@ -81,6 +82,11 @@ class Experiment:
     scheduled: int = 0
     delivered: int = 0
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
+
+    last_heard: NDArray[np.int64] = field(init=False)  # (K,) round of the last update; 0: none
+
+    def __post_init__(self) -> None:
+        self.last_heard = np.zeros(len(self.world.devices_m), dtype=np.int64)
 
     @property
     def finished(self) -> bool:
@@ -158,6 +164,7 @@ class Experiment:
         scheduled, delivered = (np.zeros(len(world.devices_m), dtype=bool) for _ in range(2))
         scheduled[[u.device for u in served]] = True
         delivered[[u.device for u in served if u.delivered]] = True
+        self.last_heard[delivered] = number
         learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=number,
@@ -183,12 +190,7 @@ class Experiment:
         self, start: Passage, strategy: Strategy, recalled: RoundMemory | None
     ) -> RoundProblem:
         world, mission = self.world, self.world.config.mission
-        if recalled is not None:
-            importance = recalled.importance
-        else:
-            importance = learning.importance(
-                world.federation, self.state, fairness=strategy.fairness
-            )
+        importance = recalled.importance if recalled is not None else self._importance(strategy)
         left_m = mission.total_budget_m - self.budget_used_m
         return RoundProblem(
             devices_m=world.devices_m,
@@ -199,6 +201,17 @@ class Experiment:
             path_budget_m=min(mission.path_budget_m, left_m),
             channel=world.channel,
         )
+
+    def _importance(self, strategy: Strategy) -> Floats:
+        federation, state = self.world.federation, self.state
+        delta = learning.importance(federation, state, fairness=strategy.fairness)
+        if not isinstance(strategy, Weighing):
+            return delta
+        of = federation.community_of
+        known = Known(
+            self.rounds_done + 1, delta, federation.p, state.cov[of], of, self.last_heard.copy()
+        )
+        return strategy.importance(known)
 
     def _recalled(self) -> RoundMemory | None:
         return self.memory[self.rounds_done] if self.rounds_done < len(self.memory) else None

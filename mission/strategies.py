@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mission.area import Area
 from mission.config import MissionConfig
+from mission.errors import InputError
 from mission.planner.evaluate import finish
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
@@ -141,3 +142,5 @@ def make_strategy(
             return Rectangular(corners * (width, height), config.path_budget_m)
         case "ideal":
             return None
+        case other:
+            raise InputError(f"mission.strategy = {other!r}: no strategy of ours")

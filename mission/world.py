@@ -13,7 +13,9 @@ from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from mission.area import Area
 from mission.config import RunConfig
+from mission.custom import Setting, custom_strategy
 from mission.errors import InputError
+from mission.importing import is_import_path
 from mission.planner.factory import make_planner
 from mission.strategies import Strategy, make_strategy
 from sitl.errors import SitlInputError
@@ -78,7 +80,10 @@ def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
         vehicle = Vehicle(config.vehicle, home=area.home, streams=streams)
     except (LearningInputError, SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
-    strategy = make_strategy(
-        config.mission, make_planner(config.planner), devices_m=devices_m, area=area
+    mission, planner = config.mission, make_planner(config.planner)
+    strategy = (
+        custom_strategy(mission.strategy, Setting(mission, planner, devices_m, area))
+        if is_import_path(mission.strategy)
+        else make_strategy(mission, planner, devices_m=devices_m, area=area)
     )
     return World(config, streams, area, devices_m, channel, federation, strategy, vehicle)

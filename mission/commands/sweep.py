@@ -9,6 +9,7 @@ from rich.console import Console
 from mission.errors import InputError
 
 RUNS = Path("runs")
+_PIPE_WIDTH = 160  # a file needs no line breaks
 ALL = "cov,no_cov,barycenter,rectangular,ideal"
 
 
@@ -58,8 +59,10 @@ def sweep(
         Of the Ray cluster; without one, Ray is started on this machine. With a cluster, OUT and
         the data folder must be visible to all its machines.
     """
+    from mission.sweep.engine import check_options
     from mission.sweep.grid import make_grid, parse_axis
 
+    check_options(engine, jobs=jobs, address=address)
     names = [name.strip() for name in strategies.split(",")]
     if not all(names):
         raise InputError(f"--strategies {strategies}: expected names separated by commas")
@@ -75,6 +78,9 @@ def sweep(
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
 
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_PIPE_WIDTH)
     return execute(
         grid,
         out or RUNS / f"sweep-{grid.base.name}",
@@ -82,5 +88,5 @@ def sweep(
         engine=engine,
         jobs=jobs,
         address=address,
-        console=Console(),
+        console=console,
     )

@@ -1,11 +1,50 @@
 """From the configuration's `kind` to a planner."""
 
+from dataclasses import dataclass
+
+from mission.errors import PlanError
+from mission.importing import make_from
 from mission.planner.config import PlannerConfig
-from mission.planner.problem import Planner
+from mission.planner.errors import InfeasiblePlanError
+from mission.planner.evaluate import check_plan
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
+
+KEY = "planner.factory"
 
 
 def make_planner(config: PlannerConfig) -> Planner:
-    """The planner of that kind. Its solver library is imported here, not before."""
+    """The planner of that kind. Its solver library is imported here, not before.
+
+    Raises:
+        InputError: one's own that cannot be imported or is no planner.
+    """
+    if config.factory is not None:
+        return _imported(config.factory)
     from mission.planner.paper import LiteralPlanner, PaperPlanner
 
     return LiteralPlanner() if config.kind == "paper_literal" else PaperPlanner()
+
+
+@dataclass(frozen=True)
+class CustomPlanner:
+    """Checks every plan of a researcher's own planner."""
+
+    path: str
+    inner: Planner
+
+    def plan(self, problem: RoundProblem) -> RoundPlan:
+        """Its plan.
+
+        Raises:
+            PlanError: the plan breaks a constraint, or claims a value that it has not.
+        """
+        plan = self.inner.plan(problem)
+        try:
+            check_plan(problem, plan)
+        except InfeasiblePlanError as error:
+            raise PlanError(f"{KEY} = {self.path!r}: {error}") from None
+        return plan
+
+
+def _imported(path: str) -> CustomPlanner:
+    return CustomPlanner(path, make_from(path, key=KEY, members=("plan",)))

@@ -112,7 +112,7 @@ def _held(runs: Sequence[RunResult], column: str, clock: str, unit: float) -> tu
 
 _LABELS: dict[Sampling, str] = {
     by_round: "round",
-    by_distance: "path budget used (km); metres flown, 0.1 km a round in hover",
+    by_distance: "distance flown (km); in a hover, its cost",
     by_time: "simulated time (min)",
 }
 
@@ -125,6 +125,9 @@ def _curves(groups: Groups, panels: Sequence[tuple[str, str]], sampling: Samplin
             having = [run for run in runs if run.rounds and column in run.rounds[0]]
             if having:
                 _line(axis, *sampling(having, column), label=label, colour=community_colour(index))
+        # An interval may reach beyond what the quantity can be; the picture need not.
+        low, high = axis.get_ylim()
+        axis.set_ylim(max(low, -0.02), high if column.startswith("cov_") else min(high, 1.02))
         axis.set_title(title, loc="left", fontsize=10, color=_TEXT)
         _plain(axis)
     axes[-1].set_xlabel(_LABELS[sampling])

@@ -1,6 +1,5 @@
 """One run of a sweep, in whatever process an engine gives it."""
 
-import os
 import shutil
 import sys
 from dataclasses import dataclass
@@ -45,7 +44,6 @@ def execute(order: RunOrder) -> RunEnd:
     An error of the run (flight failed, learning diverged) is an end, not an exception: the other
     runs of the sweep go on.
     """
-    os.environ.update(ENVIRONMENT)
     if str(order.working_dir) not in sys.path:
         sys.path.append(str(order.working_dir))
     from mission.session import fly_session
@@ -59,6 +57,7 @@ def execute(order: RunOrder) -> RunEnd:
             data_dir=order.data_dir,
             console=Console(quiet=True),
             quiet=True,
+            workers=1,
         )
     except AerofedError as error:
         return RunEnd(error.exit_code, str(error))

@@ -1,0 +1,56 @@
+"""A researcher's own code by import path: `package.module:callable`."""
+
+import importlib
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mission.errors import InputError
+
+IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
+
+
+def is_import_path(text: str) -> bool:
+    """Whether the text has the form of one."""
+    return re.fullmatch(IMPORT_PATH, text) is not None
+
+
+def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...]) -> Any:
+    """What the factory at `path` makes of the arguments; it must have these members.
+
+    Raises:
+        InputError: it cannot be imported or called, or makes something else; `key` is the setting
+            that holds the path.
+    """
+    factory = _imported(path, key=key)
+    try:
+        made = factory(*arguments)
+    except TypeError as error:
+        raise InputError(f"{key} = {path!r}: calling it fails: {error}") from error
+    missing = [member for member in members if not hasattr(made, member)]
+    if missing:
+        raise InputError(
+            f"{key} = {path!r}: gives a {type(made).__name__} without {', '.join(missing)}; "
+            f"needed: {', '.join(members)}"
+        )
+    return made
+
+
+def _imported(path: str, *, key: str) -> Callable[..., Any]:
+    """What `path` names; modules are found in the working directory too, after all others."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    module_name, _, name = path.partition(":")
+    try:
+        found = getattr(importlib.import_module(module_name), name)
+    except ImportError as error:
+        raise InputError(f"{key} = {path!r}: cannot be imported: {error}") from error
+    except AttributeError as error:
+        raise InputError(f"{key} = {path!r}: {error}") from error
+    if not callable(found):
+        raise InputError(f"{key} = {path!r}: is a {type(found).__name__}, not callable")
+    made: Callable[..., Any] = found
+    return made

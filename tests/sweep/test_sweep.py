@@ -1,0 +1,246 @@
+"""Whole sweeps: real flights in worker processes, interrupted, killed, repeated and compared."""
+
+import csv
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mission.cli import call
+from mission.sweep.engine import Ended
+from mission.sweep.worker import RunOrder, execute
+
+TINY = (
+    "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
+    "communities.0.devices=2", "communities.1.devices=2",
+    "communities.0.labels_per_device=5", "communities.1.labels_per_device=5",
+)  # fmt: skip
+TABLES = ("runs.csv", "rounds.csv", "runs.parquet", "rounds.parquet")
+PROCFS = Path(f"/proc/self/task/{os.getpid()}/children")
+
+
+def command(out: Path, *more: str, rounds: int = 2, seeds: int = 2) -> list[str]:
+    return [
+        "sweep", "configs/quickstart.toml", "--out", str(out), "--rounds", str(rounds),
+        "--seeds", str(seeds), "--strategies", "cov,ideal", *TINY, *more,
+    ]  # fmt: skip
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in TABLES}
+
+
+def until(condition: Callable[[], bool], *, seconds: float = 90.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sweeps") / "one"
+    assert call(command(out, "--jobs", "1")) == 0
+    return out
+
+
+def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
+    runs, rounds = rows(swept / "runs.csv"), rows(swept / "rounds.csv")
+    assert [(run["strategy"], run["seed"]) for run in runs] == [
+        ("cov", "1"), ("ideal", "1"), ("cov", "2"), ("ideal", "2"),
+    ]  # fmt: skip
+    assert len(rounds) == 8
+    for run in runs:
+        folder = swept / "runs" / run["run"]
+        own = rows(folder / "rounds.csv")
+        mine = [r for r in rounds if (r["strategy"], r["seed"]) == (run["strategy"], run["seed"])]
+        assert [r["accuracy_digits"] for r in mine] == [r["accuracy_digits"] for r in own]
+        assert float(run["final_accuracy_digits"]) == pytest.approx(
+            sum(float(r["accuracy_digits"]) for r in own) / 2
+        )
+        assert int(run["delivered"]) == sum(int(r["delivered"]) for r in own)
+        assert float(run["participation"]) == pytest.approx(int(run["delivered"]) / 8)
+        assert json.loads((folder / "summary.json").read_text())["status"] == "finished"
+    ideal = next(run for run in runs if run["strategy"] == "ideal")
+    assert (ideal["participation"], ideal["true_per"], ideal["flown_m"]) == ("1.0", "nan", "0.0")
+    assert {path.name for path in (swept / "figures").iterdir()} == {
+        "accuracy-rounds.png", "accuracy-distance.png", "accuracy-time.png", "participation.png",
+        "per.png", "fairness.png",
+    }  # fmt: skip
+
+
+def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
+    config = swept / "runs" / "cov-seed2" / "config.toml"
+    assert call(["run", str(config), "--out", str(tmp_path / "alone"), "--quiet"]) == 0
+    for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
+        alone = (tmp_path / "alone" / name).read_bytes()
+        assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
+
+
+def test_a_finished_sweep_flies_nothing_again(
+    swept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = tables(swept)
+    flown = {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/*")}
+    assert call(command(swept)) == 0
+    assert tables(swept) == before
+    assert {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/*")} == flown
+    printed = capsys.readouterr().out
+    assert "cov" in printed
+    assert "digits" in printed
+
+
+def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(command(swept, rounds=5)) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1
+    assert "mission.rounds was 2, is 5" in errors
+
+
+@pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of child processes")
+def test_a_killed_worker_s_run_is_repeated(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "killed"
+
+    def kill() -> None:
+        log = out / "runs" / "cov-seed1" / "flight.mcap"
+        until(lambda: log.is_file() and log.stat().st_size > 0)
+        os.kill(writer_of(log), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    code = call(command(out, "--jobs", "2"))
+    killer.join()
+    assert code == 0
+    printed = capsys.readouterr().out
+    assert printed.count("its worker died") == 1  # it took no other with it
+    assert "cov-seed1: its worker died; the run is repeated" in printed
+    # And two workers find what one found, killed or not.
+    assert tables(out) == tables(swept)
+
+
+def writer_of(file: Path) -> int:
+    """The process among this one's children that has a file open."""
+    children = [
+        pid
+        for task in Path("/proc/self/task").iterdir()
+        for pid in (task / "children").read_text().split()
+    ]
+    for pid in children:
+        for link in Path(f"/proc/{pid}/fd").iterdir():
+            if link.readlink() == file:
+                return int(pid)
+    raise AssertionError(f"no worker writes {file}")
+
+
+def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
+    out = tmp_path / "cut"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mission", *command(out, "--jobs", "1")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    first = out / "runs" / "cov-seed1"
+    until((first / "flight.mcap").is_file)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    printed, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert errors == ""
+    assert "interrupted; 0 of 4 runs are done" in printed
+    assert json.loads((first / "summary.json").read_text())["status"] == "running"
+    # No worker goes on in the background.
+    size = (first / "flight.mcap").stat().st_size
+    time.sleep(0.5)
+    assert (first / "flight.mcap").stat().st_size == size
+    assert call(command(out, "--jobs", "1")) == 0
+    assert tables(out) == tables(swept)
+
+
+class Inline:
+    """Executes in this process, at once."""
+
+    slots = 1
+
+    def start(self, order: RunOrder) -> None:
+        self.ended = Ended(order, execute(order))
+
+    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
+        return (self.ended,)
+
+    def close(self) -> None: ...
+
+
+class Deadly(Inline):
+    """Its workers always die."""
+
+    def start(self, order: RunOrder) -> None:
+        self.ended = Ended(order, None)
+
+
+def test_a_run_whose_worker_always_dies_is_given_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Deadly())
+    assert call(command(tmp_path / "dead", seeds=1)) == 1
+    printed = capsys.readouterr()
+    assert printed.out.count("cov-seed1: its worker died; the run is repeated") == 2
+    assert "run cov-seed1 failed: its worker died 3 times" in printed.err
+    assert "run ideal-seed1 failed" in printed.err
+
+
+def test_a_run_that_fails_is_named_and_the_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Inline())
+    out = tmp_path / "diverged"
+    tokens = command(out, "--set", "learning.learning_rate=0.01,10", "--jobs", "1", seeds=1)
+    assert call([token.replace("cov,ideal", "ideal") for token in tokens]) == 2
+    printed = capsys.readouterr()
+    assert "run ideal-learning_rate=10-seed1 failed" in printed.err
+    assert "learning diverged" in printed.err
+    assert [run["learning.learning_rate"] for run in rows(out / "runs.csv")] == ["0.01"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
+def test_ray_finds_the_same(swept: Path, tmp_path: Path) -> None:
+    out = tmp_path / "ray"
+    process = subprocess.run(
+        [sys.executable, "-m", "mission", *command(out, "--jobs", "2", "--engine", "ray")],
+        capture_output=True, text=True, timeout=180, check=False,
+    )  # fmt: skip
+    assert process.returncode == 0, process.stderr
+    assert tables(out) == tables(swept)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["--address", "x:1"], ["--address x:1", "--engine ray"]),
+        (["--strategies", "cov,,ideal"], ["--strategies cov,,ideal"]),
+        (["--data-dir", "nowhere"], ["nowhere", "no such folder"]),
+        (["--engine", "slurm"], ["slurm"]),
+    ],
+)
+def test_wrong_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], words: list[str]
+) -> None:
+    assert call(["sweep", "configs/quickstart.toml", "--out", str(tmp_path / "s"), *more]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    for word in words:
+        assert word in printed.err
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,111 @@
+"""Statistics, sampling and progress of a sweep, against closed forms and hand-made runs."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mission.config import builtin_config
+from mission.sweep.figures import by_distance, by_round
+from mission.sweep.folder import SweepFolder
+from mission.sweep.grid import make_grid
+from mission.sweep.progress import TimeLeft, duration
+from mission.sweep.results import RunResult, jain, write_results
+from mission.sweep.stats import band, interval
+from mission.sweep.view import percent
+
+
+@pytest.mark.parametrize("count", [2, 3, 10])
+def test_the_interval_is_students(count: int) -> None:
+    values = np.random.default_rng(count).normal(0.4, 0.05, count)
+    found = interval(list(values))
+    low, high = stats.t.interval(0.95, count - 1, loc=values.mean(), scale=stats.sem(values))
+    assert found.mean - found.half == pytest.approx(low, rel=1e-12)
+    assert found.mean + found.half == pytest.approx(high, rel=1e-12)
+
+
+def test_one_run_has_no_interval() -> None:
+    found = interval([0.5])
+    assert (found.mean, found.count) == (0.5, 1)
+    assert math.isnan(found.half)
+    assert percent(found) == "50.0"
+    assert percent(interval([0.4, 0.6])) == "50.0 ± 127.1"  # t(0.975, 1) = 12.706
+    assert percent(interval([])) == "-"
+
+
+def test_the_interval_covers_as_often_as_it_says() -> None:
+    draws = np.random.default_rng(4).normal(1.0, 2.0, (3, 20_000))
+    mean, half = band(draws)
+    assert np.mean(np.abs(mean - 1.0) <= half) == pytest.approx(0.95, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("values", "index"),
+    [([0.5, 0.5], 1.0), ([1.0, 0.0], 0.5), ([0.0, 0.0], 1.0), ([1.0, 2.0, 3.0], 36 / 42)],
+)
+def test_jains_index(values: list[float], index: float) -> None:
+    assert jain(values) == pytest.approx(index)
+
+
+def result(seed: int, budget_m: list[float], accuracy: list[float]) -> RunResult:
+    rows = tuple(
+        {"seed": seed, "round": k + 1, "budget_used_m": b, "accuracy_a": a}
+        for k, (b, a) in enumerate(zip(budget_m, accuracy, strict=True))
+    )
+    return RunResult({"strategy": "cov", "seed": seed}, {"seed": seed}, rows, {"fly": 1.0})
+
+
+def test_over_distance_the_last_finished_round_counts() -> None:
+    runs = [
+        result(1, [1000.0, 2000.0, 3000.0], [0.1, 0.2, 0.3]),
+        result(2, [500.0, 2500.0], [0.5, 0.7]),
+    ]
+    grid, values = by_distance(runs, "accuracy_a")
+    # From where both have finished a round to where the first ends.
+    assert (grid[0], grid[-1]) == (1.0, 2.5)
+    before = grid < 2.0
+    assert (values[0][before] == 0.1).all()
+    assert (values[0][~before] == 0.2).all()
+    assert (values[1][:-1] == 0.5).all()
+    assert values[1][-1] == 0.7
+    rounds, values = by_round(runs, "accuracy_a")
+    assert rounds.tolist() == [1, 2]
+    assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
+
+
+def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:
+    runs = [
+        RunResult({"strategy": "cov", "k": value}, {"k": value, "mixed": mixed}, (), {})
+        for value, mixed in ((1, "a"), (0.5, 2.0))
+    ]
+    write_results(tmp_path, runs)
+    assert (tmp_path / "runs.csv").read_text() == "k,mixed\n1,a\n0.5,2.0\n"
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(tmp_path / "runs.parquet").to_pydict()
+    assert table == {"k": [1.0, 0.5], "mixed": ["a", "2.0"]}
+
+
+def test_time_left_counts_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = make_grid(builtin_config("quickstart.toml"), strategies=("cov",), seeds=4, rounds=10)
+    folder = SweepFolder(tmp_path)
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    left = TimeLeft(folder, grid.runs)
+    assert left.text(grid.runs) == ""
+    rounds = folder.run(grid.runs[0]).rounds
+    rounds.parent.mkdir(parents=True)
+    rounds.write_text("header\n" + 5 * "row\n")
+    now[0] = 160.0
+    # 5 of 40 rounds in a minute: seven more minutes.
+    assert left.text(grid.runs[:1]) == "about 7 min left"
+    left.ended(grid.runs[0])  # by its budget: 10 of 40 are behind
+    assert left.text(()) == "about 3 min left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (89.0, "89 s"), (600.0, "10 min"), (12_000, "3 h 20 min")]
+)
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
