@@ -13,8 +13,10 @@ from sitl.autopilot.flight import Flight
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
 from sitl.autopilot.items import check_item
+from sitl.autopilot.message_requests import MessageCommands
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
+from sitl.autopilot.orders import FlightCommands
 from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import EventSink, Reporter
@@ -73,18 +75,21 @@ class Autopilot:
         self.flight.arming_denied = self._arming_denied
         self._transfer = MissionTransfer(self._outbox, check=check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
-        self._commands = CommandServer(
-            self._outbox,
-            aircraft=aircraft,
-            flight=self.flight,
-            streams=self._streams,
-            reporter=self._report,
+        self._flight_commands = FlightCommands(aircraft, self.flight)
+        self._message_commands = MessageCommands(self._outbox, self._streams)
+        self._commands = CommandServer(self._outbox, self._report)
+        self._commands.add(self._flight_commands.handlers())
+        self._commands.add(self._message_commands.handlers())
+        self._commands.add(
+            {
+                Command.PREFLIGHT_STORAGE: self._store_parameters,
+                Command.DO_FENCE_ENABLE: self._enable_fence,
+                Command.INJECT_FAILURE: Injector(
+                    aircraft, parameters, monitor=self.monitor
+                ).command,
+            }
         )
         self._storage = storage
-        self._commands.add(Command.PREFLIGHT_STORAGE, self._store_parameters)
-        injector = Injector(aircraft, parameters, monitor=self.monitor)
-        self._commands.add(Command.INJECT_FAILURE, injector.command)
-        self._commands.add(Command.DO_FENCE_ENABLE, self._enable_fence)
         self.tick = self.flight.tick
 
     def watch(self) -> None:
@@ -112,9 +117,9 @@ class Autopilot:
         self._parameter_server.poll(now)
         self.guard.poll(now)
         nudged = self._report.nudged
-        kinds = self._streams.take_due(now, (*nudged, *self._commands.asked))
+        kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
         nudged.clear()
-        self._commands.asked.clear()
+        self._message_commands.asked.clear()
         frames: list[bytes] = []
         # State first: whoever reads an answer already knows the state that it led to.
         if kinds:
@@ -150,7 +155,7 @@ class Autopilot:
                     self._report.say(Severity.WARNING, f"Set current item refused: {reason}")
                 self._report.mission_changed()
             case m.SetMode(custom_mode):
-                refusal = self._commands.set_mode(custom_mode)
+                refusal = self._flight_commands.set_mode(custom_mode)
                 if refusal is not None:
                     self._report.say(Severity.WARNING, f"Set mode refused: {refusal.reason}")
             case m.Ping(time_us, seq):

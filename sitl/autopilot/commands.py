@@ -1,33 +1,15 @@
 """The MAVLink command protocol from the vehicle's side: one table, one answer to everything."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-
-from flightdyn.aircraft import Aircraft
-from flightdyn.frames import yaw_of
-from flightdyn.state import GeodeticPoint
 from sitl.autopilot import messages as m
-from sitl.autopilot.codec.telemetry import TELEMETRY
-from sitl.autopilot.enums import (
-    GLOBAL_FRAMES,
-    RELATIVE_FRAMES,
-    Command,
-    Message,
-    Result,
-    Severity,
-)
-from sitl.autopilot.flight import Flight
-from sitl.autopilot.modes import Mode, mode_of_custom
+from sitl.autopilot.enums import Command, Result, Severity
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.streams import Streams
 
-_FORCE = 21196.0  # the magic number of forced arming and disarming
 _RETRANSMISSION_S = 5.0  # a repeated command gets the first one's answer for so long
-_ON_DEMAND = TELEMETRY | {Message.MISSION_CURRENT}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,76 +24,50 @@ Answer: TypeAlias = Refusal | None  # None: accepted
 Handler: TypeAlias = Callable[[m.CommandOrder, float], Answer]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Done:
     peer: m.Peer
     order: m.CommandOrder
     result: Result
     at: float
 
+    def again(self, peer: m.Peer, order: m.CommandOrder, now: float) -> bool:
+        """Whether `order` is a retransmission of this one."""
+        return (
+            order.confirmation > 0
+            and now - self.at < _RETRANSMISSION_S
+            and (peer, order.command) == (self.peer, self.order.command)
+            and all(map(_same, order.params, self.order.params))
+        )
 
-def _rejected(reason: str | None) -> Answer:
-    return None if reason is None else Refusal(Result.TEMPORARILY_REJECTED, reason)
+
+def _same(a: float, b: float) -> bool:
+    return a == b or (math.isnan(a) and math.isnan(b))  # NaN is "not given"
 
 
 class CommandServer:
-    """Carries out COMMAND_LONG and COMMAND_INT.
+    """Carries out COMMAND_LONG and COMMAND_INT, by handlers that are added."""
 
-    `asked` collects the messages that were requested once; the autopilot sends them.
-    """
-
-    def __init__(
-        self,
-        outbox: m.Outbox,
-        *,
-        aircraft: Aircraft,
-        flight: Flight,
-        streams: Streams,
-        reporter: Reporter,
-    ) -> None:
-        self.asked: list[Message] = []
+    def __init__(self, outbox: m.Outbox, reporter: Reporter) -> None:
         self._outbox = outbox
-        self._aircraft = aircraft
-        self._flight = flight
-        self._streams = streams
         self._report = reporter
         self._last: _Done | None = None
-        self._handlers: dict[int, Handler] = {
-            Command.COMPONENT_ARM_DISARM: self._arm,
-            Command.NAV_TAKEOFF: self._take_off,
-            Command.NAV_LAND: lambda *_: _rejected(self._flight.land()),
-            Command.NAV_RETURN_TO_LAUNCH: lambda *_: _rejected(self._flight.return_home()),
-            Command.NAV_LOITER_UNLIM: lambda *_: _rejected(self._flight.hold()),
-            Command.DO_REPOSITION: self._reposition,
-            Command.DO_CHANGE_SPEED: self._change_speed,
-            Command.CONDITION_YAW: self._turn,
-            Command.DO_SET_MODE: self._set_mode,
-            Command.MISSION_START: self._start_mission,
-            Command.DO_PAUSE_CONTINUE: self._pause,
-            Command.DO_SET_MISSION_CURRENT: self._set_current,
-            Command.DO_SET_HOME: self._set_home,
-            Command.DO_FLIGHTTERMINATION: self._terminate,
-            Command.GET_HOME_POSITION: lambda *_: self._ask(Message.HOME_POSITION),
-            Command.REQUEST_MESSAGE: self._request_message,
-            Command.REQUEST_AUTOPILOT_CAPABILITIES: lambda *_: self._ask(Message.AUTOPILOT_VERSION),
-            Command.SET_MESSAGE_INTERVAL: self._set_interval,
-            Command.GET_MESSAGE_INTERVAL: self._get_interval,
-        }
+        self._handlers: dict[int, Handler] = {}
 
-    def add(self, command: Command, handler: Handler) -> None:
-        """Let `handler` answer `command`."""
-        self._handlers[command] = handler
+    @property
+    def known(self) -> frozenset[int]:
+        """The commands that are not answered UNSUPPORTED."""
+        return frozenset(self._handlers)
+
+    def add(self, handlers: Mapping[Command, Handler]) -> None:
+        """Let these handlers answer these commands."""
+        self._handlers.update({int(command): handler for command, handler in handlers.items()})
 
     def receive(self, peer: m.Peer, order: m.CommandOrder, now: float) -> None:
         """Carry out a command and answer it."""
         last = self._last
-        if (
-            last is not None
-            and order.confirmation > 0
-            and (last.peer, last.order.command) == (peer, order.command)
-            and now - last.at < _RETRANSMISSION_S
-        ):
-            # Sent again because our answer was late or lost: answer again, do nothing again.
+        if last is not None and last.again(peer, order, now):
+            # Our answer was late or lost: answer again, do nothing again.
             self._answer(peer, order, last.result)
             return
         handler = self._handlers.get(order.command)
@@ -123,183 +79,5 @@ class CommandServer:
             name = Command(order.command).name
             self._report.say(Severity.WARNING, f"{name} refused: {refusal.reason}")
 
-    def set_mode(self, custom_mode: int) -> Answer:
-        """Change to a PX4 mode."""
-        flight = self._flight
-        orders: dict[Mode, Callable[[], str | None]] = {
-            Mode.HOLD: flight.hold,
-            Mode.TAKEOFF: lambda: flight.take_off(None),
-            Mode.MISSION: flight.fly_mission,
-            Mode.RETURN: flight.return_home,
-            Mode.LAND: flight.land,
-        }
-        mode = mode_of_custom(custom_mode)
-        order = None if mode is None else orders.get(mode)
-        if order is None:
-            names = ", ".join(mode.name for mode in orders)
-            return Refusal(Result.UNSUPPORTED, f"no such mode; there are {names}")
-        return _rejected(order())
-
     def _answer(self, peer: m.Peer, order: m.CommandOrder, result: Result) -> None:
         self._outbox.append(m.Envelope(m.CommandAck(order.command, result), peer))
-
-    # --- motors and flight ----------------------------------------------------------------------
-
-    def _arm(self, order: m.CommandOrder, _now: float) -> Answer:
-        wanted, force = order.params[0], order.params[1] == _FORCE
-        if wanted not in (0.0, 1.0):
-            return Refusal(Result.DENIED, f"parameter 1 = {wanted:g}: 0 disarms, 1 arms")
-        if wanted == 1.0:
-            return _rejected(self._flight.arm())
-        return _rejected(self._flight.disarm(force=force))
-
-    def _take_off(self, order: m.CommandOrder, _now: float) -> Answer:
-        altitude = order.params[6]
-        if not math.isfinite(altitude):
-            return _rejected(self._flight.take_off(None))
-        if order.frame in RELATIVE_FRAMES:
-            altitude += self._flight.home.alt_msl_m
-        return _rejected(self._flight.take_off(altitude))
-
-    def _reposition(self, order: m.CommandOrder, _now: float) -> Answer:
-        speed, _, _, yaw, lat_deg, lon_deg, z = order.params
-        if order.frame is not None and order.frame not in GLOBAL_FRAMES:
-            return Refusal(Result.DENIED, f"frame {order.frame} is not a global one")
-        belief = self._aircraft.belief
-        here = self._aircraft.frame.to_geodetic(np.asarray(belief.pos_ned_m))
-        point = _point(order, lat_deg, lon_deg, z, here=here, home=self._flight.home)
-        if point is None:
-            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
-        goal = self._aircraft.frame.to_ned(point.lat_deg, point.lon_deg, point.alt_msl_m)
-        reason = self._flight.go_to(goal, yaw_rad=yaw if math.isfinite(yaw) else None)
-        if reason is None and speed > 0:
-            self._flight.change_speed(speed)
-        return _rejected(reason)
-
-    def _change_speed(self, order: m.CommandOrder, _now: float) -> Answer:
-        kind, speed = order.params[0], order.params[1]
-        if kind not in (0.0, 1.0):
-            return Refusal(Result.DENIED, f"speed type {kind:g}: only horizontal speeds (0, 1)")
-        if speed == -2.0:
-            self._flight.change_speed(None)
-        elif speed > 0:
-            self._flight.change_speed(speed)
-        elif speed != -1.0:
-            return Refusal(Result.DENIED, f"speed {speed:g} m/s")
-        return None
-
-    def _turn(self, order: m.CommandOrder, _now: float) -> Answer:
-        angle_deg, _, direction, relative = order.params[:4]
-        if not math.isfinite(angle_deg):
-            return Refusal(Result.DENIED, "no angle")
-        if relative == 1.0:
-            sign = -1.0 if direction < 0 else 1.0
-            now_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
-            return _rejected(self._flight.turn_to(now_rad + sign * math.radians(angle_deg)))
-        return _rejected(self._flight.turn_to(math.radians(angle_deg)))
-
-    def _set_mode(self, order: m.CommandOrder, _now: float) -> Answer:
-        base, main, sub = order.params[:3]
-        if not (math.isfinite(base) and int(base) & 1):
-            return Refusal(Result.UNSUPPORTED, "only custom modes")
-        if not (0 <= main <= 255 and 0 <= sub <= 255):
-            return Refusal(Result.UNSUPPORTED, "no such mode")
-        return self.set_mode(int(main) << 16 | int(sub) << 24)
-
-    def _terminate(self, order: m.CommandOrder, _now: float) -> Answer:
-        if not order.params[0] > 0.5:
-            return Refusal(Result.DENIED, "termination cannot be undone")
-        return _rejected(self._flight.terminate())
-
-    # --- mission --------------------------------------------------------------------------------
-
-    def _start_mission(self, order: m.CommandOrder, _now: float) -> Answer:
-        first = order.params[0]
-        if math.isfinite(first) and first > 0:
-            reason = self._flight.rewind_mission(int(first))
-            if reason is not None:
-                return Refusal(Result.DENIED, reason)
-        return _rejected(self._flight.fly_mission())
-
-    def _pause(self, order: m.CommandOrder, _now: float) -> Answer:
-        if order.params[0] == 0.0:
-            return _rejected(self._flight.hold())
-        if order.params[0] == 1.0:
-            return _rejected(self._flight.fly_mission())
-        return Refusal(Result.DENIED, f"parameter 1 = {order.params[0]:g}: 0 pauses, 1 continues")
-
-    def _set_current(self, order: m.CommandOrder, _now: float) -> Answer:
-        seq = order.params[0]
-        if seq == -1.0 or not math.isfinite(seq):
-            seq = float(self._flight.mission.current)
-        if seq < 0:
-            return Refusal(Result.DENIED, f"no item {seq:g}")
-        reason = self._flight.rewind_mission(int(seq))
-        return None if reason is None else Refusal(Result.DENIED, reason)
-
-    def _set_home(self, order: m.CommandOrder, _now: float) -> Answer:
-        use_current, *_, lat_deg, lon_deg, z = order.params
-        here = self._aircraft.frame.to_geodetic(np.asarray(self._aircraft.belief.pos_ned_m))
-        if use_current == 1.0:
-            self._flight.set_home(here)
-            return None
-        point = _point(order, lat_deg, lon_deg, z, here=None, home=self._flight.home)
-        if point is None:
-            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
-        self._flight.set_home(point)
-        return None
-
-    # --- messages -------------------------------------------------------------------------------
-
-    def _ask(self, kind: Message) -> Answer:
-        self.asked.append(kind)
-        return None
-
-    def _request_message(self, order: m.CommandOrder, _now: float) -> Answer:
-        kind = _message(order.params[0])
-        return Refusal(Result.UNSUPPORTED) if kind is None else self._ask(kind)
-
-    def _set_interval(self, order: m.CommandOrder, now: float) -> Answer:
-        kind = _message(order.params[0])
-        interval_us = order.params[1]
-        if kind is None:
-            return Refusal(Result.UNSUPPORTED)
-        if not math.isfinite(interval_us):
-            return Refusal(Result.DENIED, "no interval")
-        self._streams.set_interval(kind, interval_us * 1e-6, now=now)
-        return None
-
-    def _get_interval(self, order: m.CommandOrder, _now: float) -> Answer:
-        kind = _message(order.params[0])
-        if kind is None:
-            return Refusal(Result.UNSUPPORTED)
-        body = m.MessageInterval(kind, self._streams.interval_s(kind))
-        self._outbox.append(m.Envelope(body))
-        return None
-
-
-def _message(number: float) -> Message | None:
-    if not math.isfinite(number) or int(number) not in _ON_DEMAND:
-        return None
-    return Message(int(number))
-
-
-def _point(
-    order: m.CommandOrder,
-    lat_deg: float,
-    lon_deg: float,
-    z: float,
-    *,
-    here: GeodeticPoint | None,
-    home: GeodeticPoint,
-) -> GeodeticPoint | None:
-    """The position a command names; what is left open (NaN) is taken from `here`."""
-    if here is not None:
-        lat_deg = here.lat_deg if math.isnan(lat_deg) else lat_deg
-        lon_deg = here.lon_deg if math.isnan(lon_deg) else lon_deg
-        if math.isnan(z):
-            return GeodeticPoint(lat_deg, lon_deg, here.alt_msl_m)
-    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and math.isfinite(z)):
-        return None
-    relative = order.frame in RELATIVE_FRAMES
-    return GeodeticPoint(lat_deg, lon_deg, z + home.alt_msl_m if relative else z)

@@ -33,7 +33,7 @@ def degrees_e7(desk: Desk, north: float, east: float) -> tuple[int, int]:
 
 def test_everything_unknown_is_answered_unsupported() -> None:
     desk = Desk()
-    known = {int(number) for number in desk.vehicle.autopilot._commands._handlers}
+    known = desk.vehicle.autopilot._commands.known
     for number in (*range(1, 700), 2000, 2500, 3000, 31000, 42000, 65000):
         if number not in known:
             assert desk.command(number) == UNSUPPORTED, number
@@ -118,6 +118,11 @@ def test_a_retransmitted_command_is_answered_and_not_repeated() -> None:
             desk.vehicle.autopilot.flight.go_to(np.array([50.0, 0.0, -30.0]))
             desk.fly()
     assert desk.vehicle.autopilot.flight.home == home
+    # Another command of the same number whose first transmission was lost is no repetition.
+    before = len(of(desk.heard, "HOME_POSITION"))
+    assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 148) == OK
+    assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 242, confirmation=1) == OK
+    assert len(of(desk.heard, "HOME_POSITION")) == before + 1
     assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1, confirmation=0) == OK
     assert desk.vehicle.autopilot.flight.home != home
 
