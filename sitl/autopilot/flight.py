@@ -1,6 +1,7 @@
 """What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,15 @@ from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
+_STARTING = "starting up"
+
+
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """Where a position order leads."""
+
+    pos_ned_m: tuple[float, ...]
+    yaw_rad: float | None
 
 
 class Flight:
@@ -48,7 +58,7 @@ class Flight:
         self._parameters = parameters
         self._report = reporter
         self._ordered_speed_mps: float | None = None
-        self._goal_ned_m: Vector | None = None  # of a position order under way
+        self._goal: _Goal | None = None  # of a position order under way
         self._last_stage: route.Stage | None = None  # that ended the mission by itself
         self._navigator = Navigator(aircraft, parameters)
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
@@ -87,6 +97,8 @@ class Flight:
             return "flight was terminated"
         if not self._aircraft.ready:
             return self._aircraft.why_not_ready
+        if self._settling:
+            return _STARTING
         return self.arming_denied()
 
     def tick(self) -> bool:
@@ -127,6 +139,7 @@ class Flight:
 
     def terminate(self, why: str = Trigger.ORDER_TERMINATE.value) -> str | None:
         """Stop the motors wherever the aircraft is."""
+        self._settling = False
         self._stop_motors()
         self._enter(Mode.TERMINATED, why, do.Fall(self._aircraft))
         return None
@@ -141,6 +154,8 @@ class Flight:
         down_m = self.frame.origin.alt_msl_m - altitude
         if down_m > here[2] - _LEAST_CLIMB_M:
             return f"take-off altitude {altitude:.1f} m is not above the aircraft"
+        if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
+            return f"the end of the take-off is {forbidden}"
         return self._order(Trigger.ORDER_TAKEOFF, lambda: self._navigator.climb(here, down_m))
 
     def fly_mission(self) -> str | None:
@@ -169,19 +184,21 @@ class Flight:
 
     def hold(self, why: str | None = None) -> str | None:
         """Brake and stay."""
-        if self.mode is Mode.HOLD and self._goal_ned_m is None:
+        if self.mode is Mode.HOLD and self._goal is None:
             return None
         return self._order(Trigger.ORDER_HOLD, self._navigator.stop, why)
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
-        goal = np.array(pos_ned_m, dtype=float)
-        under_way = self._goal_ned_m
-        if under_way is not None and np.array_equal(under_way, goal):
+        goal = _Goal(tuple(float(part) for part in pos_ned_m), yaw_rad)
+        if goal == self._goal:
             return None
-        if forbidden := self.forbidden(goal):
+        if forbidden := self.forbidden(np.array(goal.pos_ned_m)):
             return f"the position is {forbidden}"
-        return self._order(Trigger.ORDER_GOTO, lambda: self._go(goal, yaw_rad), goal_ned_m=goal)
+        reason = self._order(Trigger.ORDER_GOTO, lambda: self._go(goal))
+        if reason is None:
+            self._goal = goal
+        return reason
 
     def turn_to(self, yaw_rad: float) -> str | None:
         """Turn to a heading on the spot."""
@@ -217,8 +234,8 @@ class Flight:
         self.mission.item_speed_mps = None
         if self.mode is Mode.MISSION and self.moving:
             self._manoeuvre = self._fly_on(self._stages())
-        elif self.mode is Mode.HOLD and self._goal_ned_m is not None:
-            self._manoeuvre = self._go(self._goal_ned_m, None)
+        elif self._goal is not None:
+            self._manoeuvre = self._go(self._goal)
 
     def set_home(self, home: GeodeticPoint) -> None:
         """Home is there from now on."""
@@ -232,20 +249,20 @@ class Flight:
         trigger: Trigger,
         make: Callable[[], do.Manoeuvre],
         why: str | None = None,
-        *,
-        goal_ned_m: Vector | None = None,
     ) -> str | None:
         if self._settling:
-            return "starting up"
+            return _STARTING
         row = transition(self.mode, trigger)
         if row is None:
             return f"not possible in mode {self.mode.name}"
         for need in row.needs:
             if not self._met(need):
                 return need.value
-        idle_hold = row.target is Mode.HOLD and not self.airborne
-        self._enter(row.target, why or trigger.value, None if idle_hold else make())
-        self._goal_ned_m = goal_ned_m
+        if row.target is Mode.HOLD and not self.airborne:
+            self._aircraft.idle()
+            self._enter(row.target, why or trigger.value, None)
+        else:
+            self._enter(row.target, why or trigger.value, make())
         return None
 
     def _met(self, need: Need) -> bool:
@@ -263,7 +280,7 @@ class Flight:
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
-        self._goal_ned_m = None
+        self._goal = None
         self._report.landed_state()
         if mode is not self.mode:
             self.mode = mode
@@ -317,9 +334,12 @@ class Flight:
             self._ordered_speed_mps = None
             self._report.armed(False)
 
-    def _go(self, goal: Vector, yaw_rad: float | None) -> do.Manoeuvre:
+    def _go(self, goal: _Goal) -> do.Manoeuvre:
         return self._navigator.go_to(
-            self._here(), goal, speed_mps=self._ordered_speed_mps, yaw_rad=yaw_rad
+            self._here(),
+            np.array(goal.pos_ned_m),
+            speed_mps=self._ordered_speed_mps,
+            yaw_rad=goal.yaw_rad,
         )
 
     def _here(self) -> Vector:

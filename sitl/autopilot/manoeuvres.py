@@ -15,9 +15,6 @@ from flightdyn.path import FlightPath
 from flightdyn.state import Vector
 
 _READY_TIMEOUT_S = 120.0
-_STILL_MPS = 0.15
-_STILL_S = 0.5
-_STOP_TIMEOUT_S = 60.0
 _TURN_TOLERANCE_RAD = math.radians(2.0)
 _TURN_TIMEOUT_S = 30.0
 _FALL_TIMEOUT_S = 120.0
@@ -83,16 +80,9 @@ class Stop:
         speed = float(np.linalg.norm(velocity))
         ahead = velocity * speed / (2.0 * deceleration_mps2)
         aircraft.hold(np.asarray(belief.pos_ned_m) + ahead, yaw_of(belief.q_frd_to_ned))
-        self._still_needed = ticks(aircraft, _STILL_S)
-        self._still = 0
-        self._left = ticks(aircraft, _STOP_TIMEOUT_S)
 
     def tick(self) -> bool:
-        self._left -= 1
-        velocity = self._aircraft.belief.vel_ned_mps
-        slow = abs(velocity[0]) + abs(velocity[1]) + abs(velocity[2]) < _STILL_MPS
-        self._still = self._still + 1 if slow else 0
-        return self._still >= self._still_needed or self._left <= 0
+        return self._aircraft.progress.finished
 
 
 class Turn:

@@ -97,6 +97,16 @@ def test_take_off_heights(frame: int | None, z: float, height: float) -> None:
     assert desk.vehicle.autopilot.mode is Mode.HOLD
 
 
+def test_a_take_off_that_is_called_off_on_the_ground_stays_there() -> None:
+    desk = Desk()
+    desk.command(ARM, 1, 0)
+    assert desk.command(mav.MAV_CMD_NAV_TAKEOFF) == OK
+    assert desk.command(SET_MODE, 129, 4, 3) == OK
+    assert not desk.vehicle.moving
+    desk.fly(seconds=5.0)
+    assert desk.mass.on_ground
+
+
 def test_take_off_needs_arms_and_ground() -> None:
     desk = Desk()
     assert desk.command(mav.MAV_CMD_NAV_TAKEOFF) == REJECTED
@@ -171,6 +181,16 @@ def test_change_speed_rules_at_once_and_later() -> None:
     assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 2, 3.0, -1) == DENIED
     desk.fly()
     assert position(desk) == pytest.approx([100.0, 0.0, -30.0], abs=0.02)
+
+
+def test_change_of_speed_keeps_the_heading_ordered() -> None:
+    desk = Desk()
+    desk.take_off()
+    lat, lon = degrees_e7(desk, 60.0, 0.0)
+    desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (6.0, 1, 0, 1.0), lat, lon, 30.0)
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([6.0])
+    desk.fly()
+    assert desk.mass._yaw == pytest.approx(1.0)
 
 
 def test_turn_to_and_by() -> None:

@@ -8,7 +8,7 @@ import time
 import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
-from sitl_mavsdk import until
+from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from sitl.errors import LinkError
 from sitl.links import RawLink, UdpLink, _packed
@@ -168,3 +168,23 @@ def test_no_speed_but_a_positive_one() -> None:
     for speed in (0.0, -1.0, math.nan):
         with pytest.raises(ValueError, match="must be positive"):
             Simulation(Desk().vehicle, RawLink(), speed=speed)
+
+
+def test_hovering_while_time_runs_freely() -> None:
+    """With ground stations time does not stand still: the real aircraft keeps its place."""
+    vehicle = make_vehicle(recorder := Recorder())
+    while vehicle.moving:
+        vehicle.step()
+    assert vehicle.autopilot.flight.arm() is None
+    assert vehicle.autopilot.flight.take_off(HOME.alt_msl_m + 12.0) is None
+    while vehicle.moving:
+        vehicle.step()
+
+    async def run() -> None:
+        async with Simulation(vehicle, RawLink(), free_running=True) as simulation:
+            await until(lambda: simulation.statistics.sim_s > 30.0)
+
+    asyncio.run(run())
+    off = [s.belief.pos_ned_m - [0.0, 0.0, -12.0] for s in recorder.samples[-250:]]
+    assert max(float(abs(d).max()) for d in off) < 1.5
+    assert recorder.samples[-1].mode == "HOLD"
