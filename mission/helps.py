@@ -61,3 +61,7 @@ Example: aerofed data fetch data --task mnist cifar10"""
 DATA_CHECK = """Read every data set in a folder as a run would, and say what was found.
 
 Example: aerofed data check data"""
+
+REPRODUCTION = """A sweep's outcome as Markdown tables, beside what the paper reports.
+
+Example: aerofed reproduction paper-sweep --out table.md"""

@@ -90,12 +90,6 @@ class SweepFolder:
         write_atomically(self.manifest, json.dumps(values, indent=2) + "\n")
 
 
-def read_manifest(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """What the sweep in `path` was started with, and the keys that it swept beside seeds."""
-    values = _read(path / "sweep.json")
-    return values, tuple(values["axes"])
-
-
 def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
     return {
         "format": 1,

@@ -35,18 +35,17 @@ class RunResult:
     wall_s: dict[str, float]  # by phase
 
     @property
-    def group(self) -> tuple[Key, ...]:
-        """What it has in common with the runs that differ in their seed only."""
-        return tuple(value for key, value in self.keys.items() if key != "seed")
+    def settings(self) -> tuple[tuple[str, Key], ...]:
+        """The swept keys and its values, beside strategy and seed."""
+        return tuple(
+            (key, value) for key, value in self.keys.items() if key not in ("strategy", "seed")
+        )
 
     @property
     def label(self) -> str:
         """Names the group: strategy and settings."""
-        return ", ".join(
-            str(value) if key == "strategy" else f"{key.rpartition('.')[2]} = {value}"
-            for key, value in self.keys.items()
-            if key != "seed"
-        )
+        parts = [f"{key.rpartition('.')[2]} = {value}" for key, value in self.settings]
+        return ", ".join([str(self.keys["strategy"]), *parts])
 
     def curve(self, column: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(rounds,) one column of its rounds."""
@@ -113,6 +112,30 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...
         if name != "timings":
             written.append(_parquet(folder / f"{name}.parquet", columns, rows))
     return tuple(written)
+
+
+def read_runs_table(path: Path) -> tuple[RunResult, ...]:
+    """The runs in a sweep's `runs.csv`, without their rounds and wall times.
+
+    Raises:
+        InputError: there is none, or it is another table.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file, strict=True))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such table; is {path.parent} a sweep's folder?") from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot read the table: {error}") from None
+    results = []
+    for row in rows:
+        columns = list(row)
+        if None in row or columns[:2] != ["strategy", "seed"] or "run" not in columns:
+            raise InputError(f"{path}: not the table of a sweep's runs")
+        summary = {key: _number(text) for key, text in row.items() if text}
+        keys = {key: summary[key] for key in columns[: columns.index("run")]}
+        results.append(RunResult(keys, summary, (), {}))
+    return tuple(results)
 
 
 def jain(values: Sequence[float]) -> float:
@@ -182,6 +205,15 @@ def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> Path:
         partial.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot write the table: {error}") from None
     return path
+
+
+def _number(text: str) -> Cell:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def _mean(values: Sequence[float]) -> float:

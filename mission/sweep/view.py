@@ -54,4 +54,4 @@ def percent(value: Interval) -> str:
     if math.isnan(value.mean):
         return "-"
     half = "" if math.isnan(value.half) else f" ± {100 * value.half:.1f}"
-    return f"{100 * value.mean:.1f}{half}"
+    return f"{100 * value.mean:z.1f}{half}"
