@@ -110,6 +110,26 @@ def test_a_new_path_in_the_air_keeps_the_speed_along_it() -> None:
     assert slowest > 15
 
 
+@pytest.mark.parametrize(("turn", "length"), [(110.0, 200.0), (0.0, 15.0), (180.0, 50.0)])
+def test_a_new_path_across_the_old_one_is_begun_after_braking(turn: float, length: float) -> None:
+    aircraft = make()
+    take_off(aircraft, 30.0)
+    aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, (0.0,))))
+    run(aircraft, 8.0)
+    start = aircraft.belief.pos_ned_m
+    points = legs(start, (turn, 90.0), length)
+    aircraft.follow(path_along(points))
+    worst = 0.0
+    while not aircraft.progress.finished:
+        run(aircraft, 0.1)
+        command = aircraft.cmd_pos_ned_m
+        assert command is not None
+        worst = max(worst, math.dist(command, aircraft.truth.pos_ned_m))
+    assert worst < 0.6  # the reference never leaves the aircraft behind
+    assert aircraft.progress.passed == 3
+    assert aircraft.truth.pos_ned_m == pytest.approx(points[-1], abs=0.2)
+
+
 def test_disarmed_in_the_air_it_falls() -> None:
     aircraft = make(sensors=REALISTIC)
     take_off(aircraft, 20.0)
