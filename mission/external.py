@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 
 FARTHEST_M = 5_000.0  # the vehicle from the area's home, before anything flies
 FIRST_POSITION_S = 30.0  # wall time
+_SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _ARRIVED_M = 1.0  # of the closest approach, where a hover follows
 
 
@@ -72,10 +73,16 @@ class ExternalFlyer(Flyer):
         self._feed.reached_ns.clear()
         await self.pilot.fly(plan, plan.positions(self.area))
         flight = self._recorder.finish(self.here(), self._feed.battery_remaining)
+        stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
+        short_m = float(np.linalg.norm(stops[-1, :2] - flight.true_ned_m[-1, :2]))
+        if short_m > plan.acceptance_m + _SHORT_M:
+            raise FlightError(
+                f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
+            )
         flight.reached.update(
             passages(
                 flight,
-                self.area.to_ned(plan.points_m, plan.alt_rel_m),
+                stops,
                 reported_ns=[
                     self._feed.reached_ns.get(seq)
                     for seq in piloting.stop_sequence(plan, self.pilot.dialect)
@@ -102,13 +109,12 @@ def passages(
     """When each stop (S, 3) was passed, by `sequence`: closest approach in the track.
 
     A stop is looked for after the one before it and until the vehicle reported the next one, so
-    that a track that crosses itself is not mistaken; a hover was reached when it began. A stop
-    that the vehicle never reported was not reached, unless a later one was.
+    that a track that crosses itself is not mistaken; a hover was reached when it began. Reports
+    may be lost: the flight is over, so every stop was passed.
     """
-    last = max((i for i, t_ns in enumerate(reported_ns) if t_ns is not None), default=-1)
     found: dict[int, Passage] = {}
     after_ns = int(flight.t_ns[0])
-    for index in range(last + 1):
+    for index in range(len(stops_ned_m)):
         later = (t_ns for t_ns in reported_ns[index + 1 :] if t_ns is not None)
         until_ns = max(next(later, int(flight.t_ns[-1])), after_ns)
         instant = _closest(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])

@@ -167,7 +167,9 @@ class Pilot:
             except MavsdkError as error:
                 logger.info("mission upload, attempt %d: %s", attempt, error)
                 self._check_alive("take a mission")
-                failure = f"the vehicle did not take the mission of {len(items)} items: {error}"
+                failure = (
+                    f"the vehicle did not take the mission of {len(items)} items: {reason(error)}"
+                )
                 continue
             first = int(self.dialect.home_first)
             if self._essence(back[first:]) == self._essence(items[first:]):
@@ -192,7 +194,9 @@ class Pilot:
         try:
             return await call
         except MavsdkError as error:
-            raise FlightError(f"the vehicle did not {what}: {error}{self._because()}") from None
+            raise FlightError(
+                f"the vehicle did not {what}: {reason(error)}{self._because()}"
+            ) from None
 
     async def _until(self, met: Callable[[], bool], what: str) -> None:
         while not met():
@@ -369,6 +373,11 @@ def _item(command: int, *params: float, x: int = 0, y: int = 0, z: float = 0.0) 
         z=z,
         mission_type=0,
     )
+
+
+def reason(error: MavsdkError) -> str:
+    """MAVSDK's result alone, without the arguments of the call."""
+    return str(error).partition(";")[0]
 
 
 def log_mavsdk(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

@@ -12,7 +12,7 @@ from mavsdk.logging import log_subscribe
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 
 from mission.errors import InputError
-from mission.pilot import CONNECT_TIMEOUT_S, log_mavsdk
+from mission.pilot import CONNECT_TIMEOUT_S, log_mavsdk, reason
 from mission.planfile import PlanFile
 from sitl.autopilot.enums import GLOBAL_FRAMES, MissionType
 from sitl.autopilot.messages import MissionItem
@@ -54,8 +54,9 @@ async def _import(plan: PlanFile, *, heartbeat: bytes) -> Imported:
             else:
                 found = await importer.import_mission_planner_mission_from_string(plan.text)
         except MavsdkError as error:
-            reason = str(error).partition(";")[0]  # the rest is the whole text
-            raise InputError(f"{plan.path}: damaged: MAVSDK cannot read it: {reason}") from None
+            raise InputError(
+                f"{plan.path}: damaged: MAVSDK cannot read it: {reason(error)}"
+            ) from None
     items = [_from_raw(item) for item in found.mission_items]
     return Imported(
         _counted(items[1:] if plan.home_is_item else items),
