@@ -225,10 +225,12 @@ class Experiment:
             importance = learning.importance(self.world.federation, self.state, fairness=True)
             learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
+        # Nothing is flown, but the ideal must not have more rounds than the budget pays for.
+        self.budget_used_m += self.world.config.mission.path_budget_m
         record = RoundRecord(
             round=self.rounds_done + 1, start_t_s=0.0, duration_s=0.0,
             plan_objective=total, est_objective=total, true_objective=total, upper_bound=total,
-            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=0.0,
+            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=self.budget_used_m,
             scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
             accuracy=learnt.accuracy, cov=learnt.cov,
         )  # fmt: skip

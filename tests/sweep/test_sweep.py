@@ -169,6 +169,13 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path
     assert tables(out) == tables(swept)
 
 
+def test_the_ideal_has_the_rounds_that_the_budget_pays_for(tmp_path: Path) -> None:
+    more = ("mission.strategy=ideal", "mission.total_budget_m=250", "--rounds", "9", "--quiet")
+    assert call(["run", "--out", str(tmp_path / "ideal"), *TINY, *more]) == 0
+    used = [float(row["budget_used_m"]) for row in rows(tmp_path / "ideal" / "rounds.csv")]
+    assert used == [100.0, 200.0, 300.0]
+
+
 class Inline:
     """Executes in this process, at once."""
 
