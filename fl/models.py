@@ -189,14 +189,33 @@ def make_network(name: str, *, image_shape: tuple[int, int, int], classes: int) 
     return network
 
 
+# What a user's module raises where it does not fit or is unfinished.
+_USERS_MISTAKES = (
+    ImportError,
+    SyntaxError,
+    NameError,
+    AttributeError,
+    TypeError,
+    ValueError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    RuntimeError,
+)
+
+
+def _first_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+
+
 def _imported(name: str) -> Callable[[], nn.Module]:
     module_name, colon, attribute = name.partition(":")
     if not colon or not module_name or not attribute:
         raise NetworkError(name, "it is 'lenet', 'mcmahan' or 'package.module:callable'")
     try:
         found = getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError) as error:
-        raise NetworkError(name, f"cannot be imported: {error}") from error
+    except _USERS_MISTAKES as error:
+        raise NetworkError(name, f"cannot be imported: {_first_line(error)}") from error
     if not callable(found):
         raise NetworkError(name, f"is a {type(found).__name__}, not callable")
     factory: Callable[[], nn.Module] = found
@@ -207,8 +226,8 @@ def _built(factory: Callable[[], nn.Module], name: str) -> nn.Module:
     try:
         with torch.random.fork_rng(devices=[]):
             module = factory()
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise NetworkError(name, f"calling it fails: {error}") from error
+    except _USERS_MISTAKES as error:
+        raise NetworkError(name, f"calling it fails: {_first_line(error)}") from error
     if not isinstance(module, nn.Module):
         raise NetworkError(name, f"gives a {type(module).__name__}, not a torch.nn.Module")
     return module
@@ -223,10 +242,10 @@ def _try(
     try:
         with torch.inference_mode():
             out = network.logits(weights, torch.zeros(2, height, width, 1, channels))
-    except (RuntimeError, TypeError, ValueError) as error:
-        line = str(error).splitlines()[0]
+    except _USERS_MISTAKES as error:
         raise NetworkError(
-            name, f"fails on images of (2, {channels}, {height}, {width}): {line}"
+            name,
+            f"fails on images of (2, {channels}, {height}, {width}): {_first_line(error)}",
         ) from error
     if tuple(out.shape) != (1, 2, classes):
         raise NetworkError(

@@ -1,5 +1,7 @@
 """A user's own torch module, by import path: trained, refused, repeatable."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -110,6 +112,18 @@ def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
 def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
     with pytest.raises(NetworkError, match=reason) as caught:
         make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["import nothing_of_this_name", "def broken(:", "x = y"])
+def test_a_module_that_cannot_be_imported_is_one_clear_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    name = f"user_net_{len(text)}"
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(NetworkError, match=r"cannot be imported: [A-Z]") as caught:
+        make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
 
