@@ -36,6 +36,7 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
 | `uplinks.csv` | a row a scheduled device, see below |
 | `flight.mcap` | the flight log, see below |
+| `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
 | `figures/` | maps of planned and flown paths, learning curves |
 | `checkpoint/` | what `aerofed run --resume` goes on from |

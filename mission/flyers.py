@@ -1,9 +1,11 @@
 """The flyer that a configuration asks for."""
 
+import socket
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 
 from mission.config import LinkConfig
+from mission.errors import LinkLostError
 from mission.external import open_external
 from mission.flyer import Flyer, open_simulated
 from mission.world import World
@@ -27,3 +29,33 @@ def position_source(link: LinkConfig) -> str:
     if link.kind == "external":
         return f"telemetry of {link.url}: truth and belief are what the autopilot says"
     return "simulated vehicle: truth from its physics, belief from its estimator"
+
+
+def check_link(link: LinkConfig) -> None:
+    """Refuse ports that are taken, before anything is written.
+
+    Raises:
+        LinkLostError: names the key and the port.
+    """
+    if link.kind == "udp":
+        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+    elif link.kind == "external":
+        _check_url(link.url, "link.url")
+    if link.kind != "external":
+        for url in link.gcs:
+            _check_url(url, "link.gcs")
+
+
+def _check_url(url: str, key: str) -> None:
+    host, _, port = url.removeprefix("udpin://").rpartition(":")
+    if url.startswith("udpin://") and port.isdecimal():
+        _check_port(host, int(port), f"{key} = {url}")
+
+
+def _check_port(host: str, port: int, what: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None

@@ -2,7 +2,9 @@
 
 RUN = """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
-Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6"""
+Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6
+Example: aerofed run --gcs udpout://127.0.0.1:14550 --set link.speed=1
+Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540"""
 
 COMPARE = """Planned against flown, in numbers: cross-track error, timing, packet error rates.
 

@@ -50,6 +50,11 @@ class PlannedPath:
         return max(self.places)
 
     @property
+    def top_m(self) -> float:
+        """The greatest height above home."""
+        return -float(self.points_ned_m[:, 2].min())
+
+    @property
     def path_m(self) -> float:
         """Horizontal length."""
         return float(np.linalg.norm(np.diff(self.points_ned_m[:, :2], axis=0), axis=1).sum())

@@ -4,7 +4,7 @@ import asyncio
 import csv
 import io
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from fl.radio import CHANNEL_PRESETS
 from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
@@ -20,12 +21,14 @@ from mission.area import Area
 from mission.config import AreaConfig, RunConfig
 from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
 from mission.flyer import open_simulated
+from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.plancheck import PlannedPath, check_plan, here_means
 from mission.planfile import PlanFile, read_plan_file
 from mission.planimport import Imported, import_plan, raw_items
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.track import Flight
 from sitl.autopilot.items import PLACES
 from sitl.errors import SitlInputError
@@ -73,7 +76,10 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
+    if config.link.kind == "external":
+        raise InputError("link.kind = external: plans are flown by the simulated vehicle only")
     ready = _prepare(config, read_plan_file(source))
+    check_link(config.link)
     folder = RunFolder.create(path)
     write_atomically(folder.config, ready.config.to_toml())
     write_atomically(folder.path / source.name, source.read_bytes())
@@ -90,6 +96,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
     with FlightLog(folder.log, area=ready.area, devices=nobody) as log:
         log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
         log.attach(source.name, "text/plain", ready.plan.text.encode())
+        _log_path(log, ready)
         try:
             flight = asyncio.run(_fly(ready, log))
             status = "finished"
@@ -212,6 +219,26 @@ async def _fly(ready: _Ready, log: FlightLog) -> Flight:
         else:
             await pilot.land()
         return flyer.recorder.finish(flyer.here(), ready.vehicle.aircraft.battery.remaining)
+
+
+def _log_path(log: FlightLog, ready: _Ready) -> None:
+    """The planned path, as the log has it for rounds: one round that serves nobody.
+
+    A round has one height, here the greatest of the plan.
+    """
+    points = ready.area.from_ned(ready.path.points_ned_m)
+    plan = RoundPlan(points, np.zeros((len(points), 0), dtype=bool), value=0.0)
+    channel = replace(CHANNEL_PRESETS["suburban"], altitude_m=ready.path.top_m)
+    problem = RoundProblem(
+        devices_m=np.zeros((0, 2)),
+        importance=np.zeros(0),
+        start_m=points[0],
+        steps=len(points),
+        per_step=1,
+        path_budget_m=plan.path_m,
+        channel=channel,
+    )
+    log.plan(0, 1, problem, plan, speed_mps=plan.path_m / ready.path.duration_s)
 
 
 def _track_csv(flight: Flight, area: Area) -> str:

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import socket
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,11 +14,13 @@ from fl import federation as learning
 from mission import figures
 from mission.checkpoint import CheckpointFolder, RoundMemory, remembered_data_dir
 from mission.config import RunConfig, load_config
-from mission.errors import INTERRUPTED, AerofedError, InputError, LinkLostError
+from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.experiment import Experiment, RoundResult
 from mission.flightplan import FlightPlan
-from mission.flyers import position_source
+from mission.flyers import check_link, position_source
 from mission.folder import RunFolder, environment, write_atomically
+from mission.log.live import LiveView
+from mission.log.sink import Sink
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
@@ -96,10 +97,12 @@ def fly_session(
     console: Console,
     quiet: bool,
     workers: int | None = None,
+    live_port: int | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
-    Up to `workers` communities (default: one a core) train at a time.
+    Up to `workers` communities (default: one a core) train at a time. With `live_port` the log's
+    messages are served to Foxglove on that port of the loopback address too (0: any free one).
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     flight keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -111,16 +114,20 @@ def fly_session(
     stopwatch = Stopwatch()
     with stopwatch("setup"):
         world = build_world(config, data_dir=data_dir)
-        _check_link(world)
+        if world.strategy is not None:
+            check_link(config.link)
+        view = None if live_port is None else LiveView(port=live_port)
         folder = RunFolder.create(path)
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
         write_atomically(folder.config, text)
         checkpoint.save(world.federation, state, None)
+    if view is not None and not quiet:
+        console.print(f"live view: open {view.url} in Foxglove", soft_wrap=True, highlight=False)
     return _fly(
         world, folder, checkpoint, state, (), stopwatch,
-        console=console, quiet=quiet, workers=workers,
+        console=console, quiet=quiet, workers=workers, mirrors=() if view is None else (view,),
     )  # fmt: skip
 
 
@@ -149,7 +156,8 @@ def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
                 "the run cannot be resumed"
             )
         world = build_world(config, data_dir=data_dir)
-        _check_link(world)
+        if world.strategy is not None:
+            check_link(config.link)
         checkpoint = CheckpointFolder(
             folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
         )
@@ -171,6 +179,7 @@ def _fly(
     console: Console,
     quiet: bool,
     workers: int | None = None,
+    mirrors: Sequence[Sink] = (),
 ) -> int:
     config = world.config
     write_atomically(folder.devices, world.devices_csv())
@@ -189,7 +198,9 @@ def _fly(
         progress = make_progress(console, quiet=quiet)
         stack.callback(progress.close)
         devices = Devices(world.devices_m, world.community_of)
-        log = stack.enter_context(FlightLog(folder.log, area=world.area, devices=devices))
+        log = stack.enter_context(
+            FlightLog(folder.log, area=world.area, devices=devices, mirrors=mirrors)
+        )
         rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
         uplinks = stack.enter_context(UplinkTable(folder.uplinks))
         _attach(log, world)
@@ -232,35 +243,6 @@ def _fly(
         )  # fmt: skip
         return INTERRUPTED
     return 0
-
-
-def _check_link(world: World) -> None:
-    """Refuse ports that are taken before anything is written."""
-    link = world.config.link
-    if world.strategy is None:
-        return
-    if link.kind == "udp":
-        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
-    elif link.kind == "external":
-        _check_url(link.url, "link.url")
-    if link.kind != "external":
-        for url in link.gcs:
-            _check_url(url, "link.gcs")
-
-
-def _check_url(url: str, key: str) -> None:
-    host, _, port = url.removeprefix("udpin://").rpartition(":")
-    if url.startswith("udpin://") and port.isdecimal():
-        _check_port(host, int(port), f"{key} = {url}")
-
-
-def _check_port(host: str, port: int, what: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None
 
 
 def _attach(log: FlightLog, world: World) -> None:

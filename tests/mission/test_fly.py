@@ -66,6 +66,7 @@ def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixt
         counts = reader.get_summary()
         assert counts is not None
         assert counts.statistics.message_count > 1000
+        assert "/plan/path" in {channel.topic for channel in counts.channels.values()}
         assert "square.plan" in {a.name for a in reader.iter_attachments()}
     assert (out / "square.plan").read_bytes() == plan.read_bytes()
 
@@ -94,6 +95,16 @@ def test_landing_elsewhere(tmp_path: Path) -> None:
     data = np.genfromtxt(tmp_path / "out" / "track.csv", delimiter=",", names=True)
     assert data["true_y_m"][-1] - data["true_y_m"][0] == pytest.approx(0.0015 * 111_180, abs=4)
     assert abs(data["true_alt_m"][-1]) < 0.5
+
+
+def test_only_the_simulated_vehicle_flies_plans(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = written(tmp_path, TAKE_OFF, *CORNERS)
+    more = ("--out", str(tmp_path / "out"), "--set", "link.kind=external")
+    assert call(["fly", str(plan), *more]) == 2
+    assert "link.kind" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 REFUSED = {
