@@ -23,8 +23,10 @@ def run(
     ] = (),
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     vehicle: str | None = None,
+    live: Annotated[bool, Parameter(negative=())] = False,
+    live_port: int = 8765,
     resume: Path | None = None,
-    quiet: bool = False,
+    quiet: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
@@ -50,11 +52,17 @@ def run(
     vehicle
         Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
         a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
+    live
+        Serve what is logged to Foxglove while it is flown, on the loopback address only.
+    live_port
+        Port of the live view; 0 takes a free one.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting.
     quiet
         Print nothing but errors.
     """
+    if not 0 <= live_port <= 65535:
+        raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
         if any(value is not None for value in others):
@@ -84,4 +92,11 @@ def run(
     folder = out or free_folder(
         RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
     )
-    return fly_session(resolved, folder, data_dir=data_dir, console=Console(), quiet=quiet)
+    return fly_session(
+        resolved,
+        folder,
+        data_dir=data_dir,
+        console=Console(),
+        quiet=quiet,
+        live_port=live_port if live else None,
+    )

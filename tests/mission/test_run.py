@@ -290,3 +290,16 @@ def test_a_vehicle_setting_that_is_refused(
     assert fly(tmp_path / "out", "--set", "vehicle.parameters.NO_SUCH=1") == 2
     refused(capsys, "NO_SUCH")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_live_view_changes_no_byte(run: Path, tmp_path: Path) -> None:
+    assert fly(tmp_path / "live", "--live", "--live-port", "0") == 0
+    assert digests(tmp_path / "live") == digests(run)
+
+
+def test_a_live_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert fly(tmp_path / "out", "--live", "--live-port", str(port)) == 5
+    refused(capsys, f"127.0.0.1:{port}", "in use")
+    assert not (tmp_path / "out").exists()
