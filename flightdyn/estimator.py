@@ -45,7 +45,7 @@ from flightdyn.frames import (
     rotation_quaternion,
     wrap_pi,
 )
-from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
+from flightdyn.inertial import EARTH_RADIUS_M, Earth, ImuIncrement, NavState, propagate
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 
@@ -115,6 +115,7 @@ class Estimator:
         self._increments: deque[ImuIncrement] = deque()
         self._batch: list[ImuIncrement] = []
         self._baro: deque[BaroSample] = deque()
+        self._downs: dict[int, float] = {}  # along the horizon since the last correction
         self._mag: deque[MagSample] = deque()
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
@@ -187,6 +188,7 @@ class Estimator:
                 state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
             )
             dn, de, dd = dn + n, de + e, dd + d
+            self._downs[state.t_ns] = state.p[2]
         self.horizon = state
         self._batch.clear()
         F = self._kf.F
@@ -245,16 +247,22 @@ class Estimator:
         )
 
     def _residual_baro(self, z: Vector) -> float:
-        """Mean height of the waiting samples against the horizon's; returns its variance."""
-        (_, _, down), (_, _, sink) = self.horizon.p, self.horizon.v
+        """Mean residual of the waiting samples, each against the height of its own instant.
+
+        Returns the variance of the mean.
+        """
+        north, east, down = self.horizon.p
         t_ns = self.horizon.t_ns
         total, count = 0.0, 0
         while self._baro and self._baro[0].t_ns <= t_ns:
             sample = self._baro.popleft()
-            age = (t_ns - sample.t_ns) * 1e-9
-            total += altitude_m(sample.pressure_pa) - self._ground_m + down - sink * age
+            then = self._downs.get(sample.t_ns, down)  # `down` where it fell between increments
+            total += altitude_m(sample.pressure_pa) - self._ground_m + then
             count += 1
-        z[BARO] = total / count - self._biases.baro
+        self._downs.clear()
+        # The air follows the curved Earth, positions the plane that touches it at home.
+        curve = (north * north + east * east) / (2 * EARTH_RADIUS_M)
+        z[BARO] = total / count - curve - self._biases.baro
         return self._baro_var / count
 
     def _residual_heading(self, sample: MagSample) -> float:

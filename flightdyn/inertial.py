@@ -13,6 +13,7 @@ from typing import NamedTuple
 from flightdyn.frames import Quaternion, Triple, normal_gravity, rotation_quaternion
 
 _EARTH_RADPS = 7.292115e-5
+EARTH_RADIUS_M = 6.371e6
 
 ImuSample = tuple[float, float, float, float, float, float]  # rates rad/s, specific force m/s2
 

@@ -97,7 +97,8 @@ class Twin:
         bias = 0.02 * np.array(self.accel_bias)
         felt = true._replace(velocity=tuple((velocity + bias).tolist()))
         if t_ns % 200_000_000 == 0:
-            height = -self.state.p[2]
+            north, east, down = self.state.p
+            height = (north**2 + east**2) / (2 * 6.371e6) - down
             self.estimator.observe_baro(BaroSample(t_ns, pressure_pa(height)))
             r = np.array(rotation_matrix(self.state.q)).reshape(3, 3)
             x, y, z = (r.T @ np.array(FIELD)).tolist()
@@ -324,3 +325,18 @@ def test_an_imu_that_changes_its_bias_is_found_out(fault: ImuBias) -> None:
     after = navigation.estimator.biases
     assert np.subtract(after.gyro, before.gyro) == pytest.approx(fault.gyro_radps, abs=3e-3)
     assert np.subtract(after.accel, before.accel) == pytest.approx(fault.accel_mps2, abs=0.15)
+
+
+def test_height_stays_right_far_from_home() -> None:
+    """At 3 km the ground has fallen 0.7 m below the plane that touches it at home."""
+    aircraft = make(seed=2, sensors=SensorsConfig(), wind=BREEZE)
+    take_off(aircraft, 40.0)
+    aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, (20.0,), 3000.0)))
+    assert run(aircraft, 200.0, lambda: aircraft.progress.finished)
+    errors = []
+    for _ in range(100):
+        run(aircraft, 0.2)
+        errors.append(aircraft.belief.pos_ned_m[2] - aircraft.truth.pos_ned_m[2])
+    assert abs(np.mean(errors)) < 0.25
+    point = aircraft.frame.to_geodetic(aircraft.truth.pos_ned_m)
+    assert point.alt_msl_m == pytest.approx(488.0 + 40.0 + 3000.0**2 / 2 / 6.371e6, abs=0.4)

@@ -185,3 +185,17 @@ def test_other_rates_sensors_and_places(changes: dict[str, Any], home: GeodeticP
     error = track.belief - track.truth
     assert np.sqrt(np.mean(error[:, :2] ** 2)) < 1.2
     assert np.sqrt(np.mean(error[:, 2] ** 2)) < 0.15
+
+
+def test_thrust_is_learnt_where_the_air_is_thin() -> None:
+    """At 3500 m an ordered thrust is worth less; height does not suffer from it."""
+    aircraft = make(home=GeodeticPoint(27.9, 86.9, 3500.0))
+    take_off(aircraft, 30.0)
+    run(aircraft, 5.0)
+    vehicle = aircraft.vehicle
+    ordered = 4 * vehicle.airframe.rotor_max_thrust_n * float(vehicle._fdm["fcs/in/collective"])
+    worth = sum(vehicle.rotor_thrusts_n()) / ordered
+    # Density falls to 0.863 kg/m3 (ICAO 7488); a lighter load lets the rotors turn a little faster.
+    assert 0.863 / 1.225 < worth < 0.85
+    assert aircraft.controller.effectiveness == pytest.approx(worth, rel=0.01)
+    assert aircraft.truth.alt_rel_m == pytest.approx(30.0, abs=0.02)
