@@ -98,6 +98,11 @@ def make_grid(
         config = load_config(
             path, {**common, **dict(settings), "mission.strategy": strategy, "seed": seed}
         )
+        if config.link.kind != "in_process":
+            raise InputError(
+                f"link.kind = {config.link.kind!r}: the runs of a sweep fly side by side, "
+                "each in its own process; only 'in_process' does"
+            )
         runs.append(SweepRun(_name(strategy, seed, settings), strategy, seed, settings, config))
     return Grid(base, tuple(strategies), numbers, tuple(axes), tuple(runs))
 

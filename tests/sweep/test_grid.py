@@ -67,6 +67,7 @@ def test_values_are_separated_by_commas(text: str, values: tuple[object, ...]) -
         ({"sets": ["mission.steps"]}, ["mission.steps", "KEY=VALUE"]),
         ({"strategies": ("cov", "cov")}, ["--strategies", "'cov'", "twice"]),
         ({"strategies": ("best",)}, ["mission.strategy", "'best'"]),
+        ({"sets": ["link.kind=udp"]}, ["link.kind = 'udp'", "in_process"]),
         ({"seeds": 0}, ["--seeds 0", "at least 1"]),
         ({"rounds": 0}, ["mission.rounds = 0"]),
     ],
