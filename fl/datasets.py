@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,22 @@ logger = logging.getLogger(__name__)
 
 Pixels = NDArray[np.uint8] | NDArray[np.float32]
 Labels = NDArray[np.int64]
+Stamp = tuple[tuple[str, int, int], ...]
+
+# Sub-folders of a data folder, or of these, in which files are looked for.
+FOLDERS = frozenset(
+    [
+        "mnist",
+        "MNIST",
+        "fashion-mnist",
+        "fashion",
+        "FashionMNIST",
+        "raw",
+        "cifar10",
+        "cifar-10-batches-py",
+        "cifar-10-batches-bin",
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -105,9 +122,11 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
     """The data set of `task`, from `data_dir` unless it is bundled or generated.
 
     Raises `DataMissingError` that says what is looked for, `DataDamagedError` naming the file.
-    Intact files that are not the official ones (a subset, say) are used, and said so.
+    Intact files that are not the official ones (a subset, say) are used, and said so. A process
+    that asks again while the files are as they were gets the same data set again: an archive
+    takes seconds to unpack, and a sweep has many runs.
     """
-    # Imported here: each format is needed by one task only, and scikit-learn takes a second.
+    # Imported here: scikit-learn takes a second.
     if task in ("digits", "colour-shapes"):
         from fl import bundled
 
@@ -116,17 +135,23 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
             "colour-shapes": bundled.colour_shapes,
         }
         return makers[task]()
-    if task in ("mnist", "fashion-mnist"):
-        from fl import idx
+    return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
 
+
+@lru_cache(maxsize=3)
+def _read(
+    task: str,
+    data_dir: Path | None,
+    data_file: str | None,
+    stamp: Stamp,  # noqa: ARG001  # tells the cache that files have changed
+) -> Dataset:
+    from fl import cifar, idx, npz
+
+    if task in ("mnist", "fashion-mnist"):
         dataset = idx.load(task, _folder(task, data_dir, idx.WANTED))
     elif task == "cifar10":
-        from fl import cifar
-
         dataset = cifar.load(_folder(task, data_dir, cifar.WANTED))
     elif task == "npz":
-        from fl import npz
-
         name = data_file or ""
         dataset = npz.load(name, _folder(task, data_dir, f"the file {name}"))
     else:
@@ -146,3 +171,21 @@ def _folder(task: str, data_dir: Path | None, wanted: str) -> Path:
     if data_dir is None or not data_dir.is_dir():
         raise DataMissingError(task, data_dir, wanted)
     return data_dir
+
+
+def _stamp(folder: Path | None, data_file: str | None = None) -> Stamp:
+    """Names, sizes and times of the files where data are looked for."""
+    if folder is None or not folder.is_dir():
+        return ()
+    found: list[tuple[str, int, int]] = []
+    try:
+        paths = set(folder.iterdir()) | ({folder / data_file} if data_file else set())
+        for path in sorted(paths):
+            if path.is_file():
+                status = path.stat()
+                found.append((str(path), status.st_size, status.st_mtime_ns))
+            elif path.name in FOLDERS:
+                found += _stamp(path)
+    except OSError as error:
+        raise DataDamagedError(folder, error.strerror or str(error)) from error
+    return tuple(found)

@@ -103,6 +103,20 @@ def test_mnist_is_read_pixel_by_pixel(tmp_path: Path, sub: str, packed: bool) ->
     assert not dataset.provenance.official
 
 
+def test_files_are_read_again_only_when_they_changed(tmp_path: Path) -> None:
+    write_mnist(tmp_path / "mnist")
+    first = load("mnist", data_dir=tmp_path)
+    assert load("mnist", data_dir=tmp_path) is first
+    labels = tmp_path / "mnist" / f"{NAMES[1]}.gz"
+    labels.write_bytes(gzip.compress(idx_bytes((np.arange(30) + 5) % 10)))
+    np.testing.assert_array_equal(
+        load("mnist", data_dir=tmp_path).train.labels, (np.arange(30) + 5) % 10
+    )
+    labels.write_bytes(b"")
+    with pytest.raises(DataDamagedError):
+        load("mnist", data_dir=tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["python", "binary"])
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress, bz2.compress, bytes])
 def test_cifar_from_any_archive(tmp_path: Path, kind: str, pack: Callable[[bytes], bytes]) -> None:
