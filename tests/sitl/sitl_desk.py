@@ -14,9 +14,15 @@ from sitl.vehicle import Vehicle
 class Desk:
     """Talks to a vehicle on a point mass, in a wall time of its own that it sets itself."""
 
-    def __init__(self, config: VehicleConfig | None = None, *, ready: bool = True) -> None:
+    def __init__(
+        self,
+        config: VehicleConfig | None = None,
+        *,
+        ready: bool = True,
+        ready_after_s: float = 0.2,
+    ) -> None:
         self.recorder = Recorder()
-        self.mass = PointMass(HOME)
+        self.mass = PointMass(HOME, ready_after_s=ready_after_s)
         self.vehicle = Vehicle(
             config or VehicleConfig(),
             home=HOME,

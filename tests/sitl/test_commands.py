@@ -59,6 +59,16 @@ def test_not_ready_is_not_armed_and_says_why() -> None:
     assert not desk.mass.armed
 
 
+def test_nobody_arms_before_the_first_tick() -> None:
+    """Or the flight would depend on how early a ground station calls."""
+    desk = Desk(ready=False, ready_after_s=0.0)
+    assert desk.mass.ready
+    assert desk.command(ARM, 1, 0) == REJECTED
+    assert desk.texts() == ["COMPONENT_ARM_DISARM refused: starting up"]
+    desk.fly()
+    assert desk.command(ARM, 1, 0) == OK
+
+
 def test_in_the_air_only_force_disarms() -> None:
     desk = Desk()
     desk.take_off()
@@ -221,6 +231,27 @@ def test_return_and_land_at_a_home_that_was_moved() -> None:
     modes = [text.split()[0] for text in desk.recorder.texts("mode")]
     assert modes == ["TAKEOFF", "HOLD", "RETURN", "LAND", "HOLD"]
     assert not of(heard, "COMMAND_ACK")
+
+
+@pytest.mark.parametrize(
+    ("north", "height", "highest"), [(80.0, 12.0, 30.0), (80.0, 45.0, 45.0), (8.0, 12.0, 12.0)]
+)
+def test_the_way_home_is_flown_at_a_safe_height(
+    north: float, height: float, highest: float
+) -> None:
+    desk = Desk()
+    desk.take_off(height)
+    desk.vehicle.autopilot.flight.go_to(np.array([north, 0.0, -height]))
+    desk.fly()
+    before = len(desk.recorder.samples)
+    assert desk.command(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH) == OK
+    desk.fly()
+    way = [sample.belief for sample in desk.recorder.samples[before:]]
+    assert max(at.alt_rel_m for at in way) == pytest.approx(highest, abs=0.1)
+    # Nowhere between start and home is it lower than that.
+    between = [at.alt_rel_m for at in way if 1.0 < at.pos_ned_m[0] < north - 1.0]
+    assert between
+    assert min(between) == pytest.approx(highest, abs=0.1)
 
 
 def test_land_here() -> None:

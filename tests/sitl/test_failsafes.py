@@ -13,7 +13,9 @@ from flightdyn.config import AircraftConfig
 from flightdyn.faults import GnssOff, WindBurst
 from flightdyn.state import BatteryState
 from sitl.autopilot.failsafe import RULES, Action, Cause
+from sitl.autopilot.fence import Polygon
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.parameters import SPECS
 from sitl.config import VehicleConfig
 
 AFTERWARDS = {
@@ -59,6 +61,23 @@ CASES = [
     for cause, rule in RULES.items()
     for value, action in rule.actions.items()
 ]
+
+
+def test_parameters_mean_what_px4_documents() -> None:
+    """The numbers that ground stations offer for PX4's parameters."""
+    a = Action
+    px4 = {
+        Cause.FENCE_BREACHED: [a.NOTHING, a.WARN, a.HOLD, a.RETURN, a.TERMINATE, a.LAND],
+        Cause.BATTERY_LOW: [a.WARN, a.WARN, a.WARN, a.WARN],
+        Cause.BATTERY_CRITICAL: [a.WARN, a.WARN, a.LAND, a.RETURN],
+        Cause.BATTERY_EMERGENCY: [a.WARN, a.WARN, a.LAND, a.LAND],
+        Cause.GROUND_STATION_LOST: [a.NOTHING, a.HOLD, a.RETURN, a.LAND, a.WARN, a.TERMINATE],
+    }
+    ours = {Cause.GNSS_LOST: [a.NOTHING, a.WARN, a.HOLD, a.LAND, a.TERMINATE]}
+    for cause, actions in {**px4, **ours}.items():
+        assert dict(RULES[cause].actions) == dict(enumerate(actions)), cause
+        assert SPECS[RULES[cause].parameter].high == len(actions) - 1
+    assert set(RULES) == set(Cause)
 
 
 def hovering(parameters: dict[str, float] | None = None) -> Desk:
@@ -195,6 +214,16 @@ def test_fence_of_polygons_and_circles() -> None:
     desk.fly()
     assert desk.vehicle.autopilot.mode is Mode.HOLD
     assert desk.mass.belief.pos_ned_m[1] < 75.0
+
+
+def test_polygons_may_be_concave_and_turn_either_way() -> None:
+    corners = np.array([[0, 0], [40, 0], [40, 40], [20, 40], [20, 20], [0, 20]], dtype=float)
+    inside = [(1, 1), (39, 1), (39, 39), (21, 39), (1, 19), (19, 19)]
+    outside = [(-1, 1), (41, 1), (-30, 10), (1, 21), (19, 21), (19, 39), (60, 39), (1, -1), (1, 50)]
+    for shape in (corners, corners[::-1]):
+        area = Polygon(shape)
+        assert all(area.contains(*place) for place in inside)
+        assert not any(area.contains(*place) for place in outside)
 
 
 def test_the_fence_in_the_vehicles_status() -> None:
