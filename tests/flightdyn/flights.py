@@ -88,6 +88,7 @@ class Track:
     seconds: float
     truth: Vector  # (K, 3)
     belief: Vector  # (K, 3)
+    command: Vector  # (K, 3) where the guidance wanted to be
     passed_s: list[float] = field(default_factory=list)  # when each point was passed
     passed_at: list[Vector] = field(default_factory=list)  # believed position then
     limited: bool = False  # whether the speed was ever reported as limited
@@ -97,8 +98,8 @@ def fly(aircraft: Aircraft, path: FlightPath, limit_s: float = 300.0) -> Track:
     """Follow a path to its end."""
     aircraft.follow(path)
     begin = aircraft.t_ns
-    truth, belief = [], []
-    track = Track(path.points_ned_m, 0.0, np.empty((0, 3)), np.empty((0, 3)))
+    truth, belief, command = [], [], []
+    track = Track(path.points_ned_m, 0.0, *[np.empty((0, 3))] * 3)
     passed = 0
     while not aircraft.progress.finished:
         aircraft.step()
@@ -111,6 +112,8 @@ def fly(aircraft: Aircraft, path: FlightPath, limit_s: float = 300.0) -> Track:
         if (aircraft.t_ns // aircraft.dt_ns) % 5 == 0:
             truth.append(aircraft.vehicle.position_ned())
             belief.append(aircraft.navigation.position())
+            command.append(aircraft.cmd_pos_ned_m)
     track.seconds = (aircraft.t_ns - begin) * 1e-9
     track.truth, track.belief = np.array(truth), np.array(belief)
+    track.command = np.array(command)
     return track

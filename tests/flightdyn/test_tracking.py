@@ -44,6 +44,9 @@ def test_calm_air_at_twenty_metres_a_second() -> None:
     assert np.max(off) <= 5.0
     assert track.seconds <= 115.0
     assert np.max(np.abs(track.truth[:, 2] - track.points[0, 2])) <= 0.3
+    # In corners too it is where the reference is, which the acceleration fed forward sees to.
+    lag = np.linalg.norm(track.command - track.truth, axis=1)
+    assert math.sqrt(np.mean(lag**2)) <= 0.055
     assert not track.limited
 
 
