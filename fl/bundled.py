@@ -58,17 +58,17 @@ def _draw(labels: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.uin
     n = len(labels)
     shape, cool = labels // 2, labels % 2
     centre = rng.uniform(0.35 * SIZE, 0.65 * SIZE, (n, 2))
-    radius = rng.uniform(0.2 * SIZE, 0.36 * SIZE, n)
+    radius = rng.uniform(0.28 * SIZE, 0.42 * SIZE, n)
     cover = _coverage(shape, centre, radius, angle=rng.uniform(0.0, 2.0 * np.pi, n))
     # Hue in turns: warm is red to yellow, cool is green-blue to violet.
     hue = np.where(cool == 1, rng.uniform(0.45, 0.78, n), rng.uniform(-0.06, 0.17, n))
-    front = _rgb(hue, saturation=rng.uniform(0.25, 0.9, n), value=rng.uniform(0.45, 1.0, n))
+    front = _rgb(hue, saturation=rng.uniform(0.45, 1.0, n), value=rng.uniform(0.45, 1.0, n))
     back = _rgb(
-        rng.uniform(0.0, 1.0, n), saturation=rng.uniform(0.0, 0.5, n), value=rng.uniform(0, 1, n)
+        rng.uniform(0.0, 1.0, n), saturation=rng.uniform(0.0, 0.35, n), value=rng.uniform(0, 1, n)
     )
     blend = cover[..., np.newaxis]
     image = blend * front[:, None, None, :] + (1.0 - blend) * back[:, None, None, :]
-    image += rng.normal(0.0, 0.12, image.shape)
+    image += rng.normal(0.0, 0.08, image.shape)
     return np.asarray(np.rint(np.clip(image, 0.0, 1.0) * 255.0), dtype=np.uint8)
 
 
