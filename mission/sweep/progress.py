@@ -1,5 +1,6 @@
 """What a person sees of a sweep: a bar with the time left, or a line for every run that ends."""
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -7,6 +8,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
+from mission.config import MissionConfig
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
 
@@ -30,13 +32,12 @@ class SweepProgress(Protocol):
 class TimeLeft:
     """Estimates the time left from the rounds that this sweep has flown.
 
-    Runs end before their last round where the budget is spent first, so it is an upper bound
-    there, which gets better with every run.
+    A round is taken to cost as much path as it may; runs that spend less have more of them.
     """
 
     def __init__(self, folder: SweepFolder, runs: Sequence[SweepRun]) -> None:
         self._folder = folder
-        self._rounds = {run.name: run.config.mission.rounds for run in runs}
+        self._rounds = {run.name: expected_rounds(run.config.mission) for run in runs}
         self._ended_rounds = 0
         self._started = time.monotonic()
 
@@ -108,6 +109,14 @@ class Bar:
 
     def close(self) -> None:
         self._progress.stop()
+
+
+def expected_rounds(mission: MissionConfig) -> int:
+    """How many rounds the path budget pays for, where it ends a run before its last round."""
+    cost = mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
+    if cost == 0.0:
+        return mission.rounds
+    return min(mission.rounds, math.ceil(mission.total_budget_m / cost))
 
 
 def duration(seconds: float) -> str:

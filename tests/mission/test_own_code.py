@@ -1,6 +1,7 @@
 """A researcher's own strategy and planner: plugged in by import path, flown, and held to rules."""
 
 import csv
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,9 @@ import pytest
 
 from mission.cli import call
 from mission.custom import Known
+from mission.errors import FlightError
+from mission.experiment import RoundResult
+from mission.session import SessionRecorder
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
@@ -61,7 +65,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A module in the working directory, which is where a researcher's stands."""
     (tmp_path / "own_code.py").write_text(MODULE)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    monkeypatch.delitem(sys.modules, "own_code", raising=False)
 
 
 def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
@@ -83,6 +88,27 @@ def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
             if uplink["delivered"] == "true":
                 last_heard[int(uplink["device"])] = number
     assert len(ages) > 1
+
+
+def test_an_own_strategy_resumes_with_the_ages_it_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    more = ("mission.strategy=examples.staleness:make",)
+    assert fly(whole, *more, rounds=3) == 0
+    finished = SessionRecorder.finished
+
+    def cut_after_two(self: SessionRecorder, result: RoundResult) -> None:
+        finished(self, result)
+        if result.record.round == 2:
+            raise FlightError("cut")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SessionRecorder, "finished", cut_after_two)
+        assert fly(cut, *more, rounds=3) == FlightError.exit_code
+    assert call(["run", "--resume", str(cut), "--quiet"]) == 0
+    for name in ("rounds.csv", "uplinks.csv"):
+        assert (cut / name).read_bytes() == (whole / name).read_bytes()
 
 
 def test_age_of_information() -> None:

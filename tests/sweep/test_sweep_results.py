@@ -11,7 +11,7 @@ from mission.config import builtin_config
 from mission.sweep.figures import by_distance, by_round
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import make_grid
-from mission.sweep.progress import TimeLeft, duration
+from mission.sweep.progress import TimeLeft, duration, expected_rounds
 from mission.sweep.results import RunResult, jain, write_results
 from mission.sweep.stats import band, interval
 from mission.sweep.view import percent
@@ -102,6 +102,14 @@ def test_time_left_counts_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert left.text(grid.runs[:1]) == "about 7 min left"
     left.ended(grid.runs[0])  # by its budget: 10 of 40 are behind
     assert left.text(()) == "about 3 min left"
+
+
+def test_the_paper_s_sweep_ends_by_its_budget() -> None:
+    strategies = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
+    grid = make_grid(builtin_config("paper-sweep.toml"), strategies=strategies, seeds=3)
+    expected = {run.strategy: expected_rounds(run.config.mission) for run in grid.runs}
+    assert expected == {name: 400 if name == "barycenter" else 50 for name in strategies}
+    assert len(grid.runs) == 15
 
 
 @pytest.mark.parametrize(
