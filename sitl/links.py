@@ -11,7 +11,7 @@ from sitl.errors import LinkError
 Wake: TypeAlias = Callable[[], None]
 Chunk: TypeAlias = tuple[bytes, Hashable]  # bytes, and the stream they belong to; None: a datagram
 _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
-_BACKLOG = 4096  # chunks or datagrams read at a time at most
+_BACKLOG = 4096  # chunks or datagrams that wait, or are read at a time, at most
 _RECEIVE_BYTES = 2048
 
 
@@ -41,7 +41,7 @@ class RawLink:
     """
 
     def __init__(self) -> None:
-        self._arrived: deque[bytes] = deque()
+        self._arrived: deque[bytes] = deque(maxlen=_BACKLOG)
         self._send: Callable[[bytes], object] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wake: Wake | None = None
