@@ -12,6 +12,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL = 0, 3, 4, 5, 6
+_STEP_S = 0.05  # simulated
 M_PER_DEG = 111_195.0
 
 
@@ -54,13 +55,16 @@ class ArduPilotDouble(threading.Thread):
         last, beat = time.monotonic(), 0.0
         while not self._end.is_set():
             now = time.monotonic()
-            self._move((now - last) * self._speed)
+            # A busy machine makes it slower, and its positions no coarser.
+            self._move(min((now - last) * self._speed, _STEP_S))
             last = now
+            if 33 in self._interval_s:
+                self._tell(33)
             if now - beat > 0.5:
                 beat = now
                 self._heartbeat()
             for number, interval_s in self._interval_s.items():
-                if now >= self._due.get(number, 0.0):
+                if number != 33 and now >= self._due.get(number, 0.0):
                     self._due[number] = now + interval_s
                     self._tell(number)
             while (message := self._link.recv_match()) is not None:

@@ -47,7 +47,8 @@ def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
             for name in ("plan", "true", "est")
         )
         assert true == est  # nobody knows better than the autopilot
-        assert abs(true - plan) < 6.0
+        # A corner may be cut by 5 m, and positions come every 8 m at this speed.
+        assert abs(true - plan) < 10.0
         assert abs(float(uplink["true_alt_m"]) - 60) < 2
     for number in ("1", "2"):
         slots = [float(u["slot_t_s"]) for u in uplinks if u["round"] == number]

@@ -36,10 +36,12 @@ def test_closest_approach_lies_between_the_samples() -> None:
 
 
 def test_a_track_that_comes_back_is_taken_in_order() -> None:
-    there_and_back = [10.0 * n for n in range(6)] + [10.0 * n for n in range(4, -1, -1)]
+    # Two metres aside on the way out, right over the stop on the way back.
+    there = [(10.0 * n, 2.0) for n in range(6)]
+    back = [(10.0 * n, 0.0) for n in range(4, -1, -1)]
     found = passages(
-        flight([(x, 0.0) for x in there_and_back]),
-        stops((0, 0), (21, 0), (50, 0), (21, 0), (0, 0)),
+        flight([*there, *back]),
+        stops((0, 2), (21, 0), (50, 2), (21, 0), (0, 0)),
         reported_ns=[0, 2 * S, 5 * S, 8 * S, 10 * S], hovers=[False] * 5, sequence=range(5),
     )  # fmt: skip
     assert seconds(found) == [0.0, 2.1, 5.0, 7.9, 10.0]

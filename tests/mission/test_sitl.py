@@ -41,6 +41,7 @@ def test_two_ground_stations_at_once() -> None:
         with served(
             "--udp", str(first), "--udp", f"udpout://127.0.0.1:{second}", "--speed", "10",
             "--set", "area.home_lat_deg=47.4", "--set", "area.home_lon_deg=8.5",
+            "--set", "area.home_alt_msl_m=478",
         ):  # fmt: skip
             for client in (one, two):
                 beat = wait_for(client, "HEARTBEAT")
@@ -54,6 +55,9 @@ def test_two_ground_stations_at_once() -> None:
             seen = wait_for(two, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
             assert (seen.lat / 1e7, seen.lon / 1e7) == pytest.approx((47.4, 8.5), abs=1e-4)
             wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            # Time goes on in the hover too: nobody waits for a mission here.
+            hovering_ms = seen.time_boot_ms + 20_000
+            wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.time_boot_ms > hovering_ms)
     finally:
         one.close()
         two.close()
