@@ -261,6 +261,8 @@ class Experiment:
                 name: float(loss.mean()) if loss.size else math.nan
                 for name, loss in zip(federation.names, trained, strict=True)
             },
+            learnt.device_accuracy.tolist(),
+            learnt.local_loss.tolist(),
         )
 
     def _finish(

@@ -64,6 +64,10 @@ class RunFolder:
         return self.path / "uplinks.csv"
 
     @property
+    def learning(self) -> Path:
+        return self.path / "learning.csv"
+
+    @property
     def log(self) -> Path:
         return self.path / "flight.mcap"
 

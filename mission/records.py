@@ -58,3 +58,16 @@ class Learnt:
     accuracy: dict[str, float]
     cov: dict[str, float]  # psi, in force for the next round
     loss: dict[str, float]  # mean over the trained devices; NaN where none was trained
+    device_accuracy: list[float]  # (K,) of the new models, on each device's own labels
+    device_loss: list[float]  # (K,) mean local loss; NaN where not trained
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceRecord:
+    """One device after one round, as it stands in `learning.csv`."""
+
+    round: int  # from 1
+    device: int  # index over all communities
+    community: str
+    accuracy: float  # eps_k of its community's new model, on its own labels
+    loss: float  # mean local training loss; NaN where its update did not arrive

@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +26,9 @@ from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.progress import Progress, make_progress
+from mission.records import DeviceRecord, Learnt
 from mission.stopwatch import Stopwatch
-from mission.tables import RoundTable, UplinkTable
+from mission.tables import LearningTable, RoundTable, UplinkTable
 from mission.world import World, build_world
 
 Status = Literal["running", "finished", "interrupted", "failed"]
@@ -42,6 +43,7 @@ class SessionRecorder:
     log: FlightLog
     rounds: RoundTable
     uplinks: UplinkTable
+    devices: LearningTable
     checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
@@ -73,6 +75,7 @@ class SessionRecorder:
         self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
+        self.devices.extend(self._devices(record.round, learnt))
         self.rounds.append(record)
         if not result.remembered:
             self.checkpoint.save(self.world.federation, result.state, result.memory)
@@ -83,6 +86,11 @@ class SessionRecorder:
             rounds=self.world.config.mission.rounds,
             real_time_factor=elapsed_s / flight_s if flight_s > 0.0 else 0.0,
         )
+
+    def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
+        each = zip(self.world.community_of, learnt.device_accuracy, learnt.device_loss, strict=True)
+        for device, (community, accuracy, loss) in enumerate(each):
+            yield DeviceRecord(round_number, device, community, accuracy, loss)
 
     def phase(self, name: str) -> None:
         """Show the phase."""
@@ -203,10 +211,17 @@ def _fly(
         )
         rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
         uplinks = stack.enter_context(UplinkTable(folder.uplinks))
+        learnt = stack.enter_context(LearningTable(folder.learning))
         _attach(log, world)
+        for notice in world.notices():
+            log.note(notice, severity=4)
+            if not quiet:
+                console.print(notice, soft_wrap=True, highlight=False, markup=False)
         experiment = Experiment(
             world,
-            SessionRecorder(world, folder, log, rounds, uplinks, checkpoint, progress, stopwatch),
+            SessionRecorder(
+                world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
+            ),
             stopwatch,
             state,
             memory=memory,

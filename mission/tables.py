@@ -1,4 +1,4 @@
-"""`rounds.csv` and `uplinks.csv`: written row by row as the run goes, read back with checks.
+"""`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row as the run goes, checked when read.
 
 Plain CSV (comma, "\\n", UTF-8), one header line; numbers in their shortest exact form, so that
 reading gives back the very same float; `nan` where there is no value; `true` and `false`. A
@@ -9,13 +9,13 @@ The same records give the same bytes.
 import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 from mission.errors import InputError
-from mission.records import RoundRecord, UplinkRecord
+from mission.records import DeviceRecord, RoundRecord, UplinkRecord
 
 _BY_COMMUNITY = ("accuracy", "cov")
 
@@ -93,6 +93,18 @@ class UplinkTable(_Table):
         """Write a round's rows and hand them to the operating system."""
         names = _uplink_columns()
         self._append([_text(getattr(record, name)) for name in names] for record in records)
+
+
+class LearningTable(_Table):
+    """`learning.csv` being written."""
+
+    def __init__(self, path: Path) -> None:
+        """Start the table, replacing a file that is there; raises TableError if it cannot be."""
+        super().__init__(path, [field.name for field in fields(DeviceRecord)])
+
+    def extend(self, records: Iterable[DeviceRecord]) -> None:
+        """Write a round's rows and hand them to the operating system."""
+        self._append([_text(value) for value in astuple(record)] for record in records)
 
 
 def read_rounds(path: Path) -> tuple[RoundRecord, ...]:

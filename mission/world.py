@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fl import federation as learning
 from fl.errors import LearningInputError
-from fl.radio import Channel
+from fl.radio import Channel, link_budget
 from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from mission.area import Area
@@ -55,6 +55,27 @@ class World:
                 f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned}"
             )
         return "\n".join(lines) + "\n"
+
+    def notices(self) -> list[str]:
+        """What a user should know before the first round, a line each."""
+        lines = []
+        budget = link_budget(self.channel)
+        if budget.per > 0.5:
+            lines.append(f"the channel hardly reaches anybody; {budget}")
+        for community in self.federation.communities:
+            source = community.dataset.provenance
+            if not source.official:
+                lines.append(
+                    f"{community.name}: data in {source.source} are intact, but not the official "
+                    "files (a subset?); used as they are"
+                )
+            orphans = np.flatnonzero(community.counts.sum(axis=0) == 0).tolist()
+            if orphans:
+                lines.append(
+                    f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
+                    f"so accuracy cannot reach 1 (communities.*.coverage = true gives all an owner)"
+                )
+        return lines
 
     def data_sources(self) -> dict[str, dict[str, object]]:
         """Per community: where its data come from, and whether they are the official files."""
