@@ -1,4 +1,4 @@
-"""`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row as the run goes, read with checks.
+"""`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row, read back with checks.
 
 Plain CSV (comma, "\\n", UTF-8), one header line; numbers in their shortest exact form, so that
 reading gives back the very same float; `nan` where there is no value; `true` and `false`. A
