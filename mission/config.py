@@ -138,6 +138,15 @@ class LinkConfig(BaseModel):
                 raise ValueError(str(error)) from None
         return urls
 
+    @model_validator(mode="after")
+    def _seen_by_the_autopilot_itself(self) -> Self:
+        if self.kind == "external" and self.gcs:
+            raise ValueError(
+                "gcs shows ground stations the simulated vehicle; an external autopilot "
+                "(--vehicle, link.kind = external) has links of its own: leave gcs out"
+            )
+        return self
+
 
 class RunConfig(BaseModel):
     """Everything that a run depends on, apart from the data files."""

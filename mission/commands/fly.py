@@ -6,9 +6,6 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from mission.config import builtin_config, load_config, parse_override
-from mission.folder import free_folder
-
 RUNS = Path("runs")
 
 
@@ -40,6 +37,10 @@ def fly(
     quiet
         Print nothing but errors.
     """
+    # Only now: the configuration's models take half a second to import.
+    from mission.config import builtin_config, load_config, parse_override
+    from mission.folder import free_folder
+
     overrides = dict(parse_override(text) for text in set_)
     resolved = load_config(config or builtin_config("quickstart.toml"), overrides)
     # Only now, so that wrong input is answered at once.

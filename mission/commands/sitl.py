@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from mission.config import builtin_config, load_config, parse_override
 from mission.errors import InputError
 
 
@@ -37,6 +36,9 @@ def sitl(
     """
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    # Only now: the configuration's models take half a second to import.
+    from mission.config import builtin_config, load_config, parse_override
+
     overrides = dict(parse_override(text) for text in set_)
     resolved = load_config(config or builtin_config("quickstart.toml"), overrides)
     # Only now, so that wrong input is answered at once.

@@ -97,6 +97,19 @@ def test_a_wrong_address_is_refused_before_anything(
     assert not out.exists()
 
 
+def test_an_external_autopilot_is_not_shown_to_ground_stations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url, out = "udpout://127.0.0.1:14550", tmp_path / "out"
+    options = ["--gcs", url, "--vehicle", "udpin://127.0.0.1:14540"]
+    assert call(["run", "--out", str(out), *options, *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "link: gcs" in error
+    assert "--vehicle" in error
+    assert not out.exists()
+
+
 def test_a_port_in_use_is_a_link_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
