@@ -15,7 +15,14 @@ from flightdyn.multirotor import Multirotor
 from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.random import RandomStreams
-from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
+from flightdyn.state import (
+    BatteryState,
+    GeodeticPoint,
+    GnssFix,
+    Innovation,
+    Kinematics,
+    Vector,
+)
 from flightdyn.wind import gust_ned
 
 _SLOW = 5  # guidance steps between looks at battery and ground
@@ -80,19 +87,33 @@ class Aircraft:
         self._gusty = bool(config.wind.gusts or config.faults)
         self._run = self.vehicle.run
         self._near = False
+        self._low = True  # so near the ground that it may be touched before the next look
         self._slow = 0
         self.armed = False
+        self.impact_mps: float | None = None  # with which it crashed
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
         self._run()
         clock = self._clock
         clock.tick += 1
+        if self._low:
+            self._feel_ground()
         self.navigation.tick()
         if clock.tick % self._interval == 0:
             self._guide()
         elif self._near:
             self._guidance.pass_corners(self.navigation.position(), self._nav.v)
+
+    def _feel_ground(self) -> None:
+        """A wreck from the tick on at which the ground is met faster than the legs can take."""
+        speed = self.vehicle.impact_mps()
+        if speed > self.vehicle.airframe.impact_limit_mps:
+            self.impact_mps = speed
+            self.disarm()
+            self.vehicle.wreck()
+            self._run = self.vehicle.run
+            self._low = False
 
     def _guide(self) -> None:
         self.vehicle.check()
@@ -121,7 +142,7 @@ class Aircraft:
             self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
         )
         self.vehicle.set_battery_voltage(volts)
-        self.vehicle.watch_ground()
+        self._low = self.vehicle.watch_ground() and not self.crashed
         self._faults.update(self._clock.t_ns)
 
     @property
@@ -144,6 +165,19 @@ class Aircraft:
         """The last solution delivered."""
         return self.navigation.gnss
 
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """What the estimator was given after an instant, against what it expected; oldest first.
+
+        Instants are the estimator's, which lies behind the clock by the receiver's delay. Only
+        the newest few seconds are kept.
+        """
+        return self.navigation.innovations_after(t_ns)
+
+    @property
+    def wind_ned_mps(self) -> Vector:
+        """Velocity of the air around the aircraft, gusts and turbulence included."""
+        return frozen(self.vehicle.wind_ned())
+
     @property
     def battery(self) -> BatteryState:
         """Voltage, current, charge."""
@@ -151,8 +185,13 @@ class Aircraft:
 
     @property
     def on_ground(self) -> bool:
-        """What the land detector believes."""
-        return self._guidance.landed
+        """What the land detector believes; of a wreck there is no doubt."""
+        return self._guidance.landed or self.crashed
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the ground was hit faster than the legs can take: a wreck, at rest for good."""
+        return self.impact_mps is not None
 
     @property
     def progress(self) -> PathProgress:
@@ -173,7 +212,7 @@ class Aircraft:
     @property
     def why_not_ready(self) -> str:
         """What keeps the aircraft from being ready; empty if nothing."""
-        return self.navigation.why_not_ready()
+        return "crashed" if self.crashed else self.navigation.why_not_ready()
 
     @property
     def gnss_healthy(self) -> bool:
@@ -192,12 +231,18 @@ class Aircraft:
         self._faults.begin(fault, self._clock.t_ns)
         self._gusty = True
 
+    def end(self, fault: Fault) -> None:
+        """End one fault in force, and no other; nothing happens where it is not in force."""
+        self._faults.end(fault)
+
     def clear_faults(self) -> None:
         """End all faults in force."""
         self._faults.clear()
 
     def arm(self) -> None:
-        """Motors on, idling until an order lifts the aircraft."""
+        """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""
+        if self.crashed:
+            return
         self.armed = self._guidance.armed = True
         self.vehicle.arm(True)
 

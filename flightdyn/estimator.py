@@ -10,6 +10,7 @@ Its states and matrices are those of `error_model`.
 
 import math
 from collections import Counter, deque
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ from flightdyn.frames import (
 )
 from flightdyn.inertial import EARTH_RADIUS_M, Earth, ImuIncrement, NavState, propagate
 from flightdyn.sensors import BaroSample, MagSample
-from flightdyn.state import GnssFix, Vector
+from flightdyn.state import GnssFix, Innovation, Vector
 
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
 _DOUBTS = 3
@@ -57,16 +58,6 @@ _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
 GATE_3 = 21.1
 GATE_1 = 15.1
-
-
-class Innovation(NamedTuple):
-    """One measurement against its prediction, before it was used."""
-
-    t_ns: int
-    kind: str  # "gnss position", "gnss velocity", "baro", "heading"
-    nis: float  # normalised innovation squared
-    dof: int
-    accepted: bool
 
 
 class Biases(NamedTuple):
@@ -167,6 +158,11 @@ class Estimator:
                 self._predict()
                 if self._correct():
                     self._replay()
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
+        return found[::-1]
 
     def observe_baro(self, sample: BaroSample) -> None:
         """A barometer sample of now; used when the horizon comes to it."""
@@ -278,15 +274,18 @@ class Estimator:
         """Use the measurements whose innovations are believable, all at once."""
         kf, H, R = self._kf, self._H, self._R
         S = H @ kf.P @ H.T + R
+        stds = np.sqrt(np.diag(S))
         use: list[int] = []
         t_ns = self.horizon.t_ns
         for kind, part, gate in rows:
             y = z[part]
             nis = float(y @ np.linalg.solve(S[part, part], y))
-            accepted = nis < gate
-            self.innovations.append(Innovation(t_ns, kind, nis, len(y), accepted))
-            self._refused[kind] = 0 if accepted else self._refused[kind] + 1
-            if accepted:
+            innovation = Innovation(
+                t_ns, kind, tuple(y.tolist()), tuple(stds[part].tolist()), nis, gate
+            )
+            self.innovations.append(innovation)
+            self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1
+            if innovation.accepted:
                 use.extend(range(part.start, part.stop))
                 self.fused_ns[kind] = t_ns
         for kind in ("gnss velocity", "baro"):

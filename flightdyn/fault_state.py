@@ -43,6 +43,11 @@ class FaultState:
         self._active.append((fault, end))
         self._apply()
 
+    def end(self, fault: Fault) -> None:
+        """End `fault`, however often it was begun; the others go on until their own ends."""
+        self._active = [(other, end) for other, end in self._active if other != fault]
+        self._apply()
+
     def clear(self) -> None:
         """End all faults in force."""
         self._active.clear()

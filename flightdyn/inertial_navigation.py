@@ -13,7 +13,7 @@ from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
 from flightdyn.random import RandomStreams
 from flightdyn.sensors import Baro, Gnss, ImuErrors, Magnetometer
-from flightdyn.state import GnssFix, Kinematics
+from flightdyn.state import GnssFix, Innovation, Kinematics
 from flightdyn.wind import FT_M
 
 FILTER_STEP_S = 0.1
@@ -198,6 +198,10 @@ class InertialNavigation:
             q_frd_to_ned=frozen(here.q),
             omega_frd_radps=frozen(self._believed_rates()),
         )
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """What the filter was given after an instant, against what it expected."""
+        return self.estimator.innovations_after(t_ns)
 
     def gnss_healthy(self) -> bool:
         """Whether a position of the receiver was believed lately."""

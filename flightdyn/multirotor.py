@@ -19,7 +19,9 @@ from flightdyn.frames import (
     Quaternion,
     Triple,
     frozen,
+    normal_gravity,
     quaternion_from_euler,
+    rotation_matrix,
     wrap_pi,
 )
 from flightdyn.state import Kinematics
@@ -30,6 +32,7 @@ import jsbsim
 
 _ROOT = Path(__file__).parent / "airframe"
 _CONTACT_HEIGHT_FT = 20.0
+_LEGS, _GUARDS = 4, 4  # contacts, in JSBSim's order
 _ABSURD_FT = 1e5
 _MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
 _RANKINE_PER_K = 1.8
@@ -53,6 +56,10 @@ def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
         raise AirframeError(f"JSBSim cannot load {name} from {_ROOT}")
 
 
+def _still(value: float) -> Getter:
+    return lambda: value
+
+
 class Multirotor:
     """Rigid body, motors, propellers, inner loops and air, in SI units."""
 
@@ -71,6 +78,7 @@ class Multirotor:
         """
         self.airframe: Airframe = QUAD_X
         self._dt_s = dt_s
+        self._latitude_deg = frame.origin.lat_deg
         fdm = jsbsim.FGFDMExec(str(_ROOT))
         fdm.set_debug_level(0)
         fdm.set_dt(dt_s)  # before loading: filters and integrators take it when they are made
@@ -166,6 +174,8 @@ class Multirotor:
         self._height = get("position/h-agl-ft")
         self._contacts = put("simulation/models/FGGroundReactions/enabled")
         self._health = [put(f"fcs/in/health-{i}") for i in range(4)]
+        self._touching = [get(f"gear/unit[{i}]/WOW") for i in range(_LEGS)]
+        self._touching += [get(f"contact/unit[{_LEGS + i}]/WOW") for i in range(_GUARDS)]
 
     def arm(self, armed: bool) -> None:
         """Let the inner loops drive the motors, or stop them and zero their integrators."""
@@ -177,12 +187,54 @@ class Multirotor:
         if not abs(height) < _ABSURD_FT:  # NaN is not less either
             raise ModelDivergedError(f"height above ground is {height * FT_M:g} m")
 
-    def watch_ground(self) -> None:
+    def watch_ground(self) -> bool:
         """Look for contact near the ground only, where a fifth of the time is well spent on it.
 
-        To be called at least ten times a second: nothing falls 6 m in that time.
+        To be called at least ten times a second: nothing falls 6 m in that time. Returns whether
+        the ground is that near.
         """
-        self._contacts(1.0 if self._height() < _CONTACT_HEIGHT_FT else 0.0)
+        near = self._height() < _CONTACT_HEIGHT_FT
+        self._contacts(1.0 if near else 0.0)
+        return near
+
+    def impact_mps(self) -> float:
+        """Speed of the fastest part while the ground is touched; 0 while it is not.
+
+        Of the very tick at which contact begins: the ground slows the aircraft in the ticks after.
+        """
+        reach_m = self.airframe.reach_m
+        if self._height() * FT_M > reach_m or not any(touch() for touch in self._touching):
+            return 0.0
+        return math.hypot(*self.velocity_ned()) + reach_m * math.hypot(*self.rates())
+
+    def wreck(self) -> None:
+        """Stop dead: what is left lies as it struck, and JSBSim is run no more.
+
+        The accelerometers feel the blow in this tick, then rest.
+        """
+        r = rotation_matrix(self.attitude())
+        n, e, d = (get() / self._dt_s for get in self._vel)
+        g = normal_gravity(self._latitude_deg, 0.0) / FT_M
+        x, y, z = self.accel_x_fps2(), self.accel_y_fps2(), self.accel_z_fps2()
+        self.accel_x_fps2 = _still(x - (r[0] * n + r[3] * e + r[6] * d))
+        self.accel_y_fps2 = _still(y - (r[1] * n + r[4] * e + r[7] * d))
+        self.accel_z_fps2 = _still(z - (r[2] * n + r[5] * e + r[8] * d))
+        zero = _still(0.0)
+        self._north, self._east = _still(self._north()), _still(self._east())
+        self._up, self._height = _still(self._up()), _still(self._height())
+        self._vel = [zero] * 3
+        self._euler = [_still(get()) for get in self._euler]
+        self.rate_p = self.rate_q = self.rate_r = zero
+        self._pressure = _still(self._pressure())
+        self._current = self._throttle = self._rpm = self._thrust = [zero] * 4
+
+        def rest() -> bool:
+            self.accel_x_fps2 = _still(-r[6] * g)
+            self.accel_y_fps2 = _still(-r[7] * g)
+            self.accel_z_fps2 = _still(-r[8] * g)
+            return True
+
+        self.run = rest
 
     def drive(self, motors: tuple[float, ...] | None) -> None:
         """Give the motors the duty cycles (0..1) of an external autopilot; None: inner loops."""

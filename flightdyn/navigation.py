@@ -11,7 +11,7 @@ from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import NavState
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.multirotor import Multirotor
-from flightdyn.state import GnssFix, Kinematics
+from flightdyn.state import GnssFix, Innovation, Kinematics
 
 
 class Navigation(Protocol):
@@ -29,6 +29,8 @@ class Navigation(Protocol):
     def position(self) -> Triple: ...
 
     def belief(self) -> Kinematics: ...
+
+    def innovations_after(self, t_ns: int, /) -> tuple[Innovation, ...]: ...
 
     def gnss_healthy(self) -> bool: ...
 
@@ -84,6 +86,10 @@ class TrueNavigation:
     def belief(self) -> Kinematics:
         """The truth."""
         return self._vehicle.kinematics(self._clock.t_ns)
+
+    def innovations_after(self, _t_ns: int) -> tuple[Innovation, ...]:
+        """None: nothing is estimated."""
+        return ()
 
     def why_not_ready(self) -> str:
         """Always ready."""

@@ -1,5 +1,6 @@
 """Values that the aircraft hands out. SI units; world is NED at the take-off point, body is FRD."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,33 @@ class GnssFix:
     std_vertical_m: float
     std_velocity_mps: float
     satellites: int
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """One measurement against the filter's prediction of it, before it was used."""
+
+    t_ns: int  # the instant that the filter was at
+    kind: str  # "gnss position" (m, NED), "gnss velocity" (m/s, NED), "baro" (m), "heading" (rad)
+    values: tuple[float, ...]
+    stds: tuple[float, ...]  # expected of the values, in their units
+    nis: float  # normalised innovation squared
+    gate: float  # the filter refuses a measurement whose `nis` reaches it
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: the mean of `nis` where the filter's model holds."""
+        return len(self.values)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the measurement was used."""
+        return self.nis < self.gate
+
+    @property
+    def ratio(self) -> float:
+        """Size of the innovation as a share of what is still believed; refused from 1 on."""
+        return math.sqrt(max(self.nis, 0.0) / self.gate)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from flightdyn.state import BatteryState, GnssFix, Kinematics, Vector
+from flightdyn.state import BatteryState, GnssFix, Innovation, Kinematics, Vector
 
 EventKind = Literal["mode", "armed", "reached", "status", "failsafe", "fault"]
 
@@ -20,6 +20,8 @@ class VehicleSample:
     battery: BatteryState
     mode: str
     armed: bool
+    wind_ned_mps: Vector | None = None  # velocity of the air there; None where nobody knows
+    innovations: tuple[Innovation, ...] = ()  # of the estimator since the last sample
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,6 +50,7 @@ class Vehicle:
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
         self._sample_every = self._ticks_per(config.sample_rate_hz, "sample_rate_hz")
         self._sampled_gnss: GnssFix | None = None
+        self._sampled_innovation_ns = self.aircraft.t_ns
 
     @property
     def t_ns(self) -> int:
@@ -105,6 +106,9 @@ class Vehicle:
         fix = aircraft.gnss
         fresh = fix if fix is not self._sampled_gnss else None
         self._sampled_gnss = fix
+        innovations = aircraft.innovations_after(self._sampled_innovation_ns)
+        if innovations:
+            self._sampled_innovation_ns = innovations[-1].t_ns
         sample = VehicleSample(
             t_ns=aircraft.t_ns,
             truth=aircraft.truth,
@@ -114,6 +118,8 @@ class Vehicle:
             battery=aircraft.battery,
             mode=self.autopilot.mode.name,
             armed=aircraft.armed,
+            wind_ned_mps=aircraft.wind_ned_mps,
+            innovations=innovations,
         )
         for observer in self._observers:
             observer.sampled(sample)

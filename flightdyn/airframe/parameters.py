@@ -13,6 +13,8 @@ class Airframe:
     rotor_max_thrust_n: float  # of the mixer's scale: static, sea level
     motor_full_voltage_v: float  # JSBSim's maxvolts
     idle_collective: float  # motors turning, no lift to speak of
+    reach_m: float  # farthest part that touches the ground, from the centre of gravity
+    impact_limit_mps: float  # the legs break where the ground is met faster than that
 
 
 QUAD_X = Airframe(
@@ -22,4 +24,6 @@ QUAD_X = Airframe(
     rotor_max_thrust_n=16.6,
     motor_full_voltage_v=16.8,
     idle_collective=0.03,
+    reach_m=0.327,
+    impact_limit_mps=4.0,
 )

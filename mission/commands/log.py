@@ -112,8 +112,8 @@ def export(
     out
         The new folder, or file for kml and tlog. Default: beside the log.
     to
-        csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events
-        and battery; kml: devices, planned and flown paths; tlog: raw MAVLink, where the run
+        csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
+        battery, wind and innovations; kml: devices, planned and flown paths; tlog: raw MAVLink, where the run
         recorded it; attachments: the files inside the log (configuration, a Foxglove layout).
     """
     for path in _write(log, out, to):

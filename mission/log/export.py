@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mission.errors import InputError
 from mission.log.errors import LogError
 from mission.log.reader import read_log
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, Floats, InnovationTrack, PlanRecord
 
 Column: TypeAlias = Sequence[Any] | NDArray[Any]
 Tables: TypeAlias = dict[str, dict[str, Column]]
@@ -23,7 +23,8 @@ def tables(data: FlightData) -> Tables:
     """The log's contents as tables by name; columns carry their units.
 
     `track`: a row a sample; `plans`: a row a step; `devices`, `rounds`, `uplinks`, `learning`,
-    `events`, `battery`. Positions are area coordinates, times simulated seconds.
+    `events`, `battery`, `wind`, `innovations`. Positions are area coordinates, times simulated
+    seconds.
     """
     truth, belief = data.truth, data.belief
     battery = data.battery
@@ -67,6 +68,16 @@ def tables(data: FlightData) -> Tables:
             "current_a": battery.current_a, "consumed_mah": battery.consumed_mah,
             "remaining": battery.remaining,
         },
+        "wind": {
+            "t_s": data.wind.t_ns / 1e9,
+            **{
+                f"{name}_mps": data.wind.vel_mps[:, axis]
+                for axis, name in enumerate(("east", "north", "up"))
+            },
+        },
+        "innovations": _columns(
+            row for kind, track in data.innovations.items() for row in _innovation_rows(kind, track)
+        ),
     }  # fmt: skip
 
 
@@ -126,6 +137,18 @@ def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:
             "ideal_slot_s": float(plan.ideal_slot_s[step]),
             "devices": " ".join(map(str, served)),
         }
+
+
+def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, Any]]:
+    """A row a measured value: a position has three."""
+    names = ("north", "east", "down") if track.values.shape[1] == 3 else ("",)
+    for index, t_ns in enumerate(track.t_ns.tolist()):
+        for axis, name in enumerate(names):
+            yield {
+                "t_s": t_ns / 1e9, "sensor": kind, "axis": name,
+                "value": float(track.values[index, axis]), "std": float(track.stds[index, axis]),
+                "ratio": float(track.ratio[index]), "accepted": bool(track.accepted[index]),
+            }  # fmt: skip
 
 
 def _columns(rows: Iterable[dict[str, Any]]) -> dict[str, Column]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from foxglove import layouts as fl
 
 from mission.area import Area
-from mission.log.topics import FRAME
+from mission.log.topics import FRAME, SENSORS
 from mission.palette import FLOWN, PLANNED, community_colour
 
 ATTACHMENT = "foxglove-layout.json"
@@ -29,6 +29,7 @@ def layout(area: Area, communities: Sequence[str]) -> bytes:
             fl.SplitItem(proportion=2, content=_learning(communities)),
             fl.SplitItem(proportion=2, content=_per()),
             fl.SplitItem(proportion=2, content=_height()),
+            fl.SplitItem(proportion=2, content=_estimator()),
             fl.SplitItem(proportion=2, content=_battery()),
             fl.SplitItem(proportion=1, content=_log()),
         ],
@@ -132,6 +133,18 @@ def _height() -> fl.PlotPanel:
         fl.PlotSeries(value="/true/velocity.@norm", label="speed (m/s)", color="#0072B2"),
     ]
     return _plot("Height and speed", series)
+
+
+def _estimator() -> fl.PlotPanel:
+    series = [
+        fl.PlotSeries(
+            value=f"/innovations.{sensor.replace(' ', '_')}.ratio",
+            label=sensor,
+            color=community_colour(index),
+        )
+        for index, sensor in enumerate(SENSORS)
+    ]
+    return _plot("Innovations: a share of what is still believed", series, low=0.0)
 
 
 def _battery() -> fl.PlotPanel:

@@ -14,9 +14,9 @@ import numpy as np
 from foxglove import messages as fox
 
 from flightdyn.frames import LocalFrame
-from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Vector
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Vector
 from mission.area import Area
-from mission.log.topics import BODY_FRAME, FRAME
+from mission.log.topics import BODY_FRAME, FRAME, SENSORS
 from mission.log.values import NS_PER_S, Floats, PlanRecord
 
 POSITION_GRID = 2.0**10  # cells a metre
@@ -186,6 +186,24 @@ def battery(state: BatteryState) -> bytes:
             "remaining": round(state.remaining, 6),
         }
     )
+
+
+def innovations(items: Sequence[Innovation]) -> bytes:
+    """Our record of one instant's innovations, to four significant digits."""
+    values: dict[str, Any] = {"t_s": items[0].t_ns / NS_PER_S}
+    values |= dict.fromkeys(sensor.replace(" ", "_") for sensor in SENSORS)
+    for item in items:
+        values[item.kind.replace(" ", "_")] = {
+            "values": [_brief(value) for value in item.values],
+            "stds": [_brief(value) for value in item.stds],
+            "ratio": _brief(item.ratio),
+            "accepted": item.accepted,
+        }
+    return record(values)
+
+
+def _brief(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def record(values: Mapping[str, Any]) -> bytes:

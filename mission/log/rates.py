@@ -10,10 +10,12 @@ class LogRates:
     """How often each kind of message is written, in simulated hertz; poses at every sample."""
 
     tf_hz: float = 5.0  # viewers interpolate
-    velocity_hz: float = 5.0
-    command_hz: float = 2.0
+    velocity_hz: float = 2.0
+    command_hz: float = 1.0
     location_hz: float = 1.0
     battery_hz: float = 1.0
+    wind_hz: float = 1.0
+    innovations_hz: float = 1.0  # what the filter refused is written in any case
 
 
 class Every:

@@ -19,13 +19,16 @@ from mission.log.errors import DamagedLogError, ForeignLogError
 from mission.log.framing import BrokenRecordError
 from mission.log.topics import Topic
 from mission.log.values import (
+    NS_PER_S,
     BatteryTrack,
     Devices,
     EventRecord,
     FlightData,
+    InnovationTrack,
     LearningRecord,
     PlanRecord,
     Track,
+    WindTrack,
     area_from_text,
 )
 from mission.records import RoundRecord, UplinkRecord
@@ -172,6 +175,8 @@ def read_log(path: Path) -> FlightData:
             ),
             events=tuple(_event(t, row) for t, row in contents.decoded(topics.EVENTS)),
             battery=_battery(contents),
+            wind=_wind(contents),
+            innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
         )
@@ -261,6 +266,29 @@ def _battery(contents: Contents) -> BatteryTrack:
         for name in ("voltage_v", "current_a", "consumed_mah", "remaining")
     }
     return BatteryTrack(np.array([t for t, _ in rows], dtype=np.int64), **columns)
+
+
+def _wind(contents: Contents) -> WindTrack:
+    rows = list(contents.decoded(topics.TRUE_WIND))
+    vel_mps = np.array([(wind.x, wind.y, wind.z) for _, wind in rows]).reshape(-1, 3)
+    return WindTrack(np.array([t for t, _ in rows], dtype=np.int64), vel_mps)
+
+
+def _innovations(contents: Contents) -> dict[str, InnovationTrack]:
+    all_rows = [row for _, row in contents.decoded(topics.INNOVATIONS)]
+    found = {}
+    for sensor in topics.SENSORS:
+        key = sensor.replace(" ", "_")
+        rows = [(row["t_s"], row[key]) for row in all_rows if row[key] is not None]
+        if rows:
+            found[sensor] = InnovationTrack(
+                t_ns=np.array([round(t_s * NS_PER_S) for t_s, _ in rows], dtype=np.int64),
+                values=np.array([item["values"] for _, item in rows], dtype=np.float64),
+                stds=np.array([item["stds"] for _, item in rows], dtype=np.float64),
+                ratio=np.array([item["ratio"] for _, item in rows], dtype=np.float64),
+                accepted=np.array([item["accepted"] for _, item in rows], dtype=np.bool_),
+            )
+    return found
 
 
 def _number(value: float | None) -> float:

@@ -55,6 +55,15 @@ _TYPES: dict[str, dict[str, Any]] = {
     "numbers": _NUMBERS,
     "strings": {"type": "array", "items": {"type": "string"}},
     "pairs": {"type": "array", "items": _NUMBERS},
+    "innovation": {
+        "type": ["object", "null"],
+        "properties": {
+            "values": _NUMBERS,
+            "stds": _NUMBERS,
+            "ratio": {"type": "number"},
+            "accepted": {"type": "boolean"},
+        },
+    },
     "by_community": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
 }
 
@@ -63,9 +72,9 @@ TF = _foxglove(
 )
 TRUE_POSE = _foxglove("/true/pose", fox.PoseInFrame, "where the aircraft is; 10 Hz")
 EST_POSE = _foxglove("/est/pose", fox.PoseInFrame, "where the autopilot believes it is; 10 Hz")
-TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3, "east, north, up in m/s; 5 Hz")
-EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3, "the same as believed; 5 Hz")
-COMMAND = _foxglove("/cmd/position", fox.Point3InFrame, "where the guidance wants to be; 2 Hz")
+TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3, "east, north, up in m/s; 2 Hz")
+EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3, "the same as believed; 2 Hz")
+COMMAND = _foxglove("/cmd/position", fox.Point3InFrame, "where the guidance wants to be; 1 Hz")
 TRUE_LOCATION = _foxglove(
     "/true/location", fox.LocationFix, "where the aircraft is, on the globe; 1 Hz"
 )
@@ -191,6 +200,29 @@ EVENTS = _json(
     est_m=("numbers", "believed x east, y north, height above home"),
 )
 
+TRUE_WIND = _foxglove(
+    "/true/wind", fox.Vector3, "velocity of the air at the aircraft, east, north, up in m/s; 1 Hz"
+)
+# By what the estimator calls its sensors; the unit of each.
+SENSORS: dict[str, str] = {
+    "gnss position": "metres north, east, down",
+    "gnss velocity": "m/s north, east, down",
+    "baro": "metres of height",
+    "heading": "radians",
+}
+INNOVATIONS = _json(
+    "/innovations",
+    "aerofed.Innovations",
+    "Measurements against the estimator's predictions of them: the difference, its expected "
+    "standard deviation, its size as a share of what is still believed (refused from 1 on); "
+    "1 Hz, and all refused ones",
+    t_s=("number", "the instant that the estimator was at; behind the log's by its delay"),
+    **{
+        kind.replace(" ", "_"): ("innovation", f"{unit}; null where not measured then")
+        for kind, unit in SENSORS.items()
+    },
+)
+
 # Raw frames as they went over the link, where that is asked for; no schema describes bytes.
 MAVLINK_TO_VEHICLE = Topic(
     "/mavlink/to_vehicle", "", "", b"", "mavlink", "raw frames to the vehicle, by option"
@@ -204,4 +236,5 @@ TOPICS: tuple[Topic, ...] = (
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
     *(MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE),
+    *(TRUE_WIND, INNOVATIONS),
 )

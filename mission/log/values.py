@@ -114,6 +114,25 @@ class BatteryTrack:
 
 
 @dataclass(frozen=True)
+class WindTrack:
+    """The wind at the aircraft over time."""
+
+    t_ns: Ints  # (n,)
+    vel_mps: Floats  # (n, 3) velocity of the air: east, north, up
+
+
+@dataclass(frozen=True)
+class InnovationTrack:
+    """One of the estimator's sensors over time, against what the estimator expected of it."""
+
+    t_ns: Ints  # (n,) the instants that the filter was at
+    values: Floats  # (n, axes) measured less predicted, in the sensor's unit
+    stds: Floats  # (n, axes)
+    ratio: Floats  # (n,) refused from 1 on
+    accepted: Bools  # (n,)
+
+
+@dataclass(frozen=True)
 class FlightData:
     """Everything that a log holds, read back."""
 
@@ -127,6 +146,8 @@ class FlightData:
     learning: tuple[LearningRecord, ...]
     events: tuple[EventRecord, ...]
     battery: BatteryTrack
+    wind: WindTrack
+    innovations: Mapping[str, InnovationTrack]  # by sensor; empty where the vehicle tells none
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
 

@@ -1,5 +1,6 @@
 """Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from flightdyn.state import Innovation
 from mission.area import Area
 from mission.log import messages, scene, topics
 from mission.log.layout import ATTACHMENT as LAYOUT
@@ -60,6 +62,8 @@ class FlightLog:
             topics.COMMAND: Every.of(rates.command_hz),
             topics.TRUE_LOCATION: Every.of(rates.location_hz),
             topics.BATTERY: Every.of(rates.battery_hz),
+            topics.TRUE_WIND: Every.of(rates.wind_hz),
+            topics.INNOVATIONS: Every.of(rates.innovations_hz),
         }
         self._now_ns = 0
         self._flushed_ns = 0
@@ -103,6 +107,9 @@ class FlightLog:
             self._write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, where))
         if self._due[topics.BATTERY].now(t_ns):
             self._write(topics.BATTERY, t_ns, messages.battery(sample.battery))
+        if sample.wind_ned_mps is not None and self._due[topics.TRUE_WIND].now(t_ns):
+            self._write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
+        self._write_innovations(t_ns, sample.innovations)
         self._note_mode(t_ns, sample.mode, sample.armed)
         self._extend_flown(t_ns, true_m)
         if t_ns - self._flushed_ns >= NS_PER_S:
@@ -263,6 +270,13 @@ class FlightLog:
             "community": list(self._devices.community),
         }
         self._write(topics.DEVICES, t_ns, messages.record(values))
+
+    def _write_innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
+        for instant, group in itertools.groupby(items, key=lambda item: item.t_ns):
+            at_once = tuple(group)
+            due = self._due[topics.INNOVATIONS].now(instant)
+            if due or not all(item.accepted for item in at_once):
+                self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))
 
     def _note_mode(self, t_ns: int, mode: str, armed: bool) -> None:
         if (mode, armed) != self._mode:

@@ -8,12 +8,13 @@ import numpy as np
 import pyarrow.parquet
 import pymap3d
 import pytest
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.commands import log, report
 from mission.errors import InputError
-from mission.log import inspection
+from mission.log import framing, inspection
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.reader import read_log
 from mission.tables import read_rounds, read_uplinks
@@ -60,7 +61,8 @@ def test_check_passes_a_sound_log_and_names_gaps(
 ) -> None:
     assert log.check(made.log) == 0
     data = bytearray(made.log.read_bytes())
-    data[len(data) // 2] ^= 1
+    chunks = [frame for frame in framing.verify(made.log) if frame.opcode == Opcode.CHUNK]
+    data[chunks[len(chunks) // 2].end - 1] ^= 1
     broken, saved = tmp_path / "broken.mcap", tmp_path / "saved.mcap"
     broken.write_bytes(data)
     with pytest.raises(DamagedLogError, match="damaged at byte"):

@@ -10,7 +10,7 @@ import numpy as np
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.path import FlightPath, PathProgress
-from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 
 
 class PointMass:
@@ -21,11 +21,14 @@ class PointMass:
         self.t_ns = 0
         self.frame = LocalFrame(home)
         self.armed = False
+        self.crashed = False
+        self.impact_mps: float | None = None
         self.progress = PathProgress()
         self.battery = BatteryState(16.0, 0.0, 0.0, 1.0)
         self.gnss: GnssFix | None = None
         self.gnss_works = True
         self.cmd_pos_ned_m: Vector | None = None
+        self.wind_ned_mps = np.zeros(3)
         self.faults: tuple[Fault, ...] = ()
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
@@ -59,8 +62,14 @@ class PointMass:
 
     truth = belief
 
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        return ()
+
     def inject(self, fault: Fault) -> None:
         self.faults = (*self.faults, fault)
+
+    def end(self, fault: Fault) -> None:
+        self.faults = tuple(other for other in self.faults if other != fault)
 
     def clear_faults(self) -> None:
         self.faults = ()
