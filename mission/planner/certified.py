@@ -2,18 +2,16 @@
 
 import numpy as np
 
+from mission.planner.arrays import instance, neighbour_lists, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
-from mission.planner.kernels.entry import plan
-from mission.planner.kernels.instance import Devices, Limits, Problem, Relaxation
-from mission.planner.problem import Floats, RoundPlan, RoundProblem
-from mission.planner.reward import conjugates, reward_table
+from mission.planner.kernels.entry import plan as run
+from mission.planner.kernels.instance import Problem
+from mission.planner.problem import RoundPlan, RoundProblem
 
-# The order of a node's devices is a 64-bit mask of gaps; beyond this many a bound of 1 % is out
-# of reach anyway.
+# Beyond this many devices the search cannot narrow the gap in any time worth waiting for.
 MAX_DEVICES = 40
 MAX_OPEN = 50_000
-# Tables are made for multiples of this reach, so that the rounds of a mission share them.
-REACH_STEP_M = 512
+MAX_TRIES, MIN_TRIES = 100, 16
 
 
 class CertifiedPlanner:
@@ -42,60 +40,25 @@ class CertifiedPlanner:
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         devices, limits = instance(problem)
-        way = np.zeros((problem.steps, 2))
-        assigned = np.full(len(devices.delta), -1, dtype=np.int64)
+        count = len(devices.delta)
         relaxation = relax(problem, devices)
-        bound = root_bound(relaxation.promise[:, 0], limits)
-        nodes = self._max_nodes if len(assigned) <= MAX_DEVICES else 0
-        pool = min(MAX_OPEN, nodes * (len(assigned) + 2))
-        _, proven, nodes = plan(
-            Problem(devices, limits, relaxation), self._gap, nodes, pool, way, assigned
+        nodes = self._max_nodes if count <= MAX_DEVICES else 0
+        way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
+        _, proven, nodes = run(
+            Problem(devices, limits, relaxation),
+            neighbour_lists(devices),
+            tries(count),
+            self._gap,
+            nodes,
+            min(MAX_OPEN, nodes * (count + 2)),
+            way,
+            assigned,
         )
-        bound = min(bound, proven)
-        waypoints = fit_budget(problem.start_m + way, problem.path_budget_m)
-        done = finish(problem, waypoints, nodes=nodes)
-        return RoundPlan(
-            done.waypoints_m, done.schedule, done.value, max(bound, done.value), done.nodes
-        )
+        bound = min(proven, root_bound(relaxation.promise[:, 0], limits))
+        made = finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
+        return RoundPlan(made.waypoints_m, made.schedule, made.value, max(bound, made.value), nodes)
 
 
-def instance(problem: RoundProblem) -> tuple[Devices, Limits]:
-    """The problem as the compiled loops take it, without the devices worth nothing."""
-    worth = problem.importance > 0.0
-    u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
-    table = reward_table(problem.channel, _reach(problem, u))
-    delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
-    limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
-    return Devices(u, delta, table.rows), limits
-
-
-def relax(problem: RoundProblem, devices: Devices) -> Relaxation:
-    """The tables of the dual bound."""
-    reach = _reach(problem, devices.u)
-    conjugate = conjugates(problem.channel, reach)
-    # No path comes nearer to a device than its distance from the start less the budget.
-    nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
-    beyond = np.maximum(conjugate.radii_m[None, :], nearest[:, None])
-    promise = devices.delta[:, None] * reward_table(problem.channel, reach).upper(beyond)
-    return Relaxation(
-        conjugate.coefficients,
-        conjugate.spacing,
-        conjugate.radii_m[conjugate.ends[:, 1]],
-        conjugate.ends,
-        conjugate.row,
-        conjugate.ladder,
-        conjugate.radii_m,
-        promise,
-    )
-
-
-def root_bound(promise: Floats, limits: Limits) -> float:
-    """What the best N K_bar devices promise, each by itself."""
-    places = limits.steps * limits.per_step
-    return float(np.sort(promise)[::-1][:places].sum())
-
-
-def _reach(problem: RoundProblem, u: Floats) -> int:
-    """No device is ever further away than from the start, plus the budget."""
-    farthest = float(np.hypot(*u.T).max()) + problem.path_budget_m
-    return REACH_STEP_M * (int(farthest) // REACH_STEP_M + 1)
+def tries(devices: int) -> int:
+    """How often the first plan is cut and mended: the same effort for many devices and few."""
+    return max(MIN_TRIES, min(MAX_TRIES, 12_000 // devices))

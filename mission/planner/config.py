@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mission.importing import IMPORT_PATH
 
-PlannerKind = Literal["paper", "paper_literal", "import"]
+PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 
 
 class PlannerConfig(BaseModel):
@@ -15,9 +15,23 @@ class PlannerConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: PlannerKind = Field(
-        "paper",
-        description="paper: the paper's alternation with the exact cone; paper_literal: as "
-        "printed, for study; import: your own, which factory names",
+        "certified",
+        description="certified: the best plan and a proven bound; sqp: large instances, no bound; "
+        "paper: the paper's alternation with the exact cone; paper_literal: as printed, for "
+        "study; import: your own, which factory names",
+    )
+    gap: float = Field(
+        0.01,
+        ge=1e-4,
+        lt=1.0,
+        description="certified: relative gap between plan and bound that is enough",
+    )
+    max_nodes: int = Field(
+        20_000,
+        ge=0,
+        le=10_000_000,
+        description="certified: nodes of the search after which the gap stands as it is; counted, "
+        "not timed, so that plans are the same on every machine",
     )
     factory: str | None = Field(
         None,

@@ -20,6 +20,14 @@ def make_planner(config: PlannerConfig) -> Planner:
     """
     if config.factory is not None:
         return _imported(config.factory)
+    if config.kind == "certified":
+        from mission.planner.certified import CertifiedPlanner
+
+        return CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
+    if config.kind == "sqp":
+        from mission.planner.sqp import SqpPlanner
+
+        return SqpPlanner()
     from mission.planner.paper import LiteralPlanner, PaperPlanner
 
     return LiteralPlanner() if config.kind == "paper_literal" else PaperPlanner()

@@ -79,7 +79,7 @@ def conjugates(channel: Channel, reach_m: int) -> Conjugates:
     """H for all intervals of distance up to where f gets negligible, at most `reach_m`."""
     fine = reward_table(channel, reach_m).fine
     falling = np.maximum.accumulate(fine[::-1])[::-1]
-    r = np.arange(len(fine)) * FINE_M
+    r: Floats = np.arange(len(fine), dtype=np.float64) * FINE_M
     marks, rungs = [0.0], []
     for share in SHARES:
         below = np.flatnonzero(falling < share * falling[0])
@@ -94,7 +94,9 @@ def conjugates(channel: Channel, reach_m: int) -> Conjugates:
     radii, count = np.array(marks), len(marks)
     slack = _between(fine)
     row = np.full((count, count), -1, dtype=np.int64)
-    coefficients, spacing, ends = [], [], []
+    coefficients: list[Floats] = []
+    spacing: list[float] = []
+    ends: list[tuple[int, int]] = []
     for i in range(count):
         for j in range(i + 1, count):
             inside = slice(round(radii[i] / FINE_M), round(radii[j] / FINE_M) + 1)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from mission.planner.kernels.chain import chain_length, fill_spare, merge_nearest, shrink
 from mission.planner.kernels.compiled import Indices, Matrix, compiled
 from mission.planner.kernels.instance import Devices, Limits
 from mission.planner.kernels.matching import earned, match, reward
@@ -18,27 +19,6 @@ SMOOTHING_M = 0.5  # a leg of length e counts as sqrt(e^2 + smoothing^2)
 MAX_ROUNDS = 12
 MAX_STEPS = 12
 RISE = 1e-6  # relative rise that is worth another step
-
-
-@compiled
-def chain_length(way: Matrix, count: int) -> float:
-    """Length of the polyline through the first `count` points of `way`."""
-    total = 0.0
-    for n in range(1, count):
-        dx, dy = way[n, 0] - way[n - 1, 0], way[n, 1] - way[n - 1, 1]
-        total += math.sqrt(dx * dx + dy * dy)
-    return total
-
-
-@compiled
-def shrink(way: Matrix, count: int, length: float) -> None:
-    """Scale the first `count` points about the origin so that their polyline fits `length`."""
-    have = chain_length(way, count)
-    if have > length:
-        scale = length / have
-        for n in range(1, count):
-            way[n, 0] *= scale
-            way[n, 1] *= scale
 
 
 @compiled
@@ -86,7 +66,7 @@ def _model(way: Matrix, assigned: Indices, devices: Devices, mu: float, c: Matri
             c[n - 1, 5] += hxy
             c[n - 1, 6] += hyy
             c[n - 1, 7], c[n - 1, 8], c[n - 1, 9] = -hxx, -hxy, -hyy
-    return trace / (2.0 * max(steps - 1, 1))
+    return float(trace / (2.0 * max(steps - 1, 1)))
 
 
 @compiled
@@ -166,82 +146,19 @@ def climb(
 
 
 @compiled
-def merge_nearest(way: Matrix, count: int) -> None:
-    """Replace the closest pair of neighbours among `count` points by one (the start stays)."""
-    pair, least = 1, math.inf
-    for n in range(1, count):
-        dx, dy = way[n, 0] - way[n - 1, 0], way[n, 1] - way[n - 1, 1]
-        square = dx * dx + dy * dy
-        if square < least:
-            pair, least = n, square
-    if pair > 1:
-        way[pair - 1, 0] = 0.5 * (way[pair - 1, 0] + way[pair, 0])
-        way[pair - 1, 1] = 0.5 * (way[pair - 1, 1] + way[pair, 1])
-    for n in range(pair, count - 1):
-        way[n, 0], way[n, 1] = way[n + 1, 0], way[n + 1, 1]
-
-
-@compiled
-def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
-    """Put the spare points where the path passes devices that no point serves well yet."""
-    total = devices.u.shape[0]
-    have = np.zeros(total)
-    for k in range(total):
-        for n in range(count):
-            dx, dy = way[n, 0] - devices.u[k, 0], way[n, 1] - devices.u[k, 1]
-            f = reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
-            have[k] = max(have[k], devices.delta[k] * f)
-    leg, px, py = np.empty(total, dtype=np.int64), np.empty(total), np.empty(total)
-    gain = np.empty(total)
-    while count < steps:
-        best = -1
-        for k in range(total):
-            distance, leg[k], px[k], py[k] = project(devices.u[k, 0], devices.u[k, 1], way, count)
-            gain[k] = devices.delta[k] * reward(distance, devices.rows)[0] - have[k]
-            if gain[k] > 1e-9 and (best < 0 or gain[k] > gain[best]):
-                best = k
-        if best < 0:
-            for n in range(count, steps):
-                way[n, 0], way[n, 1] = way[count - 1, 0], way[count - 1, 1]
-            return
-        at = leg[best] + 1
-        for n in range(count, at, -1):
-            way[n, 0], way[n, 1] = way[n - 1, 0], way[n - 1, 1]
-        way[at, 0], way[at, 1] = px[best], py[best]
-        count += 1
-        for k in range(total):
-            dx, dy = way[at, 0] - devices.u[k, 0], way[at, 1] - devices.u[k, 1]
-            f = reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
-            have[k] = max(have[k], devices.delta[k] * f)
-
-
-@compiled
-def project(x: float, y: float, way: Matrix, count: int) -> tuple[float, int, float, float]:
-    """(distance, leg, x, y) of the nearest point of the polyline; leg n runs from n to n + 1."""
-    least, leg, px, py = math.inf, 0, way[0, 0], way[0, 1]
-    dx, dy = x - px, y - py
-    least = dx * dx + dy * dy
-    for n in range(count - 1):
-        ax, ay = way[n, 0], way[n, 1]
-        ex, ey = way[n + 1, 0] - ax, way[n + 1, 1] - ay
-        square = ex * ex + ey * ey
-        t = 0.0
-        if square > 0.0:
-            t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / square))
-        qx, qy = ax + t * ex, ay + t * ey
-        dx, dy = x - qx, y - qy
-        if dx * dx + dy * dy < least:
-            least, leg, px, py = dx * dx + dy * dy, n, qx, qy
-    return math.sqrt(least), leg, px, py
-
-
-@compiled
 def polish(
-    points: Matrix, count: int, limits: Limits, devices: Devices, way: Matrix, assigned: Indices
+    points: Matrix,
+    count: int,
+    limits: Limits,
+    devices: Devices,
+    hopeless: float,
+    way: Matrix,
+    assigned: Indices,
 ) -> float:
     """The best plan near a path of `count` points (the first is the start); what it earns.
 
-    Points too many are merged, spare ones put to use, then assignment and ascent alternate.
+    Points too many are merged, spare ones put to use, then assignment and ascent alternate; no
+    further if the first ascent ends under `hopeless`.
     Writes `way` (N, 2) and `assigned` (K,).
     """
     steps = limits.steps
@@ -269,6 +186,8 @@ def polish(
             best = value
             way[:] = path
             assigned[:] = who
+        if best < hopeless:
+            break
         # Steps that serve nobody are taken out and put to better use.
         used = np.zeros(steps, dtype=np.bool_)
         used[0] = True

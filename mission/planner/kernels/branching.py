@@ -34,6 +34,7 @@ class Goal(NamedTuple):
     rest: float  # bound of what the devices off the order bring
     eps: float  # barrier weight
     enough: float  # a bound at or under this closes a node
+    mu: float  # a multiplier of the right size
 
 
 class Solver(NamedTuple):
@@ -126,15 +127,27 @@ def solve(
 ) -> float:
     """Minimise the dual of a node in place, down to where with `others` it closes the node."""
     _set_factors(node, solver)
+    m = node.size[0]
+    enough = goal.enough - others
     solver.mu[0] = node.number[2]
-    value, steps = minimise(
-        node.size[0], node.order, node.interval, solver.factor, problem.devices,
-        problem.relaxation, problem.limits.length, goal.eps, goal.enough - others, loose,
-        node.y, solver.mu, solver.work,
+    least, steps, centred = minimise(
+        m, node.order, node.interval, solver.factor, problem.devices, problem.relaxation,
+        problem.limits.length, goal.eps, enough, loose, node.y, solver.mu, solver.work,
     )  # fmt: skip
-    node.number[2] = solver.mu[0]
     solver.steps[0] += steps
-    return value
+    if not centred:
+        # Too near the boundary of the cones: start again from their middle.
+        for i in range(m):
+            node.y[i, 0], node.y[i, 1] = 0.0, 0.0
+        solver.mu[0] = goal.mu
+        value, steps, centred = minimise(
+            m, node.order, node.interval, solver.factor, problem.devices, problem.relaxation,
+            problem.limits.length, goal.eps, enough, loose, node.y, solver.mu, solver.work,
+        )  # fmt: skip
+        least = min(least, value)
+        solver.steps[0] += steps
+    node.number[2] = solver.mu[0]
+    return least
 
 
 @compiled

@@ -24,7 +24,9 @@ MAX_NEWTON = 60
 EPS_START = 30.0  # the barrier starts that much heavier, since starts are not centred
 EPS_FACTOR = 0.15  # and gets lighter by this each time the decrement is under
 CENTRED = 0.5  # this many barrier weights a leg
-MAX_HALVINGS = 30
+FLAT = 0.05  # least curvature of H, as a share of the mean one
+TO_BOUNDARY = 0.8  # share of the way to the boundary of a cone that a step may go
+MAX_HALVINGS = 20
 
 
 class Work(NamedTuple):
@@ -129,12 +131,16 @@ def evaluate(
             s, relaxation.coefficients[row], relaxation.spacing[row], relaxation.hi[row]
         )
         bound += delta * h - wx * devices.u[device, 0] - wy * devices.u[device, 1]
+        # Where H is straight it has no curvature and Newton steps would be unlimited.
+        floor = (
+            FLAT
+            * relaxation.hi[row]
+            / (relaxation.spacing[row] * (relaxation.coefficients.shape[1] - 3))
+        )
+        nx, ny, bend_across = 1.0, 0.0, h2
         if s > 1e-12:
-            nx, ny = wx / z, wy / z
-            radial, around = h2 / delta, h1 / z
-        else:
-            nx, ny = 1.0, 0.0
-            radial, around = h2 / delta, h2 / delta
+            nx, ny, bend_across = wx / z, wy / z, h1 / s
+        radial, around = max(h2, floor) / delta, max(bend_across, floor) / delta
         gx = h1 * nx - devices.u[device, 0]
         gy = h1 * ny - devices.u[device, 1]
         axx = around + (radial - around) * nx * nx
@@ -209,6 +215,26 @@ def newton_step(m: int, work: Work, slope: float, bend: float) -> tuple[float, f
 
 
 @compiled
+def step_limit(m: int, factor: Vector, y: Matrix, mu: float, dmu: float, step: Matrix) -> float:
+    """The step length, at most 1, that stays well inside all cones."""
+    limit = 1.0
+    for k in range(m):
+        c2 = factor[k] * factor[k]
+        # c^2 (mu + alpha dmu)^2 - |y + alpha step|^2 = t + 2 b alpha + a alpha^2
+        t = c2 * mu * mu - y[k, 0] * y[k, 0] - y[k, 1] * y[k, 1]
+        b = c2 * mu * dmu - y[k, 0] * step[k, 0] - y[k, 1] * step[k, 1]
+        a = c2 * dmu * dmu - step[k, 0] * step[k, 0] - step[k, 1] * step[k, 1]
+        root = b * b - a * t
+        if root >= 0.0:
+            denominator = -b + math.sqrt(root)
+            if denominator > 0.0:
+                limit = min(limit, TO_BOUNDARY * t / denominator)
+    if dmu < 0.0:
+        limit = min(limit, -TO_BOUNDARY * mu / dmu)
+    return limit
+
+
+@compiled
 def minimise(
     m: int,
     order: Indices,
@@ -223,8 +249,8 @@ def minimise(
     y: Matrix,
     mu: Vector,
     work: Work,
-) -> tuple[float, int]:
-    """The least bound found from a start inside the cones, and the Newton steps it took.
+) -> tuple[float, int, bool]:
+    """(the least bound found, Newton steps, whether they ended well) from inside the cones.
 
     `y` (m, 2) and `mu` (1,) are moved to the minimiser. Stops early once the bound is at or
     under `enough`: the node is pruned then, and its path is of no interest. Stops as well once
@@ -235,19 +261,20 @@ def minimise(
         m, order, interval, factor, devices, relaxation, length, weight, y, mu[0], work
     )
     least = bound
-    steps = 0
+    steps, centred = 0, False
     while steps < MAX_NEWTON and least > enough:
         steps += 1
         dmu, decrement = newton_step(m, work, slope, bend)
         if not decrement > CENTRED * weight * m:
             if weight <= eps or 2.0 * m * weight < loose * (least - enough):
+                centred = True
                 break
             weight = max(weight * EPS_FACTOR, eps)
             bound, barrier, slope, bend = evaluate(
                 m, order, interval, factor, devices, relaxation, length, weight, y, mu[0], work
             )
             dmu, decrement = newton_step(m, work, slope, bend)
-        alpha = 1.0
+        alpha = step_limit(m, factor, y, mu[0], dmu, work.a)
         moved = False
         for _ in range(MAX_HALVINGS):
             for k in range(m):
@@ -268,4 +295,4 @@ def minimise(
         mu[0] = trial
         barrier = value
         least = min(least, bound)
-    return least, steps
+    return least, steps, centred or least <= enough

@@ -8,11 +8,11 @@ from pathlib import Path
 from numba import njit
 
 from mission.planner.kernels.compiled import Indices, Matrix
-from mission.planner.kernels.insertion import first_plan
+from mission.planner.kernels.exploration import Lists, explore
 from mission.planner.kernels.instance import Problem
 from mission.planner.kernels.search import search
 
-Plan = Callable[[Problem, float, int, int, Matrix, Indices], tuple[float, float, int]]
+Plan = Callable[[Problem, Lists, int, float, int, int, Matrix, Indices], tuple[float, float, int]]
 
 
 def _entry(digest: str) -> Plan:
@@ -21,10 +21,18 @@ def _entry(digest: str) -> Plan:
 
     @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
     def plan(
-        problem: Problem, gap: float, max_nodes: int, pool: int, way: Matrix, assigned: Indices
+        problem: Problem,
+        lists: Lists,
+        tries: int,
+        gap: float,
+        max_nodes: int,
+        pool: int,
+        way: Matrix,
+        assigned: Indices,
     ) -> tuple[float, float, int]:
+        """Explore, then search if there are nodes to search; (value, upper bound, nodes)."""
         _ = digest
-        value = first_plan(problem.devices, problem.limits, way, assigned)
+        value = explore(problem.devices, problem.limits, lists, tries, way, assigned)
         if max_nodes == 0 or value <= 0.0:
             return value, math.inf, 0
         return search(problem, gap, max_nodes, pool, way, assigned, value)

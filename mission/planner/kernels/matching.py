@@ -7,6 +7,8 @@ import numpy as np
 from mission.planner.kernels.compiled import Indices, Matrix, compiled
 from mission.planner.kernels.instance import Devices
 
+CANDIDATES = 2
+
 
 @compiled
 def reward(r: float, rows: Matrix) -> tuple[float, float, float]:
@@ -62,13 +64,40 @@ def match(way: Matrix, per_step: int, devices: Devices, assigned: Indices) -> fl
             fits = False
     if fits:
         return total
-    worth = np.empty((steps, count))
+    solve_sparsely(way, per_step, devices, assigned)
+    return earned(way, assigned, devices)
+
+
+@compiled
+def solve_sparsely(way: Matrix, per_step: int, devices: Devices, assigned: Indices) -> None:
+    """Solve the assignment among the devices that are worth most at their nearest step.
+
+    Exact unless there are more than `CANDIDATES` devices for each place.
+    """
+    steps, count = way.shape[0], devices.u.shape[0]
+    worth, best = np.empty((steps, count)), np.zeros(count)
     for n in range(steps):
         for k in range(count):
             dx, dy = way[n, 0] - devices.u[k, 0], way[n, 1] - devices.u[k, 1]
-            worth[n, k] = devices.delta[k] * reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
-    solve_assignment(worth, per_step, assigned)
-    return earned(way, assigned, devices)
+            f = devices.delta[k] * reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
+            worth[n, k] = f
+            best[k] = max(best[k], f)
+    most = CANDIDATES * per_step * steps
+    if count <= most:
+        solve_assignment(worth, per_step, assigned)
+        return
+    least = np.partition(best, count - most)[count - most]
+    chosen = (best >= least) & (best > 0.0)
+    columns = np.flatnonzero(chosen)
+    few = np.empty(len(columns), dtype=np.int64)
+    small = np.empty((steps, len(columns)))
+    for n in range(steps):
+        for j in range(len(columns)):
+            small[n, j] = worth[n, columns[j]]
+    solve_assignment(small, per_step, few)
+    assigned[:] = -1
+    for j in range(len(columns)):
+        assigned[columns[j]] = few[j]
 
 
 @compiled

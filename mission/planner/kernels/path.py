@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.ascent import project
+from mission.planner.kernels.chain import distance_to
 from mission.planner.kernels.compiled import Matrix, Vector, compiled
 from mission.planner.kernels.dual import spline
 from mission.planner.kernels.instance import Problem
@@ -54,7 +54,7 @@ def recover(node: Node, problem: Problem, path: Path) -> float:
         real += f
     for k in range(node.level.shape[0]):
         if node.level[k] != PLACED:
-            d = project(devices.u[k, 0], devices.u[k, 1], points, m + 1)[0]
+            d = distance_to(devices.u[k, 0], devices.u[k, 1], points, m + 1)
             f = devices.delta[k] * reward(d, devices.rows)[0]
             path.excess[k] = relaxation.promise[k, node.level[k]] - f
             real += f

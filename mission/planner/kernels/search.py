@@ -90,7 +90,7 @@ def cut_radius(node: Node, at: int, path: Path, relaxation: Relaxation) -> int:
     """Where to cut the interval of the stop at a position: next to its relaxed distance."""
     row = node.interval[at]
     have = path.radius[node.order[at]]
-    best = relaxation.ends[row, 0] + 1
+    best = int(relaxation.ends[row, 0]) + 1
     for b in range(best + 1, relaxation.ends[row, 1]):
         if abs(relaxation.radii[b] - have) < abs(relaxation.radii[best] - have):
             best = b
@@ -131,7 +131,7 @@ def branch(
     if stops_now(node) < problem.limits.steps:
         return -1.0
     by_merge(node, pick_edge(node, path), problem, goal, solver, family)
-    return family.score[1]
+    return float(family.score[1])
 
 
 @compiled
@@ -170,7 +170,7 @@ def search(
     push(tree, node)
     closed = value  # the largest bound among all that was closed
     nodes = 0
-    while tree.count[0] > 0:
+    while tree.used[0] > 0:
         enough = value / (1.0 - gap)
         if best_open(tree) <= enough or nodes >= max_nodes:
             closed = max(closed, best_open(tree))
@@ -179,7 +179,7 @@ def search(
         nodes += 1
         if recover(node, problem, path) > value:
             better = polish(
-                path.points, node.size[0] + 1, limits, devices, other_way, other_assigned
+                path.points, node.size[0] + 1, limits, devices, 0.0, other_way, other_assigned
             )
             if better > value:
                 value = better
@@ -190,7 +190,7 @@ def search(
             closed = max(closed, node.number[0])
             continue
         eps = BARRIER_SHARE * value / max(node.size[0] + 1, 3)
-        goal = Goal(rest_of(node, limits, relaxation), eps, enough)
+        goal = Goal(rest_of(node, limits, relaxation), eps, enough, value / limits.length)
         cut_off = branch(node, path, problem, goal, TINY * value, solver, family, rival)
         if cut_off < 0.0:
             closed = max(closed, node.number[0])

@@ -25,7 +25,7 @@ class Node(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """Rows of nodes; `heap[:count[0]]` are open, `spare[:count[1]]` unused."""
+    """Rows of nodes; `heap[:used[0]]` are open, `spare[:used[1]]` unused."""
 
     number: Matrix
     size: Indices
@@ -37,7 +37,7 @@ class Tree(NamedTuple):
     mask: Masks
     heap: Indices
     spare: Indices
-    count: Indices
+    used: Indices  # (2,) open nodes; unused rows
 
 
 @compiled
@@ -76,10 +76,10 @@ def make_tree(rows: int, devices: int) -> Tree:
 @compiled
 def push(tree: Tree, node: Node) -> bool:
     """Keep a copy of the node among the open ones; False if the pool is full."""
-    if tree.count[1] == 0:
+    if tree.used[1] == 0:
         return False
-    tree.count[1] -= 1
-    row = tree.spare[tree.count[1]]
+    tree.used[1] -= 1
+    row = tree.spare[tree.used[1]]
     for i in range(3):
         tree.number[row, i] = node.number[i]
     m = node.size[0]
@@ -92,8 +92,8 @@ def push(tree: Tree, node: Node) -> bool:
     for k in range(node.level.shape[0]):
         tree.level[row, k], tree.mask[row, k] = node.level[k], node.mask[k]
     heap, bound = tree.heap, tree.number[:, 0]
-    i = tree.count[0]
-    tree.count[0] += 1
+    i = tree.used[0]
+    tree.used[0] += 1
     heap[i] = row
     while i > 0:
         up = (i - 1) // 2
@@ -107,7 +107,7 @@ def push(tree: Tree, node: Node) -> bool:
 @compiled
 def best_open(tree: Tree) -> float:
     """The largest bound among the open nodes; there must be one."""
-    return tree.number[tree.heap[0], 0]
+    return float(tree.number[tree.heap[0], 0])
 
 
 @compiled
@@ -115,8 +115,8 @@ def pop(tree: Tree, node: Node) -> None:
     """Unpack the open node with the largest bound, and free its row."""
     heap, bound = tree.heap, tree.number[:, 0]
     row = heap[0]
-    tree.count[0] -= 1
-    last = tree.count[0]
+    tree.used[0] -= 1
+    last = tree.used[0]
     heap[0] = heap[last]
     i = 0
     while True:
@@ -129,8 +129,8 @@ def pop(tree: Tree, node: Node) -> None:
             break
         heap[i], heap[child] = heap[child], heap[i]
         i = child
-    tree.spare[tree.count[1]] = row
-    tree.count[1] += 1
+    tree.spare[tree.used[1]] = row
+    tree.used[1] += 1
     for i in range(3):
         node.number[i] = tree.number[row, i]
     m = tree.size[row]

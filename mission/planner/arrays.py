@@ -1,0 +1,74 @@
+"""A planning problem as the plain arrays that the compiled loops take."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mission.planner.kernels.exploration import Lists
+from mission.planner.kernels.instance import Devices, Limits, Relaxation
+from mission.planner.problem import Floats, RoundProblem
+from mission.planner.reward import conjugates, reward_table
+
+# Tables are made for multiples of this reach, so that the rounds of a mission share them.
+REACH_STEP_M = 512
+MOST_NEIGHBOURS = 24
+LEAST_SHARE = 1e-3  # of the best f: where a neighbour is too far to matter
+
+
+def instance(problem: RoundProblem) -> tuple[Devices, Limits]:
+    """Devices relative to the start, without those worth nothing, and what a plan may use."""
+    worth = problem.importance > 0.0
+    u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
+    delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
+    table = reward_table(problem.channel, _reach(problem, u))
+    limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
+    return Devices(u, delta, table.rows), limits
+
+
+def relax(problem: RoundProblem, devices: Devices) -> Relaxation:
+    """The tables of the dual bound."""
+    reach = _reach(problem, devices.u)
+    conjugate = conjugates(problem.channel, reach)
+    # No path comes nearer to a device than its distance from the start less the budget.
+    nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
+    beyond = np.maximum(conjugate.radii_m[None, :], nearest[:, None])
+    promise = devices.delta[:, None] * reward_table(problem.channel, reach).upper(beyond)
+    return Relaxation(
+        conjugate.coefficients,
+        conjugate.spacing,
+        conjugate.radii_m[conjugate.ends[:, 1]],
+        conjugate.ends,
+        conjugate.row,
+        conjugate.ladder,
+        conjugate.radii_m,
+        promise,
+    )
+
+
+def neighbour_lists(devices: Devices) -> Lists:
+    """For each device the nearest ones that a stop above it serves, itself included."""
+    share = devices.rows[:, 0]
+    beyond = np.flatnonzero(share < LEAST_SHARE * share[0])
+    reach = float(beyond[0]) if len(beyond) else float(len(share))
+    count = len(devices.u)
+    most = min(MOST_NEIGHBOURS, count)
+    distance, index = cKDTree(devices.u).query(devices.u, k=most, distance_upper_bound=reach)
+    distance, index = distance.reshape(count, most), index.reshape(count, most)
+    inside = np.isfinite(distance)
+    begin = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
+    return Lists(
+        begin.astype(np.int64),
+        index[inside].astype(np.int64),
+        np.interp(distance[inside], np.arange(len(share)), share),
+    )
+
+
+def root_bound(promise: Floats, limits: Limits) -> float:
+    """What the best N K_bar devices promise, each by itself."""
+    places = limits.steps * limits.per_step
+    return float(np.sort(promise)[::-1][:places].sum())
+
+
+def _reach(problem: RoundProblem, u: Floats) -> int:
+    """No device is ever further away than from the start, plus the budget."""
+    farthest = float(np.hypot(*u.T).max()) + problem.path_budget_m
+    return REACH_STEP_M * (int(farthest) // REACH_STEP_M + 1)

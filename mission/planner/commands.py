@@ -1,0 +1,89 @@
+"""What `aerofed plan` and `aerofed link-budget` do, apart from reading their arguments."""
+
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fl.radio import Channel, average_per, fit_logistic, link_budget
+from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import check_plan
+from mission.planner.factory import make_planner
+from mission.planner.files import NamedPlan, read_problems, write_plans
+
+BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
+BAD_OVERHEAD_PER = 0.5
+
+
+def plan_file(
+    problem_path: Path, out_path: Path, *, planner: PlannerConfig, figure_dir: Path | None = None
+) -> tuple[NamedPlan, ...]:
+    """Plan every problem of a file, and write the plans and, if asked, a picture of each.
+
+    Every plan is checked against its problem before anything is written.
+
+    Raises:
+        InputError: the problems cannot be read or are wrong; the output cannot be written.
+        PlanError: a plan breaks a constraint.
+    """
+    problems = read_problems(problem_path)
+    method = make_planner(planner)
+    plans = []
+    for entry in problems:
+        started = time.perf_counter()
+        plan = method.plan(entry.problem)
+        seconds = time.perf_counter() - started
+        check_plan(entry.problem, plan)
+        plans.append(NamedPlan(entry.id, plan, seconds))
+    write_plans(out_path, plans)
+    if figure_dir is not None:
+        from mission.planner.figure import draw_plan
+
+        for number, (entry, made) in enumerate(zip(problems, plans, strict=True)):
+            # Ids are free text; the number keeps two that differ in odd signs apart.
+            safe = re.sub(r"[^A-Za-z0-9._-]+", "_", entry.id)[:60]
+            name = f"{number:03d}-{safe}.png"
+            draw_plan(entry.problem, made.plan, figure_dir / name, title=entry.id)
+    return tuple(plans)
+
+
+@dataclass(frozen=True)
+class BudgetReport:
+    """The link budget as lines of text, and a warning where there is one."""
+
+    lines: tuple[str, ...]
+    warning: str | None
+
+
+def budget_report(channel: Channel) -> BudgetReport:
+    """PER over distance, the radius served, and how well the logistic stand-in fits."""
+    overhead = link_budget(channel)
+    fit = fit_logistic(channel)
+    lines = [str(overhead), "", "distance m   PER"]
+    distances = np.array(BUDGET_DISTANCES_M, dtype=np.float64)
+    for distance, per in zip(distances, average_per(channel, distances), strict=True):
+        lines.append(f"{distance:10.0f}   {per:.4f}")
+    radius = served_radius(channel)
+    lines += [
+        "",
+        f"served radius (PER 0.5): {radius:.0f} m" if radius > 0.0 else
+        "served radius (PER 0.5): none, not even straight overhead",
+        f"logistic stand-in 1 / (1 + exp(b1 theta + b2)): b1 = {fit.b1_per_rad:.2f} per rad, "
+        f"b2 = {fit.b2:.2f}, worst error {fit.worst_error:.3f}",
+    ]  # fmt: skip
+    warning = None
+    if overhead.per > BAD_OVERHEAD_PER:
+        warning = (
+            f"PER straight overhead is {overhead.per:.3f}: most packets are lost wherever the "
+            "aircraft flies; choose another channel preset or raise tx_power_db"
+        )
+    return BudgetReport(tuple(lines), warning)
+
+
+def served_radius(channel: Channel, *, per: float = 0.5) -> float:
+    """Largest horizontal distance in whole metres up to which the PER stays under a limit."""
+    r = np.arange(0.0, 50_000.0)
+    above = np.flatnonzero(average_per(channel, r) > per)
+    return float(r[-1]) if not len(above) else max(0.0, float(r[above[0]]) - 1.0)

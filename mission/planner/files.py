@@ -1,0 +1,187 @@
+"""Planning problems and plans as JSON files.
+
+A problem file is a list of objects; the keys are those of `ProblemEntry`. A plan file maps each
+problem's id to its waypoints (N, 2), schedule (N, K) of 0 and 1, value, upper bound and gap
+(null where the method proves none), nodes and seconds.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from fl.radio import Channel
+from mission.folder import write_atomically
+from mission.planner.errors import PlanInputError
+from mission.planner.problem import RoundPlan, RoundProblem
+
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e7, le=1e7)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e7)]
+Point = tuple[Number, Number]
+
+MOST_SHOWN = 10  # wrong entries named in one message
+
+
+class ChannelEntry(BaseModel):
+    """The constants of `fl.radio.Channel`; sigma is of the natural logarithm."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    altitude_m: Positive
+    alpha_los: Number
+    alpha_nlos: Number
+    beta_los_db: Number
+    beta_nlos_db: Number
+    sigma_los: Positive
+    sigma_nlos: Positive
+    a1_per_rad: Number
+    a2: Number
+    tx_power_db: Number
+    noise_db: Number
+    snr_threshold: Positive
+
+
+class ProblemEntry(BaseModel):
+    """One problem of the file. Metres."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: Annotated[str, Field(min_length=1, max_length=200)] | int
+    devices: list[Point]
+    importance: list[Annotated[float, Field(allow_inf_nan=False, ge=0.0)]]
+    start: Point
+    steps: int = Field(ge=1, le=1000)
+    per_step: int = Field(ge=1)
+    path_budget_m: float = Field(allow_inf_nan=False, ge=0.0, le=1e6)
+    channel: ChannelEntry
+
+
+@dataclass(frozen=True)
+class NamedProblem:
+    """A problem of the file with its id."""
+
+    id: str
+    problem: RoundProblem
+
+
+@dataclass(frozen=True)
+class NamedPlan:
+    """A plan with the id of its problem and the seconds it took."""
+
+    id: str
+    plan: RoundPlan
+    time_s: float
+
+
+def read_problems(path: Path) -> tuple[NamedProblem, ...]:
+    """All problems of a file, in its order.
+
+    Raises:
+        PlanInputError: the file cannot be read, is not JSON, or holds a wrong key, value or
+            shape, or the same id twice; the message names file, problem, key and value.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PlanInputError(f"{path}: cannot read the problems: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise PlanInputError(f"{path}: cannot read the problems: not UTF-8 text") from None
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise PlanInputError(f"{path}: not valid JSON: {error}") from None
+    if not isinstance(data, list):
+        raise PlanInputError(f"{path}: holds {_kind(data)}: must be a list of problems")
+    try:
+        entries = TypeAdapter(list[ProblemEntry]).validate_python(data)
+    except ValidationError as error:
+        lines = [f"{path}: {line}" for line in _explain(error, data)]
+        if len(lines) > MOST_SHOWN:
+            lines[MOST_SHOWN:] = [f"{path}: and {len(lines) - MOST_SHOWN} more"]
+        raise PlanInputError("\n".join(lines)) from None
+    seen: dict[str, int] = {}
+    for index, entry in enumerate(entries):
+        name = str(entry.id)
+        if name in seen:
+            raise PlanInputError(
+                f"{path}: [{index}].id = {name!r}: already used by [{seen[name]}]; ids must differ"
+            )
+        seen[name] = index
+        if len(entry.importance) != len(entry.devices):
+            raise PlanInputError(
+                f"{path}: [{index}] (id {name!r}): importance has {len(entry.importance)} values "
+                f"for {len(entry.devices)} devices: must be one each"
+            )
+    return tuple(NamedProblem(str(entry.id), _problem(entry)) for entry in entries)
+
+
+def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
+    """Write plans so that the file is there whole or not at all.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    content = {entry.id: _plan(entry) for entry in plans}
+    write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def _problem(entry: ProblemEntry) -> RoundProblem:
+    return RoundProblem(
+        devices_m=_frozen(entry.devices, (len(entry.devices), 2)),
+        importance=_frozen(entry.importance, (len(entry.importance),)),
+        start_m=_frozen(entry.start, (2,)),
+        steps=entry.steps,
+        per_step=entry.per_step,
+        path_budget_m=entry.path_budget_m,
+        channel=Channel(**entry.channel.model_dump()),
+    )
+
+
+def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    array = np.array(values, dtype=np.float64).reshape(shape)
+    array.flags.writeable = False
+    return array
+
+
+def _plan(entry: NamedPlan) -> dict[str, Any]:
+    plan = entry.plan
+    proven = bool(np.isfinite(plan.upper_bound))
+    return {
+        "waypoints": plan.waypoints_m.tolist(),
+        "schedule": plan.schedule.astype(int).tolist(),
+        "value": plan.value,
+        "upper_bound": plan.upper_bound if proven else None,
+        "gap": plan.gap if proven else None,
+        "nodes": plan.nodes,
+        "time_s": entry.time_s,
+    }
+
+
+def _explain(error: ValidationError, data: list[Any]) -> list[str]:
+    """One line a wrong entry: where, which value, what is allowed."""
+    lines = []
+    for item in error.errors():
+        # The branch of a union (an id is a text or a number) is no place in the file.
+        where = [part for part in item["loc"] if part not in ("constrained-str", "int")]
+        index = where[0]
+        entry = data[index] if isinstance(index, int) else None
+        name = f" (id {entry['id']!r})" if isinstance(entry, dict) and "id" in entry else ""
+        key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in where[1:]).lstrip(".")
+        place = f"[{index}]{name}" + (f": {key}" if key else "")
+        if item["type"] == "missing":
+            lines.append(f"{place}: missing")
+        elif item["type"] == "extra_forbidden":
+            known = ChannelEntry if key.startswith("channel") else ProblemEntry
+            lines.append(f"{place}: unknown key (known: {', '.join(known.model_fields)})")
+        else:
+            value = item["input"]
+            shown = _kind(value) if isinstance(value, dict | list) else repr(value)
+            lines.append(f"{place} = {shown}: {item['msg']}")
+    return list(dict.fromkeys(lines))
+
+
+def _kind(value: Any) -> str:
+    names = {dict: "an object", list: "a list", str: "a text", bool: "true or false"}
+    return names.get(type(value), "null" if value is None else "a number")

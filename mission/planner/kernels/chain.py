@@ -1,0 +1,119 @@
+"""Polylines: length, nearest points, points merged and points added."""
+
+import math
+
+import numpy as np
+
+from mission.planner.kernels.compiled import Matrix, compiled
+from mission.planner.kernels.instance import Devices
+from mission.planner.kernels.matching import reward
+
+
+@compiled
+def chain_length(way: Matrix, count: int) -> float:
+    """Length of the polyline through the first `count` points of `way`."""
+    total = 0.0
+    for n in range(1, count):
+        dx, dy = way[n, 0] - way[n - 1, 0], way[n, 1] - way[n - 1, 1]
+        total += math.sqrt(dx * dx + dy * dy)
+    return total
+
+
+@compiled
+def shrink(way: Matrix, count: int, length: float) -> None:
+    """Scale the first `count` points about the origin so that their polyline fits `length`."""
+    have = chain_length(way, count)
+    if have > length:
+        scale = length / have
+        for n in range(1, count):
+            way[n, 0] *= scale
+            way[n, 1] *= scale
+
+
+@compiled
+def foot(
+    x: float, y: float, ax: float, ay: float, bx: float, by: float
+) -> tuple[float, float, float]:
+    """(share of the way from a to b, x, y) of the point of the leg that is nearest."""
+    ex, ey = bx - ax, by - ay
+    square = ex * ex + ey * ey
+    t = 0.0
+    if square > 0.0:
+        t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / square))
+    return t, ax + t * ex, ay + t * ey
+
+
+@compiled
+def distance_to(x: float, y: float, way: Matrix, count: int) -> float:
+    """Distance of a point from the polyline through the first `count` points."""
+    least = (x - way[0, 0]) ** 2 + (y - way[0, 1]) ** 2
+    for n in range(count - 1):
+        _, qx, qy = foot(x, y, way[n, 0], way[n, 1], way[n + 1, 0], way[n + 1, 1])
+        least = min(least, (x - qx) ** 2 + (y - qy) ** 2)
+    return math.sqrt(least)
+
+
+@compiled
+def merge_nearest(way: Matrix, count: int) -> None:
+    """Replace the closest pair of neighbours among `count` points by one (the start stays)."""
+    pair, least = 1, math.inf
+    for n in range(1, count):
+        dx, dy = way[n, 0] - way[n - 1, 0], way[n, 1] - way[n - 1, 1]
+        square = dx * dx + dy * dy
+        if square < least:
+            pair, least = n, square
+    if pair > 1:
+        way[pair - 1, 0] = 0.5 * (way[pair - 1, 0] + way[pair, 0])
+        way[pair - 1, 1] = 0.5 * (way[pair - 1, 1] + way[pair, 1])
+    for n in range(pair, count - 1):
+        way[n, 0], way[n, 1] = way[n + 1, 0], way[n + 1, 1]
+
+
+@compiled
+def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
+    """Put the spare points where the path passes devices that no point serves well yet.
+
+    They lie on the path and leave its shape as it is. What cannot be used stays at the end.
+    """
+    if count >= steps:
+        return
+    total = devices.u.shape[0]
+    have, could = np.empty(total), np.empty(total)
+    along, point = np.empty(total), np.empty((total, 2))
+    for k in range(total):
+        ux, uy = devices.u[k, 0], devices.u[k, 1]
+        near, least = math.inf, math.inf
+        for n in range(count):
+            ax, ay = way[n, 0], way[n, 1]
+            near = min(near, (ux - ax) ** 2 + (uy - ay) ** 2)
+            if n + 1 < count:
+                t, qx, qy = foot(ux, uy, ax, ay, way[n + 1, 0], way[n + 1, 1])
+                square = (ux - qx) ** 2 + (uy - qy) ** 2
+                if square < least:
+                    least, along[k], point[k, 0], point[k, 1] = square, n + t, qx, qy
+        have[k] = devices.delta[k] * reward(math.sqrt(near), devices.rows)[0]
+        could[k] = have[k]
+        if least < near:
+            could[k] = devices.delta[k] * reward(math.sqrt(least), devices.rows)[0]
+    position = np.empty(steps)
+    for n in range(steps):
+        position[n] = n if n < count else steps  # the last ones, until they are put to use
+    points = way[:steps].copy()
+    for n in range(count, steps):
+        points[n, 0], points[n, 1] = way[count - 1, 0], way[count - 1, 1]
+    for n in range(count, steps):
+        best = -1
+        for k in range(total):
+            gain = could[k] - have[k]
+            if gain > 1e-9 * devices.delta[k] and (best < 0 or gain > could[best] - have[best]):
+                best = k
+        if best < 0:
+            break
+        position[n], points[n, 0], points[n, 1] = along[best], point[best, 0], point[best, 1]
+        for k in range(total):
+            dx, dy = point[best, 0] - devices.u[k, 0], point[best, 1] - devices.u[k, 1]
+            f = devices.delta[k] * reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
+            have[k] = max(have[k], f)
+    order = np.argsort(position, kind="mergesort")
+    for n in range(steps):
+        way[n, 0], way[n, 1] = points[order[n], 0], points[order[n], 1]
