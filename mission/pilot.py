@@ -36,6 +36,7 @@ CONNECT_TIMEOUT_S = 10.0
 UPLOAD_ATTEMPTS = 3
 # After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
 MODE_GRACE_S = 2.0
+_CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") and of ArduPilot
 TAKE_OFF_TOLERANCE_M = 2.0
 
 FRAME_GLOBAL_RELATIVE_ALT_INT = 6
@@ -63,6 +64,7 @@ class Pilot:
         self._mode = FlightMode.UNKNOWN
         self._landed = LandedState.UNKNOWN
         self._last_warning = ""
+        self._crash = ""  # what the vehicle said of it
 
     @property
     def mode(self) -> str:
@@ -204,6 +206,8 @@ class Pilot:
             await asyncio.sleep(POLL_S)
 
     def _check_alive(self, what: str) -> None:
+        if self._crash:
+            raise FlightError(f"the aircraft is lost; it said: {self._crash}")
         silence = asyncio.get_running_loop().time() - self._last_change
         if silence > self._stall_timeout_s:
             raise LinkLostError(
@@ -265,6 +269,8 @@ class Pilot:
             logger.info("vehicle: %s", status.text)
             if status.type >= 3:  # StatusTextType.WARNING and worse
                 self._last_warning = status.text
+            if status.type >= 5 and status.text.lower().startswith(_CRASH):  # CRITICAL and worse
+                self._crash = status.text
 
 
 @asynccontextmanager

@@ -63,6 +63,8 @@ class Flight:
         self._navigator = Navigator(aircraft, parameters)
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
+        self._released = False  # the motors, by order
+        self._wrecked = False
 
     # --- what is going on -----------------------------------------------------------------------
 
@@ -79,6 +81,8 @@ class Flight:
     @property
     def landed_state(self) -> LandedState:
         """On the ground, climbing from it, sinking to it, or in the air."""
+        if self._aircraft.crashed:
+            return LandedState.UNDEFINED  # down, but whoever waits for a landing has not got one
         if self._aircraft.on_ground:
             return LandedState.ON_GROUND
         if self.mode is Mode.TAKEOFF:
@@ -93,10 +97,10 @@ class Flight:
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
-        if self.mode is Mode.TERMINATED:
-            return "flight was terminated"
         if not self._aircraft.ready:
             return self._aircraft.why_not_ready
+        if self.mode is Mode.TERMINATED:
+            return "flight was terminated"
         if self._settling:
             return _STARTING
         return self.arming_denied()
@@ -121,6 +125,7 @@ class Flight:
         if reason:
             return reason
         self._aircraft.arm()
+        self._released = True
         self.flights += 1
         self.armed_t_ns = self._aircraft.t_ns
         self._report.armed(True)
@@ -143,6 +148,17 @@ class Flight:
         self._stop_motors()
         self._enter(Mode.TERMINATED, why, do.Fall(self._aircraft))
         return None
+
+    def notice_crash(self) -> bool:
+        """Whether the aircraft is a wreck; then nothing is under way, nor ever will be."""
+        impact_mps = self._aircraft.impact_mps
+        if impact_mps is not None and not self._wrecked:
+            self._wrecked = True
+            self._report.say(Severity.CRITICAL, f"Crashed: hit the ground at {impact_mps:.1f} m/s")
+            self._settling = False
+            self._stop_motors()
+            self._enter(Mode.TERMINATED, "crashed", None)
+        return self._wrecked
 
     def take_off(self, altitude_msl_m: float | None) -> str | None:
         """Climb straight up to an altitude, or to the parameter's height above home."""
@@ -287,6 +303,8 @@ class Flight:
             self._report.mode(mode, why)
 
     def _finished(self) -> None:
+        if self.notice_crash():
+            return
         self._manoeuvre = None
         if self._settling:
             self._settling = False
@@ -329,7 +347,8 @@ class Flight:
         self._follow_up(Trigger.DONE)
 
     def _stop_motors(self) -> None:
-        if self._aircraft.armed:
+        if self._released:  # a crash stops the motors without an order
+            self._released = False
             self._aircraft.disarm()
             self._ordered_speed_mps = None
             self._report.armed(False)

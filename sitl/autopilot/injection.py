@@ -93,7 +93,6 @@ class Injector:
                 return False
             return instance == 0 or not isinstance(fault, MotorLoss) or fault.motor == instance - 1
 
-        others = [fault for fault in self._aircraft.faults if not meant(fault)]
-        self._aircraft.clear_faults()
-        for fault in others:
-            self._aircraft.inject(fault)
+        for fault in self._aircraft.faults:
+            if meant(fault):
+                self._aircraft.end(fault)

@@ -50,6 +50,7 @@ class Monitor:
         """Look at what may have changed; a few times a simulated second."""
         self._note_gnss()
         self.watch_faults()
+        self._flight.notice_crash()
         landed = self._flight.landed_state
         if landed is not self._landed:
             self._landed = landed

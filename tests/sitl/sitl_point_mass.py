@@ -62,7 +62,7 @@ class PointMass:
 
     truth = belief
 
-    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+    def innovations_after(self, _t_ns: int, /) -> tuple[Innovation, ...]:
         return ()
 
     def inject(self, fault: Fault) -> None:

@@ -1,0 +1,30 @@
+"""A crash ends a flight at once: one line, exit code 4, whatever was being waited for."""
+
+import time
+from pathlib import Path
+
+import pytest
+from test_fly import CORNERS, RETURN, TAKE_OFF, summary, written
+
+from mission.cli import call
+
+
+@pytest.mark.parametrize("at_s", [10.0, 40.0, 98.0], ids=["take-off", "mission", "landing"])
+def test_a_crash_is_a_failed_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], at_s: float
+) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
+    faults = ", ".join(f'{{kind="motor_loss", motor={i}, at_s={at_s}}}' for i in range(4))
+    began = time.monotonic()
+    code = call(
+        ["fly", str(plan), "--out", str(out), "--set", f"vehicle.aircraft.faults=[{faults}]"]
+    )
+    assert code == 4
+    assert time.monotonic() - began < 25  # not by the watchdog, whose 30 s would say a link lost
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "aircraft is lost" in error
+    assert "Crashed: hit the ground at" in error
+    found = summary(out)
+    assert found["status"] == "failed"
+    assert "Crashed" in found["error"]
