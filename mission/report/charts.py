@@ -134,20 +134,6 @@ def _along_card(run: FlightData) -> str:
     return card(chart, note="of the round chosen above; dashed: corners of the plan")
 
 
-def battery_card(run: FlightData) -> str:
-    """What is left in the battery, over simulated time."""
-    every = max(1, len(run.battery.t_ns) // 400)
-    remaining = Series(
-        "remaining", GOOD, (run.battery.t_ns[::every] / 1e9).tolist(),
-        run.battery.remaining[::every].tolist(), dots=False,
-    )  # fmt: skip
-    return card(
-        svg.line_chart(
-            "Battery", [remaining], x_label="simulated seconds", y=(0.0, 1.0), percent=True
-        )
-    )
-
-
 def _per_card(comparison: RunComparison) -> str:
     """Planned, believed and true PER, a row a device."""
     devices = [d for d in comparison.devices if d.scheduled]

@@ -13,7 +13,8 @@ from mission.compare import Comparison, RunComparison, compare_run
 from mission.errors import InputError
 from mission.log.values import FlightData
 from mission.palette import community_colour
-from mission.report.charts import battery_card, flight_cards, learning_cards, radio_cards, time_card
+from mission.report.charts import flight_cards, learning_cards, radio_cards, time_card
+from mission.report.conditions import condition_cards, estimator_cards
 from mission.report.maps import map_svg
 from mission.rundata import load_run
 
@@ -71,8 +72,8 @@ def report_html(
     sections.append(_cards("Learning", learning_cards(run)))
     if comparison is not None:
         sections.append(_round_table(comparison))
-    battery = [battery_card(run)] if len(run.battery.t_ns) else []
-    sections.append(_cards("The run", [*battery, *_about(summary, config)]))
+    sections.append(_cards("Estimator", estimator_cards(run)))
+    sections.append(_cards("The run", [*condition_cards(run), *_about(summary, config)]))
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

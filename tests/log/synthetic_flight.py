@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio import CHANNEL_PRESETS, average_per
-from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics
 from mission.area import Area
 from mission.log.sink import Sink
 from mission.log.values import Devices
@@ -50,8 +50,23 @@ class PointMass:
             gnss = GnssFix(self.t_ns, truth.pos_ned_m + noise, truth.vel_ned_mps, 0.9, 1.5, 0.1, 14)
         state = BatteryState(22.2 * (0.9 + 0.1 * battery), 31.0, 9000 * (1 - battery), battery)
         return VehicleSample(
-            self.t_ns, truth, belief, truth.pos_ned_m, gnss, state, mode, armed=True
-        )
+            self.t_ns, truth, belief, truth.pos_ned_m, gnss, state, mode, armed=True,
+            wind_ned_mps=np.array([3.0, 0.0, 0.5]) + self.rng.normal(0.0, 0.3, 3),
+            innovations=() if gnss is None else self.innovations(),
+        )  # fmt: skip
+
+    def innovations(self) -> tuple[Innovation, ...]:
+        """Of the size that is expected, but for a heading half a minute after the start."""
+        found = []
+        for kind, axes in (("gnss position", 3), ("baro", 1), ("heading", 1)):
+            values = self.rng.normal(0.0, 1.0, axes)
+            if kind == "heading" and self.t_ns == 300 * DT_NS:
+                values += 9.0
+            nis = float(values @ values)
+            found.append(
+                Innovation(self.t_ns, kind, tuple(values.tolist()), (1.0,) * axes, nis, 21.0)
+            )
+        return tuple(found)
 
     def kinematics(self) -> tuple[Kinematics, Kinematics]:
         yaw = np.arctan2(self.vel_mps[0], self.vel_mps[1])

@@ -216,8 +216,10 @@ def fits(value: object, schema: dict[str, object]) -> bool:
     if isinstance(value, list):
         return "array" in kinds and all(fits(item, schema["items"]) for item in value)
     if isinstance(value, dict):
-        inner = schema["additionalProperties"]
-        return "object" in kinds and all(fits(item, inner) for item in value.values())
+        named, others = schema.get("properties", {}), schema.get("additionalProperties")
+        return "object" in kinds and all(
+            fits(item, named.get(key, others)) for key, item in value.items()
+        )
     names = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
     name = names[type(value)]
     return name in kinds or (name == "integer" and "number" in kinds)

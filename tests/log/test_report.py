@@ -85,6 +85,16 @@ def test_it_says_what_the_run_was(page: str) -> None:
     assert "/tmp" not in page  # nothing of the machine that wrote it
 
 
+def test_it_shows_the_wind_and_what_the_estimator_refused(page: str) -> None:
+    assert page.count("<h3>Wind at the aircraft</h3>") == 1
+    for sensor, refused in (("GNSS position", 0), ("Baro", 0), ("Heading", 1)):
+        start = page.index(f"<h3>{sensor} against the estimate</h3>")
+        card = page[start : page.index("</section>", start)]
+        assert f"still believed; {refused} refused" in card
+        assert card.count("<title>refused at 30.0 s") == refused
+    assert "GNSS velocity against" not in page  # nothing of it in this log
+
+
 def test_a_bare_log_gets_a_report_too(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=1)
     written = write_report(made.log)
