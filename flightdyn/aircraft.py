@@ -4,6 +4,7 @@ from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.control import Controller
+from flightdyn.errors import FlightInputError
 from flightdyn.fault_state import FaultState
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, Triple, frozen, yaw_of
@@ -251,6 +252,17 @@ class Aircraft:
         self.armed = self._guidance.armed = False
         self.vehicle.arm(False)
         self._guidance.idle()
+
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery.
+
+        Raises:
+            FlightInputError: the motors are on.
+        """
+        if self.armed:
+            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
+        self._battery.exchange()
+        self.vehicle.set_battery_voltage(self._battery.voltage_v)
 
     def idle(self) -> None:
         """No order: motors turn without lift when armed."""

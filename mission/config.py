@@ -72,6 +72,13 @@ class MissionConfig(BaseModel):
     acceptance_radius_m: float = Field(
         5.0, ge=0.5, le=50, description="how far a corner may be cut"
     )
+    battery_reserve: float = Field(
+        0.25,
+        ge=0,
+        le=0.9,
+        description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
+        "battery and comes back to where it was, outside the rounds",
+    )
     hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
     hover_cost_m: float = Field(
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"

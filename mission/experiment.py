@@ -15,7 +15,7 @@ from mission.checkpoint import RoundMemory
 from mission.custom import Known, Weighing
 from mission.errors import FlightError, InputError
 from mission.flightplan import FlightPlan, stops_of
-from mission.flyer import Flyer
+from mission.flyer import Flyer, Tap
 from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.pilot import stop_sequence
@@ -74,6 +74,7 @@ class Experiment:
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
     observers: Sequence[VehicleObserver] = ()
+    tap: Tap | None = None  # on the link between pilot and simulated vehicle
     workers: int = 1  # communities that train at a time; changes no result
     budget_used_m: float = 0.0
     rounds_done: int = 0
@@ -81,6 +82,7 @@ class Experiment:
     sim_s: float = 0.0
     scheduled: int = 0
     delivered: int = 0
+    battery_changes: int = 0
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
 
     last_heard: NDArray[np.int64] = field(init=False)  # (K,) round of the last update; 0: none
@@ -113,7 +115,7 @@ class Experiment:
 
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
-        async with open_flyer(world, self.observers) as flyer:
+        async with open_flyer(world, self.observers, tap=self.tap) as flyer:
             self.recorder.phase("take-off")
             with self.stopwatch("fly"):
                 await flyer.take_off()
@@ -129,6 +131,8 @@ class Experiment:
     async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
         world, number = self.world, self.rounds_done + 1
         recalled = self._recalled()
+        with self.stopwatch("fly"):
+            self.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
         self.recorder.phase("flying again" if recalled else "planning")
         start = flyer.here()
         problem = self._problem(start, strategy, recalled)

@@ -97,6 +97,10 @@ class ExternalFlyer(Flyer):
         """Back to home and down."""
         await self.pilot.land()
 
+    async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
+        """Nobody here can change the battery of somebody else's vehicle; its failsafes watch it."""
+        return False
+
 
 def passages(
     flight: Flight,

@@ -2,10 +2,10 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,14 @@ from mission.errors import AerofedError, FlightError, LinkLostError
 from mission.flightplan import FlightPlan, Stop
 from mission.track import Flight, FlightRecorder, Passage
 from sitl.errors import LinkError
-from sitl.links import RawLink, UdpLink
+from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleObserver
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
+
+Tap: TypeAlias = Callable[[Link], Link]
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 
@@ -53,6 +55,10 @@ class Flyer(Protocol):
 
     async def land(self) -> None:
         """Back to home and down."""
+        ...
+
+    async def refresh(self, reserve: float) -> bool:
+        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed."""
         ...
 
     def flight_plan(self, stops: Sequence[Stop]) -> FlightPlan:
@@ -108,15 +114,32 @@ class SimulatedFlyer(Flyer):
         """Back to home and down."""
         await self.pilot.land()
 
+    async def refresh(self, reserve: float) -> bool:
+        """Return, land, change the battery, take off and come back to where it was."""
+        aircraft = self.vehicle.aircraft
+        if aircraft.battery.remaining >= reserve:
+            return False
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        aircraft.exchange_battery()
+        await self.take_off()
+        await self.go_to(back)
+        return True
+
 
 @asynccontextmanager
 async def open_simulated(
-    config: RunConfig, vehicle: Vehicle, *, area: Area, observers: Sequence[VehicleObserver]
+    config: RunConfig,
+    vehicle: Vehicle,
+    *,
+    area: Area,
+    observers: Sequence[VehicleObserver],
+    tap: Tap | None = None,
 ) -> AsyncIterator[SimulatedFlyer]:
     """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
 
-    Ground stations of `link.gcs` see the vehicle too. An interrupted flight is ended by an
-    order to hold.
+    Ground stations of `link.gcs` see the vehicle too. With a `tap` the pilot's link is passed
+    through it. An interrupted flight is ended by an order to hold.
 
     Raises:
         LinkLostError: the link cannot be opened or the vehicle does not answer.
@@ -128,7 +151,9 @@ async def open_simulated(
     raw_link = RawLink() if config.link.kind == "in_process" else None
     port = config.link.udp_port
     try:
-        link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
+        link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
+        if tap is not None:
+            link = tap(link)
         async with (
             Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed) as simulation,
             piloting.connect(

@@ -275,6 +275,7 @@ def _totals(experiment: Experiment, stopwatch: Stopwatch) -> dict[str, Any]:
         "budget_used_m": experiment.budget_used_m,
         "simulated_s": experiment.sim_s,
         "real_time_factor": experiment.sim_s / flight_s if flight_s > 0.0 else 0.0,
+        "battery_changes": experiment.battery_changes,
         "delivered": experiment.delivered,
         "scheduled": experiment.scheduled,
         "accuracy": experiment.accuracy,

@@ -245,3 +245,17 @@ def test_hovering_empties_the_battery_at_the_rate_of_its_power() -> None:
     assert drawn == pytest.approx(after.current_a * 30 / 3.6, rel=0.05)
     assert after.remaining == pytest.approx(1 - after.consumed_mah / 5200)
     assert after.voltage_v < before.voltage_v + 0.01
+
+
+def test_a_battery_is_exchanged_on_the_ground_only() -> None:
+    aircraft = Aircraft(AircraftConfig(), home=HOME, streams=RandomStreams(1))
+    full = aircraft.battery
+    aircraft.arm()
+    for _ in range(2500):
+        aircraft.step()
+    assert aircraft.battery.consumed_mah > 0
+    with pytest.raises(FlightInputError, match="on the ground only"):
+        aircraft.exchange_battery()
+    aircraft.disarm()
+    aircraft.exchange_battery()
+    assert aircraft.battery == full
