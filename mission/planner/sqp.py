@@ -51,7 +51,13 @@ class SqpPlanner:
     """Explored first plan, then sequential quadratic programs; hundreds of devices.
 
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
+
+    Args:
+        tries: how often the first plan is cut and mended; by default fewer for more devices.
     """
+
+    def __init__(self, *, tries: int | None = None) -> None:
+        self._tries = tries
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -69,7 +75,7 @@ class SqpPlanner:
         run(
             Problem(devices, limits, relax(problem, devices)),
             neighbour_lists(devices),
-            tries(count),
+            tries(count) if self._tries is None else self._tries,
             0.0,
             0,
             0,

@@ -1,0 +1,147 @@
+"""Problem files, plan files, pictures and the link budget."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fl.radio import CHANNEL_PRESETS, average_per
+from mission.errors import InputError
+from mission.planner.commands import budget_report, plan_file, served_radius
+from mission.planner.config import PlannerConfig
+from mission.planner.errors import PlanInputError
+from mission.planner.files import read_problems
+
+CHANNEL = {
+    key: getattr(CHANNEL_PRESETS["suburban"], key)
+    for key in CHANNEL_PRESETS["suburban"].__dataclass_fields__
+}
+GOOD = {
+    "id": "a",
+    "devices": [[100.0, 0.0], [300, 200], [500, 700]],
+    "importance": [1.0, 0, 2.5],
+    "start": [0, 0],
+    "steps": 4,
+    "per_step": 2,
+    "path_budget_m": 500,
+    "channel": CHANNEL,
+}
+
+
+def write(tmp_path, content):
+    path = tmp_path / "problems.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_a_file_is_read_as_it_stands(tmp_path):
+    first, second = read_problems(write(tmp_path, [GOOD, {**GOOD, "id": 7}]))
+    assert (first.id, second.id) == ("a", "7")
+    assert first.problem.devices_m.tolist() == GOOD["devices"]
+    assert first.problem.channel == CHANNEL_PRESETS["suburban"]
+    assert (first.problem.steps, first.problem.per_step) == (4, 2)
+    assert not first.problem.devices_m.flags.writeable
+
+
+def test_no_devices_and_no_problems_are_fine(tmp_path):
+    assert read_problems(write(tmp_path, [])) == ()
+    (empty,) = read_problems(write(tmp_path, [{**GOOD, "devices": [], "importance": []}]))
+    assert empty.problem.devices_m.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "not valid JSON"),
+        ("{}", "holds an object: must be a list of problems"),
+        ([{**GOOD, "steps": 0}], r"\[0\] \(id 'a'\): steps = 0: .*greater than or equal to 1"),
+        ([{**GOOD, "steps": 2.5}], r"steps = 2.5: .*integer"),
+        ([{**GOOD, "path_budget_m": -1}], r"path_budget_m = -1"),
+        ([{**GOOD, "importance": [1, -2, 1]}], r"importance\[1\] = -2: .*or equal to 0"),
+        ([{**GOOD, "importance": [1, 2]}], "importance has 2 values for 3 devices"),
+        ([{**GOOD, "devices": [[1, 2, 3]]}], r"devices\[0\]"),
+        ([{**GOOD, "start": [1]}], r"start\[1\]: missing"),
+        ([{**GOOD, "stepz": 3}], r"stepz: unknown key \(known: id, devices"),
+        ([{k: v for k, v in GOOD.items() if k != "start"}], r"start: missing"),
+        ([{**GOOD, "channel": {**CHANNEL, "sigma_los": 0}}], r"channel.sigma_los = 0"),
+        ([{**GOOD, "channel": {**CHANNEL, "gain": 0}}], r"channel.gain: unknown key"),
+        ([GOOD, GOOD], r"\[1\].id = 'a': already used by \[0\]"),
+        ([GOOD, {**GOOD, "id": ""}], r"\[1\] \(id ''\): id = ''"),
+        ([17], r"\[0\] = 17"),
+        (json.dumps([GOOD]).replace("500.0, 700", "NaN, 700").replace("[500,", "[NaN,"), "finite"),
+        (json.dumps([GOOD]).replace("2.5", "Infinity"), r"importance\[2\] = inf: .*finite"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, content, message):
+    path = write(tmp_path, content)
+    with pytest.raises(PlanInputError, match=message) as caught:
+        read_problems(path)
+    assert all(line.startswith(f"{path}: ") for line in str(caught.value).splitlines())
+
+
+def test_many_wrong_entries_are_cut_short(tmp_path):
+    path = write(tmp_path, [{**GOOD, "id": i, "steps": 0} for i in range(40)])
+    with pytest.raises(PlanInputError, match="and 30 more"):
+        read_problems(path)
+
+
+def test_a_missing_file_and_one_that_is_no_text(tmp_path):
+    with pytest.raises(PlanInputError, match="cannot read the problems: No such file"):
+        read_problems(tmp_path / "none.json")
+    (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(PlanInputError, match="not UTF-8"):
+        read_problems(tmp_path / "b.json")
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
+def test_plans_are_written_with_their_pictures(tmp_path, kind):
+    problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
+    out, figures = tmp_path / "plans.json", tmp_path / "figures"
+    plan_file(problems, out, planner=PlannerConfig(kind=kind), figure_dir=figures)
+    plans = json.loads(out.read_text())
+    assert list(plans) == ["a", "b/../c"]
+    assert set(plans["a"]) == {
+        "waypoints", "schedule", "value", "upper_bound", "gap", "nodes", "time_s",
+    }  # fmt: skip
+    way, schedule = np.array(plans["a"]["waypoints"]), np.array(plans["a"]["schedule"])
+    assert way.shape == (4, 2)
+    assert schedule.shape == (4, 3)
+    r = np.hypot(*(way[:, None] - np.array(GOOD["devices"])).transpose(2, 0, 1))
+    value = (
+        (1 - average_per(CHANNEL_PRESETS["suburban"], r)) * GOOD["importance"] * schedule
+    ).sum()
+    assert plans["a"]["value"] == pytest.approx(value)
+    if kind == "certified":
+        assert plans["a"]["gap"] == pytest.approx(1 - value / plans["a"]["upper_bound"])
+    else:
+        assert plans["a"]["gap"] is plans["a"]["upper_bound"] is None
+    pictures = sorted(figures.iterdir())
+    assert [p.name for p in pictures] == ["000-a.png", "001-b_.._c.png"]
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in pictures)
+
+
+def test_an_output_that_cannot_be_written(tmp_path):
+    problems = write(tmp_path, [GOOD])
+    with pytest.raises(InputError, match="cannot write"):
+        plan_file(problems, tmp_path / "no" / "plans.json", planner=PlannerConfig(kind="sqp"))
+    with pytest.raises(InputError, match="cannot write the figure"):
+        plan_file(
+            problems, tmp_path / "p.json", planner=PlannerConfig(kind="sqp"), figure_dir=problems
+        )
+
+
+def test_the_link_budget_warns_where_nothing_gets_through():
+    good = budget_report(CHANNEL_PRESETS["suburban"])
+    assert good.warning is None
+    assert "served radius (PER 0.5): 185 m" in good.lines
+    assert any("worst error 0.02" in line for line in good.lines)
+    bad = budget_report(CHANNEL_PRESETS["literal"])
+    assert "PER straight overhead is 1.000" in bad.warning
+    assert any("not even straight overhead" in line for line in bad.lines)
+
+
+@pytest.mark.parametrize("preset", ["suburban+10dB", "suburban+30dB"])
+def test_the_served_radius_is_where_half_gets_through(preset):
+    radius = served_radius(CHANNEL_PRESETS[preset])
+    assert average_per(CHANNEL_PRESETS[preset], radius) <= 0.5
+    assert average_per(CHANNEL_PRESETS[preset], radius + 1.0) > 0.5
