@@ -307,12 +307,12 @@ def test_a_live_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
     out = tmp_path / "battery"
-    # A round takes about a fifth of this one, the change leaves a nearly full one.
+    # A round takes about a fifth of this one, and so does coming back from the change.
     more = ("--set", "vehicle.aircraft.battery.capacity_mah=600", "--set",
             "mission.battery_reserve=0.7")  # fmt: skip
     assert fly(out, *more, rounds=3) == 0
     left = [float(row["battery_remaining"]) for row in rows(out / "rounds.csv")]
     changes = json.loads((out / "summary.json").read_text())["battery_changes"]
     assert changes >= 1
-    assert max(left[1:]) > left[0] - 0.1
+    assert left[2] > left[1]
     assert all(float(u["slot_t_s"]) > 0 for u in rows(out / "uplinks.csv"))
