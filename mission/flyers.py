@@ -7,21 +7,21 @@ from contextlib import AbstractAsyncContextManager
 from mission.config import LinkConfig
 from mission.errors import LinkLostError
 from mission.external import open_external
-from mission.flyer import Flyer, open_simulated
+from mission.flyer import Flyer, Tap, open_simulated
 from mission.world import World
 from sitl.observer import VehicleObserver
 
 
 def open_flyer(
-    world: World, observers: Sequence[VehicleObserver]
+    world: World, observers: Sequence[VehicleObserver], *, tap: Tap | None = None
 ) -> AbstractAsyncContextManager[Flyer]:
-    """The simulated vehicle, or an external autopilot."""
+    """The simulated vehicle, or an external autopilot, to which nobody but MAVSDK is linked."""
     config = world.config
     if config.link.kind == "external":
         return open_external(
             config.link, mission=config.mission, area=world.area, observers=observers
         )
-    return open_simulated(config, world.vehicle, area=world.area, observers=observers)
+    return open_simulated(config, world.vehicle, area=world.area, observers=observers, tap=tap)
 
 
 def position_source(link: LinkConfig) -> str:

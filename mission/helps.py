@@ -8,7 +8,8 @@ Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540"""
 
 COMPARE = """Planned against flown, in numbers: cross-track error, timing, packet error rates.
 
-Example: aerofed compare paper6"""
+Example: aerofed compare paper6
+Example: aerofed compare cov no_cov --figure both.png"""
 
 REPORT = """One HTML page with maps, errors and curves, to send to a colleague.
 

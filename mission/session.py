@@ -20,6 +20,7 @@ from mission.flightplan import FlightPlan
 from mission.flyers import check_link, position_source
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.live import LiveView
+from mission.log.mavlink import RecordedLink
 from mission.log.sink import Sink
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
@@ -27,6 +28,7 @@ from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.progress import Progress, make_progress
 from mission.records import DeviceRecord, Learnt
+from mission.setaside import SetAside
 from mission.stopwatch import Stopwatch
 from mission.tables import LearningTable, RoundTable, UplinkTable
 from mission.world import World, build_world
@@ -45,6 +47,7 @@ class SessionRecorder:
     uplinks: UplinkTable
     devices: LearningTable
     checkpoint: CheckpointFolder
+    set_aside: SetAside
     progress: Progress
     stopwatch: Stopwatch
 
@@ -78,6 +81,7 @@ class SessionRecorder:
         self.devices.extend(self._devices(record.round, learnt))
         self.rounds.append(record)
         if not result.remembered:
+            self.set_aside.discard()  # log and tables hold all that the old ones held
             self.checkpoint.save(self.world.federation, result.state, result.memory)
         flight_s = self.stopwatch.wall_s.get("fly", 0.0)
         elapsed_s = record.start_t_s + record.duration_s
@@ -106,11 +110,13 @@ def fly_session(
     quiet: bool,
     workers: int | None = None,
     live_port: int | None = None,
+    log_mavlink: bool = False,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
     Up to `workers` communities (default: one a core) train at a time. With `live_port` the log's
     messages are served to Foxglove on that port of the loopback address too (0: any free one).
+    With `log_mavlink` the log holds what pilot and vehicle said to each other as well.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     flight keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -124,26 +130,33 @@ def fly_session(
         world = build_world(config, data_dir=data_dir)
         if world.strategy is not None:
             check_link(config.link)
-        view = None if live_port is None else LiveView(port=live_port)
+        view = _live_view(live_port, console, quiet=quiet)
         folder = RunFolder.create(path)
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
         write_atomically(folder.config, text)
         checkpoint.save(world.federation, state, None)
-    if view is not None and not quiet:
-        console.print(f"live view: open {view.url} in Foxglove", soft_wrap=True, highlight=False)
     return _fly(
         world, folder, checkpoint, state, (), stopwatch,
-        console=console, quiet=quiet, workers=workers, mirrors=() if view is None else (view,),
+        console=console, quiet=quiet, workers=workers, mirrors=view, log_mavlink=log_mavlink,
     )  # fmt: skip
 
 
-def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
+def resume_session(
+    path: Path,
+    *,
+    console: Console,
+    quiet: bool,
+    live_port: int | None = None,
+    log_mavlink: bool = False,
+) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
-    that was never interrupted. Returns the exit code.
+    that was never interrupted; until that has caught up, the old log and tables are kept in the
+    checkpoint's folder. Who looks on (`live_port`, `log_mavlink`: as `fly_session`) is not
+    remembered. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
@@ -170,10 +183,21 @@ def resume_session(path: Path, *, console: Console, quiet: bool) -> int:
             folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
         )
         found = checkpoint.load(world.federation)
+        view = _live_view(live_port, console, quiet=quiet)
+        SetAside(folder).take()
     return _fly(
         world, folder, checkpoint, found.state, found.rounds, stopwatch,
-        console=console, quiet=quiet,
+        console=console, quiet=quiet, mirrors=view, log_mavlink=log_mavlink,
     )  # fmt: skip
+
+
+def _live_view(port: int | None, console: Console, *, quiet: bool) -> tuple[LiveView, ...]:
+    if port is None:
+        return ()
+    view = LiveView(port=port)
+    if not quiet:
+        console.print(f"live view: open {view.url} in Foxglove", soft_wrap=True, highlight=False)
+    return (view,)
 
 
 def _fly(
@@ -188,8 +212,10 @@ def _fly(
     quiet: bool,
     workers: int | None = None,
     mirrors: Sequence[Sink] = (),
+    log_mavlink: bool = False,
 ) -> int:
     config = world.config
+    set_aside = SetAside(folder)
     write_atomically(folder.devices, world.devices_csv())
     summary: dict[str, Any] = {
         "status": "running",
@@ -220,14 +246,16 @@ def _fly(
         experiment = Experiment(
             world,
             SessionRecorder(
-                world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
+                world, folder, log, rounds, uplinks, learnt, checkpoint, set_aside, progress,
+                stopwatch,
             ),
             stopwatch,
             state,
             memory=memory,
             workers=workers or os.cpu_count() or 1,
             observers=(log,),
-        )
+            tap=(lambda link: RecordedLink(link, log)) if log_mavlink else None,
+        )  # fmt: skip
         error: AerofedError | None = None
         status: Status = "failed"
         try:
@@ -242,6 +270,8 @@ def _fly(
             if status != "finished":
                 summary["status"] = status
                 folder.write_summary(summary | _totals(experiment, stopwatch))
+    if status == "finished":
+        set_aside.discard()
     # The figures read the finished log and tables.
     with stopwatch("figures"):
         figures.draw_run(folder.path)

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 
-def compare(run: Path, *others: Path, as_json: bool = False) -> int:
+def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None = None) -> int:
     """Planned against flown: cross-track error, timing and packet error rates of runs.
 
     Example: aerofed compare paper6
@@ -19,11 +19,17 @@ def compare(run: Path, *others: Path, as_json: bool = False) -> int:
         More runs, to stand beside the first.
     as_json
         Print JSON, with every number at full precision, instead of tables.
+    figure
+        Draw the runs round by round into this file too: .png, .svg or .pdf.
     """
     from mission.compare import compare_run
     from mission.compare_view import side_by_side, tables
 
     comparisons = [compare_run(path) for path in (run, *others)]
+    if figure is not None:
+        from mission.figures import draw_comparison
+
+        draw_comparison(comparisons, figure)
     console = Console()
     if as_json:
         data = [comparison.to_json() for comparison in comparisons]

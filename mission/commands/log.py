@@ -113,8 +113,9 @@ def export(
         The new folder, or file for kml and tlog. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
-        battery, wind and innovations; kml: devices, planned and flown paths; tlog: raw MAVLink, where the run
-        recorded it; attachments: the files inside the log (configuration, a Foxglove layout).
+        battery, wind and innovations; kml: devices, planned and flown paths; tlog: raw MAVLink,
+        where the run recorded it; attachments: the files inside the log (configuration, a Foxglove
+        layout).
     """
     for path in _write(log, out, to):
         _console().print(path)

@@ -25,6 +25,7 @@ def run(
     vehicle: str | None = None,
     live: Annotated[bool, Parameter(negative=())] = False,
     live_port: int = 8765,
+    log_mavlink: Annotated[bool, Parameter(negative=())] = False,
     resume: Path | None = None,
     quiet: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
@@ -56,6 +57,10 @@ def run(
         Serve what is logged to Foxglove while it is flown, on the loopback address only.
     live_port
         Port of the live view; 0 takes a free one.
+    log_mavlink
+        Put the raw MAVLink between pilot and simulated vehicle into the log too, with either
+        direction as a topic (aerofed log export --to tlog). What is said when depends on wall
+        time, so such a log is not the same twice; all other files and topics still are.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting.
     quiet
@@ -69,7 +74,13 @@ def run(
             raise InputError("--resume takes no other setting: the folder has them all")
         from mission.session import resume_session
 
-        return resume_session(resume, console=Console(), quiet=quiet)
+        return resume_session(
+            resume,
+            console=Console(),
+            quiet=quiet,
+            live_port=live_port if live else None,
+            log_mavlink=log_mavlink,
+        )
     from mission.config import builtin_config, load_config, parse_override
     from mission.folder import free_folder
 
@@ -84,6 +95,10 @@ def run(
     if vehicle is not None:
         overrides |= {"link.kind": "external", "link.url": vehicle}
     resolved = load_config(path, overrides)
+    if log_mavlink and resolved.link.kind == "external":
+        raise InputError(
+            "--log-mavlink: an external autopilot is flown by MAVSDK alone; record on its side"
+        )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
@@ -99,4 +114,5 @@ def run(
         console=Console(),
         quiet=quiet,
         live_port=live_port if live else None,
+        log_mavlink=log_mavlink,
     )

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from synthetic_flight import AREA, devices, fly
 
+from mission.cli import call
 from mission.compare import compare_run
 from mission.errors import InputError
 from mission.figure_maps import overview, round_maps
@@ -94,3 +96,13 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
 def test_pyplot_is_never_imported() -> None:
     code = "import sys, mission.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_compare_draws_where_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = fly(tmp_path, rounds=2)
+    target = tmp_path / "both.svg"
+    assert call(["compare", str(made.log), str(made.log), "--figure", str(target)]) == 0
+    assert "Runs side by side" in capsys.readouterr().out
+    assert ET.parse(target).getroot().tag.endswith("svg")
+    assert call(["compare", str(made.log), "--figure", str(tmp_path / "no.xyz")]) == 2
+    assert "not a kind of picture" in capsys.readouterr().err
