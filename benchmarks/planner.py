@@ -126,7 +126,7 @@ def growth() -> None:
         _, fast = timed(SqpPlanner(), problem)
         plan, full = timed(CertifiedPlanner(max_nodes=2000), problem)
         print(
-            f"K = {devices:5d}: sqp {fast:7.0f}, certified {full:7.0f} with a gap of {plan.gap:.1%}",
+            f"K = {devices:5d}: sqp {fast:7.0f}, certified {full:7.0f}, gap {plan.gap:.1%}",
             flush=True,
         )
 

@@ -49,11 +49,13 @@ PROBES = 3  # devices compared before one is branched on
 
 
 @compiled
-def pick_device(node: Node, path: Path, least: float, tried: Flags) -> int:
-    """The device off the order with the largest excess above `least`, not tried yet; or -1."""
+def pick_device(node: Node, path: Path, relaxation: Relaxation, least: float, tried: Flags) -> int:
+    """The device to be decided about with the largest excess above `least`, not tried; or -1."""
     best = -1
+    last = relaxation.radii.shape[0] - 1
     for k in range(node.level.shape[0]):
-        if node.level[k] != PLACED and not tried[k] and path.excess[k] > least:
+        undecided = node.level[k] != PLACED and node.level[k] < last
+        if undecided and not tried[k] and path.excess[k] > least:
             least = path.excess[k]
             best = k
     return best
@@ -106,7 +108,7 @@ def branch(
     among the parts of it that were closed on the way."""
     tried = np.zeros(node.level.shape[0], dtype=np.bool_)
     at = pick_stop(node, path, problem.relaxation, least)
-    if at < 0 and pick_device(node, path, least, tried) < 0:
+    if at < 0 and pick_device(node, path, problem.relaxation, least, tried) < 0:
         tighten(node, problem, goal, solver)
         recover(node, problem, path)
         at_stops(node, problem, path)
@@ -117,7 +119,7 @@ def branch(
         by_split(node, at, radius, problem, goal, solver, family)
         found, closed = True, family.score[1]
     for _ in range(PROBES):
-        k = pick_device(node, path, least, tried)
+        k = pick_device(node, path, problem.relaxation, least, tried)
         if k < 0 or (found and family.what[3] == 0):
             break
         tried[k] = True
