@@ -36,6 +36,7 @@ from flightdyn.error_model import (
     measurement_matrix,
     measurement_noise,
     process_noise,
+    squared_norm,
     transition,
 )
 from flightdyn.frames import (
@@ -279,7 +280,7 @@ class Estimator:
         t_ns = self.horizon.t_ns
         for kind, part, gate in rows:
             y = z[part]
-            nis = float(y @ np.linalg.solve(S[part, part], y))
+            nis = squared_norm(S[part, part], y)
             innovation = Innovation(
                 t_ns, kind, tuple(y.tolist()), tuple(stds[part].tolist()), nis, gate
             )

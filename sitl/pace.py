@@ -11,10 +11,12 @@ from typing import Self
 from sitl.links import Link
 from sitl.vehicle import Vehicle
 
-_CHUNK_S = 0.1  # simulated time between looks at the links
+_CHUNK_S = 0.25  # simulated time between looks at the links
 _CHUNK_WALL_S = 0.02  # and wall time, where the pace is ordered
-_BREATH_EVERY_NS = 1_000_000_000
-_BREATH_S = 0.001  # MAVSDK loses telemetry without a pause now and then
+# MAVSDK's threads need this one's lock to hand on what they heard: a pause now and then in wall
+# time, as telemetry comes in wall time.
+_BREATH_EVERY_S = 0.02
+_BREATH_S = 0.001
 
 
 @dataclass(slots=True)
@@ -58,6 +60,7 @@ class Simulation:
         self._task: asyncio.Task[None] | None = None
         self._body: asyncio.Task[object] | None = None
         self._interrupted = False
+        self._breathed = -math.inf  # wall time
         self._on_time = -math.inf  # wall time at which the present simulated time is due
 
     async def __aenter__(self) -> Self:
@@ -147,8 +150,10 @@ class Simulation:
         sim_s = (vehicle.t_ns - started_ns) * 1e-9
         self.statistics.sim_s += sim_s
         if math.isinf(self._speed):
-            breath = vehicle.t_ns // _BREATH_EVERY_NS != started_ns // _BREATH_EVERY_NS
+            breath = time.monotonic() > self._breathed + _BREATH_EVERY_S
             await asyncio.sleep(_BREATH_S if breath else 0)
+            if breath:
+                self._breathed = time.monotonic()
         else:
             # A machine that falls behind does not rush afterwards.
             self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed

@@ -68,8 +68,8 @@ class Guard:
         age_s = self._monitor.gnss_age_s()
         lost = self._parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
         self._failsafes.update(Cause.GNSS_LOST, lost, f"no solution for {age_s:.0f} s")
-        airborne = self._flight.airborne
-        breach = self.breach(self._aircraft.belief.pos_ned_m) if airborne else ""
+        fenced = self._flight.airborne and self.fenced()
+        breach = self.breach(self._aircraft.belief.pos_ned_m) if fenced else ""
         self._failsafes.update(Cause.FENCE_BREACHED, bool(breach), breach)
 
     def poll(self, now: float) -> None:

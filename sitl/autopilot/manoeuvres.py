@@ -51,14 +51,14 @@ class Follow:
     def __init__(
         self, aircraft: Aircraft, path: FlightPath, passed: Callable[[int], None] | None = None
     ) -> None:
-        self._aircraft = aircraft
         self._passed = passed
         self._count = 0
         self._points = len(path.points_ned_m)
         aircraft.follow(path)
+        self._progress = aircraft.progress  # of this very path
 
     def tick(self) -> bool:
-        progress = self._aircraft.progress
+        progress = self._progress
         if progress.passed != self._count:
             self._report(progress.passed)
         return progress.finished

@@ -23,6 +23,7 @@ from flightdyn.error_model import (
     measurement_matrix,
     measurement_noise,
     process_noise,
+    squared_norm,
     transition,
 )
 
@@ -111,3 +112,13 @@ def test_measurement_noise_is_in_metres_and_radians() -> None:
     assert R[3:6] == pytest.approx([0.09**2, 0.09**2, 0.18**2], rel=1e-2)
     assert R[BARO] == pytest.approx((1 / 12) ** 2, rel=1e-2)
     assert R[HEADING] == pytest.approx((0.004 / math.hypot(0.214, 0.013)) ** 2, rel=1e-2)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_squared_norm_against_a_general_solver(size: int) -> None:
+    rng = np.random.default_rng(size)
+    for _ in range(50):
+        root = rng.normal(size=(size, size)) * rng.uniform(0.01, 10, size)
+        covariance, values = root @ root.T + 1e-6 * np.eye(size), rng.normal(size=size)
+        expected = float(values @ np.linalg.solve(covariance, values))
+        assert squared_norm(covariance, values) == pytest.approx(expected, rel=1e-6)
