@@ -13,7 +13,8 @@ Example: aerofed compare cov no_cov --figure both.png"""
 
 REPORT = """One HTML page with maps, errors and curves, to send to a colleague.
 
-Example: aerofed report paper6"""
+Example: aerofed report paper6
+Example: aerofed report paper-sweep"""
 
 LOG = """Look into flight logs, mend and export them.
 

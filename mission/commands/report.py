@@ -6,19 +6,26 @@ from rich.console import Console
 
 
 def report(run: Path, *, out: Path | None = None) -> int:
-    """Write a run's report: one HTML file with maps, errors, radio and learning.
+    """Write the report of a run or a sweep: one HTML file that needs nothing else.
+
+    A run's has maps, errors, radio and learning; a sweep's has its strategies against each other.
 
     Example: aerofed report paper6
 
     Parameters
     ----------
     run
-        A run's folder, or a flight log (.mcap).
+        A run's folder, a sweep's folder, or a flight log (.mcap).
     out
         The HTML file. Default: report.html in the folder, or beside the log.
     """
-    from mission.report.page import write_report
+    if (run / "sweep.json").is_file():
+        from mission.report.sweep_page import write_sweep_report
 
-    path = write_report(run, out)
+        path = write_sweep_report(run, out or run / "report.html")
+    else:
+        from mission.report.page import write_report
+
+        path = write_report(run, out)
     Console(highlight=False, markup=False, soft_wrap=True).print(path)
     return 0

@@ -3,9 +3,8 @@
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,13 @@ from mission.compare import Comparison, RunComparison, compare_run
 from mission.errors import InputError
 from mission.log.values import FlightData
 from mission.palette import community_colour
+from mission.report import html
 from mission.report.charts import flight_cards, learning_cards, radio_cards, time_card
 from mission.report.conditions import condition_cards, estimator_cards
 from mission.report.maps import map_svg
 from mission.rundata import load_run
 
 REPORT_NAME = "report.html"
-
-# Nothing may be fetched from anywhere: the file is all there is.
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 
 
 def write_report(run: Path, target: Path | None = None) -> Path:
@@ -60,44 +57,31 @@ def report_html(
     source: Path,
 ) -> str:
     """The page. `summary` may be empty; without a comparison (nothing flown) flight is left out."""
-    assets = files("mission.report") / "assets"
     title = str(summary.get("name", source.stem))
     sections = [_head(title, run, summary), _tiles(run, comparison, summary)]
     if comparison is not None:
         sections += [
             _flight(run, comparison),
-            _cards("Against the plan", flight_cards(run, comparison)),
-            _cards("Radio", radio_cards(run, comparison)),
+            html.cards("Against the plan", flight_cards(run, comparison)),
+            html.cards("Radio", radio_cards(run, comparison)),
         ]
-    sections.append(_cards("Learning", learning_cards(run)))
+    sections.append(html.cards("Learning", learning_cards(run)))
     if comparison is not None:
         sections.append(_round_table(comparison))
-    sections.append(_cards("Estimator", estimator_cards(run)))
-    sections.append(_cards("The run", [*condition_cards(run), *_about(summary, config)]))
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-        f"<title>{escape(title)} · Aerofed</title>"
-        f"<style>{(assets / 'report.css').read_text('utf-8')}</style></head>"
-        f"<body><main>{''.join(sections)}"
-        "<footer>Aerofed report. Positions are metres in the area: x east, y north.</footer>"
-        f"</main><script>{(assets / 'report.js').read_text('utf-8')}</script></body></html>\n"
-    )
+    sections.append(html.cards("Estimator", estimator_cards(run)))
+    sections.append(html.cards("The run", [*condition_cards(run), *_about(summary, config)]))
+    footer = "Aerofed report. Positions are metres in the area: x east, y north."
+    return html.document(title, sections, footer=footer)
 
 
 def _head(title: str, run: FlightData, summary: Mapping[str, Any]) -> str:
-    status = str(summary.get("status", ""))
-    badge = ""
-    if status:
-        kind = "" if status == "finished" else " bad"
-        badge = f' <span class="status{kind}">{escape(status)}</span>'
     facts = [f"{len(run.devices.community)} devices of {len(run.devices.communities)} communities"]
     if "strategy" in summary:
         facts.insert(0, f"strategy {summary['strategy']}")
     if "seed" in summary:
         facts.append(f"seed {summary['seed']}")
-    return f'<h1>{escape(title)}{badge}</h1><p class="sub">{escape(" · ".join(facts))}</p>'
+    status = str(summary.get("status", ""))
+    return html.heading(title, badge=status, good=status == "finished", facts=facts)
 
 
 def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]) -> str:
@@ -118,11 +102,7 @@ def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[s
             tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
         if "real_time_factor" in summary:
             tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
-    body = "".join(
-        f'<div class="tile"><b>{escape(value)}</b><span>{escape(label)}</span></div>'
-        for value, label in tiles
-    )
-    return f'<div class="tiles">{body}</div>'
+    return html.tiles(tiles)
 
 
 def _flight(run: FlightData, comparison: RunComparison) -> str:
@@ -178,10 +158,9 @@ def _facts(item: Comparison) -> str:
 def _round_table(comparison: RunComparison) -> str:
     heads = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
              "PER planned", "PER true", "objective planned", "true", "arrived")  # fmt: skip
-    head = "".join(f"<th class=number>{escape(name)}</th>" for name in heads)
 
-    def row(item: Comparison) -> str:
-        cells = [
+    def row(item: Comparison) -> list[str]:
+        return [
             "all" if item.round is None else str(item.round), f"{item.flown_path_m:.0f}",
             _number(item.cross_track_rms_m), _number(item.cross_track_max_m),
             _number(item.corner_cut_max_m), _number(item.slot_late_mean_s),
@@ -189,13 +168,9 @@ def _round_table(comparison: RunComparison) -> str:
             _number(item.plan_objective, 3), _number(item.true_objective, 3),
             f"{item.delivered}/{item.scheduled}",
         ]  # fmt: skip
-        return "<tr>" + "".join(f"<td class=number>{escape(cell)}</td>" for cell in cells) + "</tr>"
 
-    body = "".join(row(item) for item in (*comparison.rounds, comparison.total))
-    return (
-        f'<h2>Every round</h2><section class="card scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></section>"
-    )
+    rows = [row(item) for item in (*comparison.rounds, comparison.total)]
+    return html.table("Every round", heads, rows)
 
 
 def _about(summary: Mapping[str, Any], config: str) -> list[str]:
@@ -213,10 +188,7 @@ def _about(summary: Mapping[str, Any], config: str) -> list[str]:
         )
         cards.append(f'<section class="card"><h3>Conditions</h3><table>{rows}</table></section>')
     if config:
-        cards.append(
-            '<section class="card"><details><summary>Configuration</summary>'
-            f"<pre>{escape(config)}</pre></details></section>"
-        )
+        cards.append(html.folded("Configuration", config))
     return cards
 
 
@@ -229,10 +201,6 @@ def _wind(config: str) -> list[tuple[str, str]]:
     if not isinstance(wind, dict):
         return []
     return [("wind", ", ".join(f"{key} {value}" for key, value in wind.items()))]
-
-
-def _cards(title: str, cards: Sequence[str]) -> str:
-    return f'<h2>{escape(title)}</h2><div class="cards">{"".join(cards)}</div>' if cards else ""
 
 
 def _summary(folder: Path | None) -> Mapping[str, Any]:

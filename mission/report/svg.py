@@ -87,6 +87,27 @@ class Chart:
                     self.dot(point, series.colour, f"{series.label}: {_say(y)} ({_say(x)})")
         self.legend.append((series.label, series.colour, series.dashed))
 
+    def band(
+        self,
+        colour: str,
+        x: Sequence[float],
+        low: Sequence[float],
+        high: Sequence[float],
+    ) -> None:
+        """An area between two lines, without marks of its own; cut at the edges of the chart."""
+        across, up = self.across, self.up
+        there = [
+            (across.at(at), up.at(min(max(y, self.y[0]), self.y[1])))
+            for at, y in zip(x, high, strict=True)
+        ]
+        back = [
+            (across.at(at), up.at(min(max(y, self.y[0]), self.y[1])))
+            for at, y in zip(x, low, strict=True)
+        ]
+        self.parts.append(
+            f'<path d="{path([*there, *reversed(back)])}Z" fill="{colour}" opacity="0.15"/>'
+        )
+
     def dot(self, at: tuple[float, float], colour: str, tip: str, *, radius: float = 3.2) -> None:
         """A dot at SVG coordinates with a tooltip."""
         self.parts.append(

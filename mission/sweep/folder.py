@@ -90,6 +90,15 @@ class SweepFolder:
         write_atomically(self.manifest, json.dumps(values, indent=2) + "\n")
 
 
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What the sweep in a folder was started with: `config`, `axes`, `data_dir`.
+
+    Raises:
+        InputError: not a sweep's folder, or one of another version.
+    """
+    return _read(SweepFolder(folder).manifest)
+
+
 def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
     return {
         "format": 1,

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mission.errors import InputError
-from mission.sweep.figures import communities_of, groups_of
+from mission.sweep.curves import communities_of, groups_of
 from mission.sweep.folder import SweepFolder
+from mission.sweep.gains import GAIN_HEADS, paired_gains
 from mission.sweep.results import FINAL_ROUNDS, RunResult, read_runs_table
-from mission.sweep.stats import Interval, interval
+from mission.sweep.stats import Interval
 from mission.sweep.view import over_seeds, percent
 
-METHOD = "cov"
 # What the paper reports of its method against the same without fairness (section V).
 PAPER = {("no_cov", "cifar10"): "+14 %", ("no_cov", "mnist"): "about equal"}
 
@@ -32,9 +32,11 @@ def reproduction(path: Path) -> str:
         raise InputError(f"{path}: not a sweep's folder: {error}") from None
     planned = math.prod(len(values) for values in axes.values())
     lines = [f"{len(results)} of {planned} runs are finished.", "", *_outcome(results)]
-    gains = _gains(results)
+    gains = paired_gains(results)
     if gains:
-        lines += ["", *gains]
+        rows = [[*gain.cells, PAPER.get((gain.other, gain.community), "")] for gain in gains]
+        note = "Points: mean difference within a seed."
+        lines += ["", *_table([*GAIN_HEADS, "paper"], rows), "", note]
     return "\n".join(lines) + "\n"
 
 
@@ -62,48 +64,6 @@ def _outcome(results: Sequence[RunResult]) -> list[str]:
         "±: 95 % interval over seeds (Student's t)."
     )
     return [*_table(heads, rows), "", note]
-
-
-def _gains(results: Sequence[RunResult]) -> list[str]:
-    """The method against every other strategy of the same settings, paired by seed.
-
-    A seed fixes device positions, labels and samples, so the difference within a seed is free of
-    most of what makes seeds differ.
-    """
-    accuracy = {
-        (result.keys["strategy"], result.settings, result.keys["seed"]): result.summary
-        for result in results
-    }
-    heads = [f"{METHOD} against", "settings", "community", "points", "relative", "seeds better"]
-    rows = []
-    for other, settings in dict.fromkeys((strategy, where) for strategy, where, _ in accuracy):
-        for community in communities_of(results):
-            column = f"final_accuracy_{community}"
-            pairs = [
-                (float(accuracy[METHOD, settings, seed][column]), float(summary[column]))
-                for (strategy, where, seed), summary in accuracy.items()
-                if (strategy, where) == (other, settings)
-                and (METHOD, settings, seed) in accuracy
-                and column in summary
-            ]
-            if other == METHOD or not pairs:
-                continue
-            mine, theirs = (math.fsum(values) / len(pairs) for values in zip(*pairs, strict=True))
-            relative = f"{100 * (mine / theirs - 1):+z.1f} %" if theirs > 0.0 else "-"
-            rows.append(
-                [
-                    str(other),
-                    ", ".join(f"{key} = {value}" for key, value in settings) or "-",
-                    community,
-                    percent(interval([a - b for a, b in pairs])),
-                    relative,
-                    f"{sum(a > b for a, b in pairs)} of {len(pairs)}",
-                    PAPER.get((str(other), community), ""),
-                ]
-            )
-    if not rows:
-        return []
-    return [*_table([*heads, "paper"], rows), "", "Points: mean difference within a seed."]
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -5,7 +5,7 @@ import io
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -120,6 +120,49 @@ def read_runs_table(path: Path) -> tuple[RunResult, ...]:
     Raises:
         InputError: there is none, or it is another table.
     """
+    results = []
+    for row in _read_csv(path):
+        columns = list(row)
+        if columns[:2] != ["strategy", "seed"] or "run" not in columns:
+            raise InputError(f"{path}: not the table of a sweep's runs")
+        summary = _values(row)
+        keys = {key: summary[key] for key in columns[: columns.index("run")]}
+        results.append(RunResult(keys, summary, (), {}))
+    return tuple(results)
+
+
+def read_results(folder: Path) -> tuple[RunResult, ...]:
+    """What `write_results` wrote, with rounds and wall times.
+
+    Raises:
+        InputError: a table is missing, or is another one.
+    """
+    runs = read_runs_table(folder / "runs.csv")
+    rounds, timings = (
+        [_values(row) for row in _read_csv(folder / name)] for name in ("rounds.csv", "timings.csv")
+    )
+    names = tuple(runs[0].keys) if runs else ()
+    by_run: dict[tuple[Cell, ...], list[Row]] = {}
+    wall_s: dict[tuple[Cell, ...], dict[str, float]] = {}
+    try:
+        for row in rounds:
+            by_run.setdefault(tuple(row[name] for name in names), []).append(row)
+        for row in timings:
+            wall_s[tuple(row[name] for name in names)] = {
+                key.removesuffix("_s"): float(value)
+                for key, value in row.items()
+                if key not in names
+            }
+        return tuple(
+            replace(run, rounds=tuple(by_run[key]), wall_s=wall_s[key])
+            for run in runs
+            for key in (tuple(run.keys.values()),)
+        )
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{folder}: its tables do not belong to the same runs: {error}") from None
+
+
+def _read_csv(path: Path) -> list[dict[str, str]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file, strict=True))
@@ -127,15 +170,14 @@ def read_runs_table(path: Path) -> tuple[RunResult, ...]:
         raise InputError(f"{path}: no such table; is {path.parent} a sweep's folder?") from None
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path}: cannot read the table: {error}") from None
-    results = []
-    for row in rows:
-        columns = list(row)
-        if None in row or columns[:2] != ["strategy", "seed"] or "run" not in columns:
-            raise InputError(f"{path}: not the table of a sweep's runs")
-        summary = {key: _number(text) for key, text in row.items() if text}
-        keys = {key: summary[key] for key in columns[: columns.index("run")]}
-        results.append(RunResult(keys, summary, (), {}))
-    return tuple(results)
+    if any(None in row or None in row.values() for row in rows):
+        raise InputError(f"{path}: not the table of a sweep: its rows are not of one length")
+    return rows
+
+
+def _values(row: dict[str, str]) -> Row:
+    """Numbers as such; a run has no value in a column of others' communities."""
+    return {key: _number(text) for key, text in row.items() if text}
 
 
 def jain(values: Sequence[float]) -> float:

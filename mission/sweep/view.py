@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from rich import box
 from rich.table import Table
 
-from mission.sweep.figures import communities_of, groups_of
+from mission.sweep.curves import communities_of, groups_of
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 from mission.sweep.stats import Interval, interval
 

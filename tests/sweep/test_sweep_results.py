@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from mission.config import builtin_config
-from mission.sweep.figures import by_distance, by_round
+from mission.sweep.curves import by_distance, by_round
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import make_grid
 from mission.sweep.progress import TimeLeft, duration, expected_rounds

@@ -1,0 +1,175 @@
+"""A sweep's report: complete by itself, right in its numbers, and working in a real browser."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from mission.cli import call
+from mission.sweep.results import Row, RunResult, write_results
+
+CHROMIUM = shutil.which("chromium")
+SEEDS = (1, 2, 3)
+# Final accuracy per seed; flying strategies first. Of "b" there are no runs of ideal.
+FINAL = {
+    ("cov", "a"): (0.44, 0.46, 0.42),
+    ("cov", "b"): (0.90, 0.92, 0.94),
+    ("no_cov", "a"): (0.40, 0.40, 0.40),
+    ("no_cov", "b"): (0.91, 0.92, 0.93),
+    ("ideal", "a"): (0.50, 0.52, 0.51),
+}
+ROUNDS = 8
+
+
+def result(strategy: str, seed: int) -> RunResult:
+    flies = strategy != "ideal"
+    finals = {n: FINAL[strategy, n][seed - 1] for n in ("a", "b") if (strategy, n) in FINAL}
+    keys: dict[str, str | int] = {"strategy": strategy, "seed": seed}
+    rows: list[Row] = []
+    for k in range(1, ROUNDS + 1):
+        row: Row = {**keys, "round": k, "budget_used_m": 800.0 * k, "end_t_s": 60.0 * k * flies}
+        row |= {"participation": 0.75, "jain_communities": 0.9}
+        row |= {"plan_per": 0.1, "true_per": 0.11} if flies else {}
+        row |= {f"accuracy_{name}": value * k / ROUNDS for name, value in finals.items()}
+        row |= {f"cov_{name}": 1.0 / k for name in finals}
+        rows.append(row)
+    summary: Row = {
+        **keys, "run": f"{strategy}-seed{seed}", "rounds": ROUNDS, "flown_m": 6400.0 * flies,
+        "simulated_s": 480.0 * flies, "scheduled": 40, "delivered": 30, "delivered_share": 0.75,
+        "participation": 0.75, "plan_per": 0.1 if flies else float("nan"),
+        "true_per": 0.11 if flies else float("nan"), "final_jain_communities": 0.9,
+        **{f"final_accuracy_{name}": value for name, value in finals.items()},
+        **{f"final_cov_{name}": 0.2 for name in finals},
+    }  # fmt: skip
+    return RunResult(keys, summary, tuple(rows), {"fly": 60.0, "total": 120.0})
+
+
+def make(folder: Path, *, strategies: tuple[str, ...] = ("cov", "no_cov", "ideal")) -> Path:
+    write_results(folder, [result(name, seed) for name in strategies for seed in SEEDS])
+    manifest = {
+        "format": 1, "config": {"name": "a <b> & c"}, "data_dir": None,
+        "axes": {"strategy": ["cov", "no_cov", "ideal"], "seed": list(SEEDS)},
+    }  # fmt: skip
+    (folder / "sweep.json").write_text(json.dumps(manifest))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = make(tmp_path_factory.mktemp("sweep"))
+    assert call(["report", str(folder)]) == 0
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def row(page: str, title: str, first: str) -> list[str]:
+    start = page.index(f"<h2>{title}</h2>")
+    table = page[start : page.index("</table>", start)]
+    for line in re.findall(r"<tr>(.*?)</tr>", table):
+        cells = re.findall(r"<td[^>]*>(.*?)</td>", line)
+        if cells and cells[0] == first:
+            return cells
+    raise AssertionError(first)
+
+
+def test_it_is_one_file_of_sound_drawings(page: str) -> None:
+    assert not re.search(r"(src|href)=|url\(|@import|/tmp", page)
+    drawings = re.findall(r"<svg .*?</svg>", page, flags=re.DOTALL)
+    assert len(drawings) == 2 + 2 * 3 + 2 + 1 + 3  # ends, accuracy, PER, participation, fairness
+    for drawing in drawings:
+        ET.fromstring(drawing)
+    assert "nan" not in "".join(drawings)
+    assert "a &lt;b&gt; &amp; c" in page
+    assert ">finished</span>" in page
+
+
+def test_the_tables_hold_what_is_worked_out_by_hand(page: str) -> None:
+    # t(0.975, 2) = 4.3027; "a": s = 2 points, so 4.3027 * 2 / sqrt(3) = 4.97.
+    assert row(page, "Outcome", "cov") == [
+        "cov", "3", "44.0 ± 5.0", "92.0 ± 5.0", "0.20", "0.20", "0.900", "75.0 ± 0.0",
+        "75.0 ± 0.0", "0.100", "0.110", "8", "6.4",
+    ]  # fmt: skip
+    assert row(page, "Outcome", "ideal")[2:6] == ["51.0 ± 2.5", "-", "0.20", "-"]
+    assert row(page, "What cov gains", "no_cov")[2:] == ["a", "4.0 ± 5.0", "+10.0 %", "3 of 3"]
+    assert row(page, "Every run", "ideal-seed2") == [
+        "ideal-seed2", "2", "52.0", "-", "8", "0.0", "30/40", "0.0", "2.0",
+    ]  # fmt: skip
+    assert "<b>92.3 %</b><span>best flown, b: no_cov</span>" not in page
+    assert "<b>44.0 %</b><span>best flown, a: cov</span>" in page
+
+
+def test_bands_are_the_intervals(page: str) -> None:
+    """The last point of the first chart's first band is the interval of the final accuracy."""
+    start = page.index("<h3>a: validation accuracy</h3>")
+    chart = page[start : page.index("</svg>", start)]
+    grid = {
+        float(label): float(y) - 4
+        for y, label in re.findall(r'y="([\d.]+)" text-anchor="end">([\d.]+)<', chart)
+    }
+    (low_v, low_y), (high_v, high_y) = min(grid.items()), max(grid.items())
+    first = re.search(r'<path d="M([^"]*)Z" fill="#0072B2"', chart)
+    assert first
+    points = np.array([p.split() for p in first[1].split("L")], dtype=float)
+    values = low_v + (points[:, 1] - low_y) * (high_v - low_v) / (high_y - low_y)
+    half = 4.3027 * 0.02 / np.sqrt(3)
+    np.testing.assert_allclose(
+        values[ROUNDS - 1 : ROUNDS + 1], [0.44 + half, 0.44 - half], atol=2e-3
+    )
+
+
+def test_a_sweep_that_goes_on_says_how_far_it_is(tmp_path: Path) -> None:
+    make(tmp_path, strategies=("cov",))
+    out = tmp_path / "part.html"
+    assert call(["report", str(tmp_path), "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert ">3 of 9 runs</span>" in text
+    assert "What cov gains" not in text
+
+
+def test_what_cannot_be_reported_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make(tmp_path)
+    (folder / "rounds.csv").write_text("strategy,seed,round\ncov,1,1\n")
+    assert call(["report", str(folder)]) == 2
+    assert "do not belong to the same runs" in capsys.readouterr().err
+    (folder / "rounds.csv").unlink()
+    assert call(["report", str(folder)]) == 2
+    assert "rounds.csv: no such table" in capsys.readouterr().err
+    make(tmp_path)
+    assert call(["report", str(folder), "--out", str(tmp_path / "no" / "r.html")]) == 2
+    assert "cannot write the report" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium in the PATH")
+@pytest.mark.parametrize("width", [390, 1280])
+def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
+    """Nothing sticks out, all text can be read, and the console stays empty."""
+    probe = """<script>
+      document.documentElement.dataset.result = JSON.stringify({
+        overflow: document.documentElement.scrollWidth - window.innerWidth,
+        text: Math.min(...[...document.querySelectorAll("svg text")]
+          .map((e) => e.getBoundingClientRect().height).filter((h) => h > 0)),
+      });
+    </script></body>"""
+    html = tmp_path / "r.html"
+    html.write_text(page.replace("</body>", probe), encoding="utf-8")
+    done = subprocess.run(
+        [
+            CHROMIUM or "", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            "--disable-background-networking", "--no-first-run", "--enable-logging=stderr",
+            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1500",
+            "--dump-dom", html.as_uri(),
+        ],
+        check=True, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert "CONSOLE" not in done.stderr
+    found = re.search(r'data-result="([^"]*)"', done.stdout)
+    assert found
+    shown = json.loads(found[1].replace("&quot;", '"'))
+    assert shown["overflow"] <= 0
+    assert shown["text"] >= 8.0
