@@ -4,8 +4,9 @@ import numpy as np
 
 from mission.planner.arrays import instance, neighbour_lists, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
-from mission.planner.kernels.entry import plan as run
+from mission.planner.kernels.exploration import explore
 from mission.planner.kernels.instance import Problem
+from mission.planner.kernels.search import search
 from mission.planner.problem import RoundPlan, RoundProblem
 
 # Beyond this many devices the search cannot narrow the gap in any time worth waiting for.
@@ -42,19 +43,23 @@ class CertifiedPlanner:
         devices, limits = instance(problem)
         count = len(devices.delta)
         relaxation = relax(problem, devices)
-        nodes = self._max_nodes if count <= MAX_DEVICES else 0
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
-        _, proven, nodes = run(
-            Problem(devices, limits, relaxation),
-            neighbour_lists(devices),
-            tries(count),
-            self._gap,
-            nodes,
-            min(MAX_OPEN, nodes * (count + 2)),
-            way,
-            assigned,
-        )
-        bound = min(proven, root_bound(relaxation.promise[:, 0], limits))
+        lists = neighbour_lists(devices)
+        value = explore(devices, limits, lists, tries(count), way, assigned)
+        bound = root_bound(relaxation.promise[:, 0], limits)
+        nodes = self._max_nodes if count <= MAX_DEVICES else 0
+        if nodes > 0 and 0.0 < value < (1.0 - self._gap) * bound:
+            _, bound, nodes = search(
+                Problem(devices, limits, relaxation),
+                self._gap,
+                nodes,
+                min(MAX_OPEN, nodes * (count + 2)),
+                way,
+                assigned,
+                value,
+            )
+        else:
+            nodes = 0
         made = finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
         return RoundPlan(made.waypoints_m, made.schedule, made.value, max(bound, made.value), nodes)
 

@@ -15,7 +15,7 @@ import osqp
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mission.planner.arrays import instance, neighbour_lists, relax
+from mission.planner.arrays import instance, neighbour_lists
 from mission.planner.certified import tries
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
@@ -24,8 +24,8 @@ from mission.planner.evaluate import (
     fit_budget,
     plan_without_moving,
 )
-from mission.planner.kernels.entry import plan as run
-from mission.planner.kernels.instance import Devices, Limits, Problem
+from mission.planner.kernels.exploration import explore
+from mission.planner.kernels.instance import Devices, Limits
 from mission.planner.problem import Floats, RoundPlan, RoundProblem
 from mission.planner.reward import Ints
 from mission.planner.schedule import assign
@@ -72,16 +72,8 @@ class SqpPlanner:
         devices, limits = instance(problem)
         count = len(devices.delta)
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
-        run(
-            Problem(devices, limits, relax(problem, devices)),
-            neighbour_lists(devices),
-            tries(count) if self._tries is None else self._tries,
-            0.0,
-            0,
-            0,
-            way,
-            assigned,
-        )
+        attempts = tries(count) if self._tries is None else self._tries
+        explore(devices, limits, neighbour_lists(devices), attempts, way, assigned)
         way = ascend(way, devices, limits)
         return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 

@@ -13,7 +13,7 @@ import numpy as np
 from mission.planner.kernels.chain import chain_length, fill_spare, merge_nearest, shrink
 from mission.planner.kernels.compiled import Indices, Matrix, compiled
 from mission.planner.kernels.instance import Devices, Limits
-from mission.planner.kernels.matching import earned, match, reward
+from mission.planner.kernels.matching import copy_plan, earned, match, reward
 
 SMOOTHING_M = 0.5  # a leg of length e counts as sqrt(e^2 + smoothing^2)
 MAX_ROUNDS = 12
@@ -133,7 +133,7 @@ def climb(
             shrink(trial, steps, length)
             better = earned(trial, assigned, devices)
             if better > value:
-                way[:] = trial
+                copy_plan(trial, assigned, way, assigned)
                 value = better
                 mu = nu
                 damping = max(damping * 0.2, 1e-6)
@@ -163,7 +163,8 @@ def polish(
     """
     steps = limits.steps
     draft = np.empty((max(count, steps), 2))
-    draft[:count] = points[:count]
+    for n in range(count):
+        draft[n, 0], draft[n, 1] = points[n, 0], points[n, 1]
     while count > steps:
         merge_nearest(draft, count)
         count -= 1
@@ -175,8 +176,7 @@ def polish(
     for _ in range(MAX_ROUNDS):
         value = match(path, limits.per_step, devices, who)
         if value > best:
-            way[:] = path
-            assigned[:] = who
+            copy_plan(path, who, way, assigned)
         if value <= best * (1.0 + 10.0 * RISE):
             best = max(best, value)
             break
@@ -184,8 +184,7 @@ def polish(
         value, mu = climb(path, who, devices, limits.length, mu)
         if value > best:
             best = value
-            way[:] = path
-            assigned[:] = who
+            copy_plan(path, who, way, assigned)
         if best < hopeless:
             break
         # Steps that serve nobody are taken out and put to better use.
@@ -200,5 +199,5 @@ def polish(
                 draft[kept, 0], draft[kept, 1] = path[n, 0], path[n, 1]
                 kept += 1
         fill_spare(draft, kept, steps, devices)
-        path[:] = draft[:steps]
+        copy_plan(draft, who, path, who)
     return best

@@ -8,6 +8,7 @@ import numpy as np
 from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
 from mission.planner.kernels.dual import FREE, Work, evaluate, make_work, minimise
 from mission.planner.kernels.instance import Limits, Problem, Relaxation
+from mission.planner.kernels.matching import nth_largest
 from mission.planner.kernels.path import Path
 from mission.planner.kernels.tree import (
     BARRED,
@@ -85,12 +86,16 @@ def make_family(devices: int) -> Family:
 @compiled
 def copy_family(source: Family, target: Family) -> None:
     """Overwrite `target` with `source`."""
-    target.score[:] = source.score
-    target.what[:] = source.what
+    for i in range(2):
+        target.score[i] = source.score[i]
+    for i in range(4):
+        target.what[i] = source.what[i]
     for c in range(source.what[3]):
         target.detail[c] = source.detail[c]
-        target.number[c] = source.number[c]
-        target.y[c] = source.y[c]
+        for i in range(3):
+            target.number[c, i] = source.number[c, i]
+        for i in range(source.y.shape[1]):
+            target.y[c, i, 0], target.y[c, i, 1] = source.y[c, i, 0], source.y[c, i, 1]
 
 
 @compiled
@@ -102,16 +107,20 @@ def rest_of(node: Node, limits: Limits, relaxation: Relaxation) -> float:
         if node.level[k] != PLACED:
             total += relaxation.promise[k, node.level[k]]
             count += 1
-    if count > room:
-        promises = np.empty(count)
-        i = 0
-        for k in range(node.level.shape[0]):
-            if node.level[k] != PLACED:
-                promises[i] = relaxation.promise[k, node.level[k]]
-                i += 1
-        promises.sort()
-        for i in range(count - max(room, 0)):
-            total -= promises[i]
+    if count <= room:
+        return total
+    if room <= 0:
+        return 0.0
+    promises = np.empty(count)
+    i = 0
+    for k in range(node.level.shape[0]):
+        if node.level[k] != PLACED:
+            promises[i] = relaxation.promise[k, node.level[k]]
+            i += 1
+    nth_largest(promises, room)
+    total = 0.0
+    for i in range(room):  # quickselect leaves the largest ones in front
+        total += promises[i]
     return total
 
 

@@ -114,6 +114,14 @@ def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
             dx, dy = point[best, 0] - devices.u[k, 0], point[best, 1] - devices.u[k, 1]
             f = devices.delta[k] * reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
             have[k] = max(have[k], f)
-    order = np.argsort(position, kind="mergesort")
+    # Insertion sort: all but the spare points are in order already.
+    for n in range(1, steps):
+        key, x, y = position[n], points[n, 0], points[n, 1]
+        i = n
+        while i > 0 and position[i - 1] > key:
+            position[i] = position[i - 1]
+            points[i, 0], points[i, 1] = points[i - 1, 0], points[i - 1, 1]
+            i -= 1
+        position[i], points[i, 0], points[i, 1] = key, x, y
     for n in range(steps):
-        way[n, 0], way[n, 1] = points[order[n], 0], points[order[n], 1]
+        way[n, 0], way[n, 1] = points[n, 0], points[n, 1]

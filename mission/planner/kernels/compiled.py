@@ -1,6 +1,8 @@
 """Compilation of the inner loops: the home of numba."""
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -15,6 +17,25 @@ Matrix = NDArray[np.float64]  # (n, m)
 Indices = NDArray[np.int64]
 Masks = NDArray[np.uint64]
 Flags = NDArray[np.bool_]
+
+
+def _digest() -> str:
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+# The cache of a compiled function looks at its source file and its closure, not at what it
+# calls. With the digest of all sources in the closure a change anywhere compiles anew.
+SOURCES = _digest()
+
+
+def cached(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile once per installation, for functions that Python calls; a closure over `SOURCES`
+    is up to the function."""
+    result: Callable[P, R] = njit(cache=True, error_model="numpy")(function)
+    return result
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:

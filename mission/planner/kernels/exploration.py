@@ -6,14 +6,23 @@ more than a tolerance that falls to nothing (threshold accepting, Dueck and Sche
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from mission.planner.kernels.ascent import polish
-from mission.planner.kernels.compiled import Indices, Masks, Matrix, Vector, compiled
+from mission.planner.kernels.compiled import (
+    SOURCES,
+    Indices,
+    Masks,
+    Matrix,
+    Vector,
+    cached,
+    compiled,
+)
 from mission.planner.kernels.instance import Devices, Limits
-from mission.planner.kernels.matching import reward
+from mission.planner.kernels.matching import copy_plan, reward
 
 TOLERANCE = 0.01  # of the value, at the first try
 LONGEST_CUT = 12  # stops
@@ -179,52 +188,58 @@ def cut_out(
     return count
 
 
-@compiled
-def explore(
-    devices: Devices, limits: Limits, lists: Lists, tries: int, way: Matrix, assigned: Indices
-) -> float:
-    """The best plan of three greedy constructions and `tries` improvements.
+Explore = Callable[[Devices, Limits, Lists, int, Matrix, Indices], float]
 
-    Writes `way` (N, 2) and `assigned` (K,); returns what they earn.
-    """
-    total, steps = devices.u.shape[0], limits.steps
-    draft = Draft(
-        np.zeros((steps, 2)), np.zeros(total), np.zeros(total), np.zeros(total),
-        np.zeros(total, dtype=np.int64), np.zeros(min(limits.per_step, total)),
-    )  # fmt: skip
-    present, present_who = np.zeros_like(way), np.full_like(assigned, -1)
-    trial, trial_who = np.zeros_like(way), np.empty_like(assigned)
-    best, present_value = -1.0, -1.0
-    for power in (0.0, 0.5, 1.0):
-        draft.points[0, 0], draft.points[0, 1] = 0.0, 0.0
-        draft.have[:] = 0.0
-        count = extend(devices, limits, lists, 1, limits.length, power, draft)
-        value = polish(draft.points, count, limits, devices, 0.0, trial, trial_who)
-        if value > best:
-            best = value
-            way[:] = trial
-            assigned[:] = trial_who
-    present[:] = way
-    present_who[:] = assigned
-    present_value = best
-    state = np.array([0x9E3779B97F4A7C15], dtype=np.uint64)
-    for attempt in range(tries):
-        cut = 1 + int(next_random(state) * min(LONGEST_CUT, steps - 1))
-        first = 1 + int(next_random(state) * (steps - cut))
-        power = 0.5 * int(next_random(state) * 3.0)
-        # Polishing rounds corners, so that a path a little too long may fit.
-        length = limits.length * (1.0 + 0.1 * next_random(state))
-        count = cut_out(present, present_who, devices, first, first + cut, draft)
-        count = extend(devices, limits, lists, count, length, power, draft)
-        hopeless = HOPELESS * present_value
-        value = polish(draft.points, count, limits, devices, hopeless, trial, trial_who)
-        tolerance = TOLERANCE * (1.0 - attempt / tries)
-        if value > present_value * (1.0 - tolerance * next_random(state)):
-            present_value = value
-            present[:] = trial
-            present_who[:] = trial_who
+
+def _make(sources: str) -> Explore:
+    @cached
+    def explore(
+        devices: Devices, limits: Limits, lists: Lists, tries: int, way: Matrix, assigned: Indices
+    ) -> float:
+        """The best plan of three greedy constructions and `tries` improvements.
+
+        Writes `way` (N, 2) and `assigned` (K,); returns what they earn.
+        """
+        _ = sources
+        total, steps = devices.u.shape[0], limits.steps
+        draft = Draft(
+            np.zeros((steps, 2)), np.zeros(total), np.zeros(total), np.zeros(total),
+            np.zeros(total, dtype=np.int64), np.zeros(min(limits.per_step, total)),
+        )  # fmt: skip
+        present, present_who = np.zeros_like(way), np.full_like(assigned, -1)
+        trial, trial_who = np.zeros_like(way), np.empty_like(assigned)
+        best, present_value = -1.0, -1.0
+        for power in (0.0, 0.5, 1.0):
+            draft.points[0, 0], draft.points[0, 1] = 0.0, 0.0
+            draft.have[:] = 0.0
+            count = extend(devices, limits, lists, min(1, steps), limits.length, power, draft)
+            value = polish(draft.points, count, limits, devices, 0.0, trial, trial_who)
             if value > best:
                 best = value
-                way[:] = trial
-                assigned[:] = trial_who
-    return best
+                copy_plan(trial, trial_who, way, assigned)
+        copy_plan(way, assigned, present, present_who)
+        present_value = best
+        state = np.array([0x9E3779B97F4A7C15], dtype=np.uint64)
+        for attempt in range(tries):
+            cut = 1 + int(next_random(state) * min(LONGEST_CUT, steps - 1))
+            first = 1 + int(next_random(state) * (steps - cut))
+            power = 0.5 * int(next_random(state) * 3.0)
+            # Polishing rounds corners, so that a path a little too long may fit.
+            length = limits.length * (1.0 + 0.1 * next_random(state))
+            count = cut_out(present, present_who, devices, first, first + cut, draft)
+            count = extend(devices, limits, lists, count, length, power, draft)
+            hopeless = HOPELESS * present_value
+            value = polish(draft.points, count, limits, devices, hopeless, trial, trial_who)
+            tolerance = TOLERANCE * (1.0 - attempt / tries)
+            if value > present_value * (1.0 - tolerance * next_random(state)):
+                present_value = value
+                copy_plan(trial, trial_who, present, present_who)
+                if value > best:
+                    best = value
+                    copy_plan(trial, trial_who, way, assigned)
+        return best
+
+    return explore
+
+
+explore = _make(SOURCES)

@@ -4,10 +4,19 @@ import math
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Indices, Matrix, compiled
+from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
 from mission.planner.kernels.instance import Devices
 
 CANDIDATES = 2
+
+
+@compiled
+def copy_plan(way: Matrix, assigned: Indices, to_way: Matrix, to_assigned: Indices) -> None:
+    """Overwrite one plan with another. (Loops compile much faster than array assignments.)"""
+    for n in range(to_way.shape[0]):
+        to_way[n, 0], to_way[n, 1] = way[n, 0], way[n, 1]
+    for k in range(to_assigned.shape[0]):
+        to_assigned[k] = assigned[k]
 
 
 @compiled
@@ -86,18 +95,47 @@ def solve_sparsely(way: Matrix, per_step: int, devices: Devices, assigned: Indic
     if count <= most:
         solve_assignment(worth, per_step, assigned)
         return
-    least = np.partition(best, count - most)[count - most]
-    chosen = (best >= least) & (best > 0.0)
-    columns = np.flatnonzero(chosen)
-    few = np.empty(len(columns), dtype=np.int64)
-    small = np.empty((steps, len(columns)))
+    least = nth_largest(best.copy(), most)
+    columns = np.empty(count, dtype=np.int64)
+    used = 0
+    for k in range(count):
+        if best[k] >= least and best[k] > 0.0:
+            columns[used] = k
+            used += 1
+    few = np.empty(used, dtype=np.int64)
+    small = np.empty((steps, used))
     for n in range(steps):
-        for j in range(len(columns)):
+        for j in range(used):
             small[n, j] = worth[n, columns[j]]
     solve_assignment(small, per_step, few)
     assigned[:] = -1
-    for j in range(len(columns)):
+    for j in range(used):
         assigned[columns[j]] = few[j]
+
+
+@compiled
+def nth_largest(values: Vector, n: int) -> float:
+    """The n-th largest value (n from 1), by quickselect (Hoare 1961); reorders `values`."""
+    low, high, target = 0, values.shape[0] - 1, n - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] > pivot:
+                i += 1
+            while values[j] < pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if target <= j:
+            high = j
+        elif target >= i:
+            low = i
+        else:
+            break
+    return float(values[target])
 
 
 @compiled

@@ -10,6 +10,7 @@ it is taken.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,8 +29,9 @@ from mission.planner.kernels.branching import (
     rest_of,
     tighten,
 )
-from mission.planner.kernels.compiled import Flags, Indices, Matrix, compiled
+from mission.planner.kernels.compiled import SOURCES, Flags, Indices, Matrix, cached, compiled
 from mission.planner.kernels.instance import Problem, Relaxation
+from mission.planner.kernels.matching import copy_plan
 from mission.planner.kernels.path import Path, at_stops, make_path, recover
 from mission.planner.kernels.tree import (
     PLACED,
@@ -136,70 +138,79 @@ def branch(
     return float(family.score[1])
 
 
-@compiled
-def search(
-    problem: Problem,
-    gap: float,
-    max_nodes: int,
-    pool: int,
-    way: Matrix,
-    assigned: Indices,
-    value: float,
-) -> tuple[float, float, int]:
-    """Improve on a plan until none can be better by more than the gap, or the nodes run out.
+Search = Callable[[Problem, float, int, int, Matrix, Indices, float], tuple[float, float, int]]
 
-    Args:
-        problem: at least one device, a positive length, and something to be won.
-        gap: relative gap (bound - value) / bound that is enough.
-        max_nodes: nodes that are looked into at most.
-        pool: nodes that are open at most; further ones are closed with their bound.
-        way: (N, 2) the plan to start from, overwritten with the best one.
-        assigned: (K,) its assignment, likewise.
-        value: what it earns, above 0.
 
-    Returns:
-        (value, upper bound, nodes).
-    """
-    devices, limits, relaxation = problem.devices, problem.limits, problem.relaxation
-    count = devices.u.shape[0]
-    node, child = make_node(count), make_node(count)
-    solver, path = make_solver(count), make_path(count)
-    family, rival = make_family(count), make_family(count)
-    tree = make_tree(pool, count)
-    other_way, other_assigned = np.empty_like(way), np.empty_like(assigned)
-    node.number[0] = rest_of(node, limits, relaxation)
-    node.number[2] = node.number[0] / limits.length
-    push(tree, node)
-    closed = value  # the largest bound among all that was closed
-    nodes = 0
-    while tree.used[0] > 0:
-        enough = value / (1.0 - gap)
-        if best_open(tree) <= enough or nodes >= max_nodes:
-            closed = max(closed, best_open(tree))
-            break
-        pop(tree, node)
-        nodes += 1
-        if recover(node, problem, path) > value:
-            better = polish(
-                path.points, node.size[0] + 1, limits, devices, 0.0, other_way, other_assigned
-            )
-            if better > value:
-                value = better
-                way[:] = other_way
-                assigned[:] = other_assigned
-                enough = value / (1.0 - gap)
-        if node.number[0] <= enough:
-            closed = max(closed, node.number[0])
-            continue
-        eps = BARRIER_SHARE * value / max(node.size[0] + 1, 3)
-        goal = Goal(rest_of(node, limits, relaxation), eps, enough, value / limits.length)
-        cut_off = branch(node, path, problem, goal, TINY * value, solver, family, rival)
-        if cut_off < 0.0:
-            closed = max(closed, node.number[0])
-            continue
-        closed = max(closed, cut_off)
-        for c in range(family.what[3]):
-            make_child(node, family, c, relaxation, child)
-            if not push(tree, child):
-                closed = max(closed, child.number[0])
-    return value, closed, nodes
+def _make(sources: str) -> Search:
+    @cached
+    def search(
+        problem: Problem,
+        gap: float,
+        max_nodes: int,
+        pool: int,
+        way: Matrix,
+        assigned: Indices,
+        value: float,
+    ) -> tuple[float, float, int]:
+        """Improve on a plan until none can be better by more than the gap, or the nodes run out.
+
+        Args:
+            problem: at least one device, a positive length, and something to be won.
+            gap: relative gap (bound - value) / bound that is enough.
+            max_nodes: nodes that are looked into at most.
+            pool: nodes that are open at most; further ones are closed with their bound.
+            way: (N, 2) the plan to start from, overwritten with the best one.
+            assigned: (K,) its assignment, likewise.
+            value: what it earns, above 0.
+
+        Returns:
+            (value, upper bound, nodes).
+        """
+        _ = sources
+        devices, limits, relaxation = problem.devices, problem.limits, problem.relaxation
+        count = devices.u.shape[0]
+        node, child = make_node(count), make_node(count)
+        solver, path = make_solver(count), make_path(count)
+        family, rival = make_family(count), make_family(count)
+        tree = make_tree(pool, count)
+        other_way, other_assigned = np.empty_like(way), np.empty_like(assigned)
+        node.number[0] = rest_of(node, limits, relaxation)
+        node.number[2] = node.number[0] / limits.length
+        push(tree, node)
+        closed = value  # the largest bound among all that was closed
+        nodes = 0
+        while tree.used[0] > 0:
+            enough = value / (1.0 - gap)
+            if best_open(tree) <= enough or nodes >= max_nodes:
+                closed = max(closed, best_open(tree))
+                break
+            pop(tree, node)
+            nodes += 1
+            if recover(node, problem, path) > value:
+                better = polish(
+                    path.points, node.size[0] + 1, limits, devices, 0.0, other_way, other_assigned
+                )
+                if better > value:
+                    value = better
+                    copy_plan(other_way, other_assigned, way, assigned)
+                    enough = value / (1.0 - gap)
+            if node.number[0] <= enough:
+                closed = max(closed, node.number[0])
+                continue
+            eps = BARRIER_SHARE * value / max(node.size[0] + 1, 3)
+            goal = Goal(rest_of(node, limits, relaxation), eps, enough, value / limits.length)
+            cut_off = branch(node, path, problem, goal, TINY * value, solver, family, rival)
+            if cut_off < 0.0:
+                closed = max(closed, node.number[0])
+                continue
+            closed = max(closed, cut_off)
+            for c in range(family.what[3]):
+                make_child(node, family, c, relaxation, child)
+                if not push(tree, child):
+                    closed = max(closed, child.number[0])
+        return value, closed, nodes
+
+    return search
+
+
+search = _make(SOURCES)

@@ -147,7 +147,8 @@ def pop(tree: Tree, node: Node) -> None:
 @compiled
 def copy_node(source: Node, target: Node) -> None:
     """Overwrite `target` with `source`."""
-    target.number[:] = source.number
+    for i in range(3):
+        target.number[i] = source.number[i]
     target.size[0] = source.size[0]
     m = source.size[0]
     for i in range(m):
