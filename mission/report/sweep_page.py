@@ -15,12 +15,13 @@ from mission.sweep.results import FINAL_ROUNDS, RunResult, read_results
 from mission.sweep.stats import Interval
 from mission.sweep.view import over_seeds, percent
 
-_TITLES = {
+# Section of each picture.
+_SECTIONS = {
     "accuracy-rounds": "Accuracy by round",
     "accuracy-distance": "Accuracy by distance",
     "accuracy-time": "Accuracy by time",
-    "per": "Packet error rate",
-    "participation": "Participation",
+    "per": "Packet error rate and participation",
+    "participation": "Packet error rate and participation",
     "fairness": "Fairness",
 }
 
@@ -67,9 +68,10 @@ def sweep_html(title: str, results: Sequence[RunResult], *, planned: int, config
         _outcome(results),
         html.cards("Final accuracy", [interval_card(results, name) for name in communities]),
     ]
-    sections += [
-        html.cards(_TITLES[picture.name], curve_cards(picture)) for picture in pictures_of(results)
-    ]
+    curves: dict[str, list[str]] = {}
+    for picture in pictures_of(results):
+        curves.setdefault(_SECTIONS[picture.name], []).extend(curve_cards(picture))
+    sections += [html.cards(name, cards) for name, cards in curves.items()]
     gains = paired_gains(results)
     if gains:
         note = "final accuracy; points: mean difference within a seed, ± 95 % interval"
