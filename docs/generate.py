@@ -40,7 +40,8 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
 | `figures/` | maps of planned and flown paths, learning curves |
-| `checkpoint/` | what `aerofed run --resume` goes on from |
+| `checkpoint/` | what `aerofed run --resume` goes on from; in `interrupted/` the old log and \
+tables until the new ones have caught up |
 
 CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
 there is no value. The same configuration and seed give the same bytes.

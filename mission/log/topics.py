@@ -58,10 +58,10 @@ _TYPES: dict[str, dict[str, Any]] = {
     "innovation": {
         "type": ["object", "null"],
         "properties": {
-            "values": _NUMBERS,
-            "stds": _NUMBERS,
-            "ratio": {"type": "number"},
-            "accepted": {"type": "boolean"},
+            "values": {**_NUMBERS, "description": "measured less predicted"},
+            "stds": {**_NUMBERS, "description": "standard deviations expected of the values"},
+            "ratio": {"type": "number", "description": "size; refused from 1 on"},
+            "accepted": {"type": "boolean", "description": "whether it was used"},
         },
     },
     "by_community": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
@@ -213,9 +213,9 @@ SENSORS: dict[str, str] = {
 INNOVATIONS = _json(
     "/innovations",
     "aerofed.Innovations",
-    "Measurements against the estimator's predictions of them: the difference, its expected "
-    "standard deviation, its size as a share of what is still believed (refused from 1 on); "
-    "1 Hz, and all refused ones",
+    "Measurements against the estimator's predictions of them, 1 Hz and all that were refused: "
+    "for each sensor `values` (measured less predicted), `stds` (expected of them), `ratio` (size "
+    "as a share of what is still believed) and `accepted`",
     t_s=("number", "the instant that the estimator was at; behind the log's by its delay"),
     **{
         kind.replace(" ", "_"): ("innovation", f"{unit}; null where not measured then")
