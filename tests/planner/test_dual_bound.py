@@ -20,7 +20,8 @@ import json, sys
 import numpy as np
 from fl.radio import CHANNEL_PRESETS
 from mission.planner.arrays import instance, relax
-from mission.planner.kernels.dual import FREE, make_work, minimise, spline
+from mission.planner.kernels.dual import minimise
+from mission.planner.kernels.lagrangian import FREE, make_work, spline
 from mission.planner.problem import RoundProblem
 answers = []
 for case in json.load(sys.stdin):

@@ -1,6 +1,7 @@
 """Compilation of the inner loops: the home of numba."""
 
 import hashlib
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -8,6 +9,8 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+logger = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -33,8 +36,12 @@ SOURCES = _digest()
 
 def cached(function: Callable[P, R]) -> Callable[P, R]:
     """Compile once per installation, for functions that Python calls; a closure over `SOURCES`
-    is up to the function."""
-    result: Callable[P, R] = njit(cache=True, error_model="numpy")(function)
+    is up to the function. Where no folder can be written, once per process."""
+    try:
+        result: Callable[P, R] = njit(cache=True, error_model="numpy")(function)
+    except RuntimeError as error:
+        logger.warning("planning compiles anew in every process: %s", error)
+        result = njit(error_model="numpy")(function)
     return result
 
 

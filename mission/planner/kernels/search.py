@@ -15,19 +15,15 @@ from collections.abc import Callable
 import numpy as np
 
 from mission.planner.kernels.ascent import polish
+from mission.planner.kernels.bounds import Goal, Solver, make_solver, rest_of, tighten
 from mission.planner.kernels.branching import (
     Family,
-    Goal,
-    Solver,
     by_insertion,
     by_merge,
     by_split,
     copy_family,
     make_child,
     make_family,
-    make_solver,
-    rest_of,
-    tighten,
 )
 from mission.planner.kernels.compiled import SOURCES, Flags, Indices, Matrix, cached, compiled
 from mission.planner.kernels.instance import Problem, Relaxation
