@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -24,6 +24,7 @@ def linear_program(success, importance, per_step):
     return -result.fun
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(st.integers(1, 6), st.integers(1, 9), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_the_schedule_is_as_good_as_the_relaxed_linear_program(steps, devices, per_step, seed):
     rng = np.random.default_rng(seed)
