@@ -1,19 +1,35 @@
 """What a simulated second of flight costs, by part, next to bare stepping of the physics.
 
-Ratios of one run on one core, CPU time of this thread: what other work the machine does is left
-out. The floor is `FGFDMExec.run()` of the very same model, at the same rate, with nothing around
-it. `--seconds` sets the simulated time of each row.
+    python benchmarks/flight.py                    # cost by part, ratios of this very run
+    python benchmarks/flight.py --missions 100     # missions in a row at the highest speed
+    python benchmarks/flight.py --distance 40000   # memory over one long mission
+
+Everything runs in this process on one core: physics at 250 Hz, IMU, GNSS, filter, guidance,
+autopilot, MCAP log, MAVSDK over the in-process link. Each repeat measures all layers one after
+the other; a part's cost is the difference to the layer below in the same repeat, the median over
+the repeats. The floor is `FGFDMExec.run()` of the very same model, with nothing around it. CPU time
+is that of all threads; wall time depends on what else the machine does, which is printed.
 """
 
 import argparse
+import asyncio
 import math
 import os
 import time
 from collections.abc import Callable
+from statistics import median
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
+from flight_chain import (
+    WIND,
+    Cost,
+    flown_by_mavsdk,
+    flown_unheard,
+    flown_without_link,
+)
+from flight_endurance import long_mission, many_missions
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig
@@ -22,7 +38,8 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 
 HOME = GeodeticPoint(47.0, 8.0, 488.0)
-WIND = {"speed_mps": 5.0, "turbulence_severity": 4}
+HZ = 250
+LEG_M, LEGS = 80.0, 1200
 
 
 def cruising(sensors: str) -> Aircraft:
@@ -34,23 +51,73 @@ def cruising(sensors: str) -> Aircraft:
     while not aircraft.progress.finished:
         aircraft.step()
     points = [aircraft.belief.pos_ned_m]
-    for k in range(600):
+    for k in range(LEGS):
         course = 2.4 * k
-        points.append(points[-1] + 80 * np.array([math.cos(course), math.sin(course), 0.0]))
-    aircraft.follow(FlightPath(np.array(points), np.full(600, 20.0), np.full(601, 5.0)))
+        points.append(points[-1] + LEG_M * np.array([math.cos(course), math.sin(course), 0.0]))
+    aircraft.follow(FlightPath(np.array(points), np.full(LEGS, 20.0), np.full(LEGS + 1, 5.0)))
     return aircraft
 
 
-def cost_ms(call: Callable[[], object], seconds: float) -> float:
-    """CPU milliseconds per simulated second of 250 calls; the best of five stretches."""
-    best = math.inf
-    for _ in range(5):
-        count = round(seconds * 50)
-        start = time.thread_time()
-        for _ in range(count):
-            call()
-        best = min(best, (time.thread_time() - start) / count * 250e3)
-    return best
+def stepped(step: Callable[[], object], seconds: float) -> Cost:
+    """The cost of `step` for so many simulated seconds."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    for _ in range(round(seconds * HZ)):
+        step()
+    return Cost(seconds, time.process_time() - cpu, time.perf_counter() - wall)
+
+
+def layers(seconds: float) -> dict[str, Callable[[], Cost]]:
+    """What is measured, each with all that is above it."""
+    truth, chain, bare = cruising("perfect"), cruising("realistic"), cruising("realistic")
+    length_m = seconds * 10.6  # flown in about so many seconds: 80 m legs are mostly turns
+    return {
+        "bare JSBSim, FCS and turbulence included": lambda: stepped(bare.vehicle.run, seconds),
+        "guidance, control, battery": lambda: stepped(truth.step, seconds),
+        "IMU, GNSS, baro, magnetometer, filter": lambda: stepped(chain.step, seconds),
+        "autopilot, samples at 10 Hz": lambda: flown_without_link(length_m, log=False),
+        "MCAP log": lambda: flown_without_link(length_m, log=True),
+        "event loop, link, telemetry": lambda: asyncio.run(flown_unheard(length_m)),
+        "MAVSDK, pilot, upload": lambda: asyncio.run(flown_by_mavsdk(length_m)),
+    }
+
+
+def chain_table(seconds: float, repeats: int) -> None:
+    """Print the cost of the full chain by part."""
+    work = layers(seconds)
+    found: dict[str, list[Cost]] = {name: [] for name in work}
+    for _ in range(repeats):
+        for name, measure in work.items():
+            found[name].append(measure())
+    cpu = {name: [c.cpu_s / c.sim_s * 1e3 for c in costs] for name, costs in found.items()}
+    wall = {name: [c.wall_s / c.sim_s * 1e3 for c in costs] for name, costs in found.items()}
+    names = list(work)
+    floor = median(cpu[names[0]])
+    columns = ("CPU", "sum", "x real", "x floor", "wall")
+    print(f"{'ms per simulated second':42}" + "".join(f"{column:>9}" for column in columns))
+    below = None
+    for name in names:
+        part = _difference(cpu, name, below)
+        wall_part = _difference(wall, name, below)
+        total = median(cpu[name])
+        share = f"{1e3 / total:9.0f}{total / floor:9.2f}"
+        print(f"{name:42}{part:9.2f}{total:9.2f}{share}{wall_part:9.2f}")
+        below = name
+    last = names[-1]
+    cpu_ms, wall_ms = median(cpu[last]), median(wall[last])
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    print(
+        f"full chain: {1e3 / cpu_ms:.0f}x real time by CPU (best {1e3 / min(cpu[last]):.0f}x), "
+        f"{1e3 / wall_ms:.0f}x by wall (best {1e3 / min(wall[last]):.0f}x) on one core;\n"
+        f"truth loop {1e3 / median(cpu[names[1]]):.0f}x; load of the machine ({os.cpu_count()} "
+        f"cores): {load}"
+    )
+
+
+def _difference(costs: dict[str, list[float]], name: str, below: str | None) -> float:
+    """What `name` costs beyond the layer below it, pair by pair."""
+    if below is None:
+        return median(costs[name])
+    return median(a - b for a, b in zip(costs[name], costs[below], strict=True))
 
 
 class Stopwatch:
@@ -77,8 +144,8 @@ class Stopwatch:
         return timed
 
 
-def parts(seconds: float) -> dict[str, float]:
-    """CPU milliseconds per simulated second of the parts of the full chain."""
+def aircraft_table(seconds: float) -> None:
+    """Print where the aircraft's own time goes."""
     aircraft = cruising("realistic")
     watch = Stopwatch()
     objects: Any = aircraft
@@ -89,29 +156,31 @@ def parts(seconds: float) -> dict[str, float]:
     guidance: Any = objects._guidance
     guidance.step = watch.wrap("guidance and outer loop, 50 Hz", guidance.step)
     objects._housekeep = watch.wrap("battery, faults, ground", objects._housekeep)
-    count = round(seconds * 250)
-    for _ in range(count):
+    for _ in range(round(seconds * HZ)):
         aircraft.step()
-    return {name: spent / seconds * 1e3 for name, spent in watch.spent.items()}
+    print("\ninside the aircraft, by timers (their own time taken off)")
+    for name, spent in watch.spent.items():
+        print(f"{name:42}{spent / seconds * 1e3:8.2f}")
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=40.0, help="simulated, each row")
-    seconds = parser.parse_args().seconds
-    truth, chain = cruising("perfect"), cruising("realistic")
-    rows = {
-        "truth loop: physics, guidance, control": cost_ms(truth.step, seconds),
-        "full chain: sensors and filter as well": cost_ms(chain.step, seconds),
-    }
-    floor = cost_ms(chain.vehicle.run, seconds)
-    print(f"{'':44}{'ms per s':>10}{'x real time':>13}{'x floor':>9}")
-    for name, cost in {"floor: bare JSBSim, FCS included": floor, **rows}.items():
-        print(f"{name:44}{cost:10.2f}{1e3 / cost:13.0f}{cost / floor:9.2f}")
-    print("\nparts of the full chain (the timers taken off)")
-    for name, cost in parts(seconds).items():
-        print(f"  {name:42}{cost:10.2f}{'':13}{cost / floor:9.2f}")
+    """Measure what was asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=120.0, help="simulated, each measurement")
+    parser.add_argument("--repeats", type=int, default=7, help="of all layers")
+    parser.add_argument("--missions", type=int, metavar="COUNT", help="so many in a row instead")
+    parser.add_argument("--distance", type=float, metavar="METRES", help="one long mission instead")
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    if options.missions:
+        asyncio.run(many_missions(options.missions))
+    elif options.distance:
+        asyncio.run(long_mission(options.distance))
+    else:
+        chain_table(options.seconds, options.repeats)
+        aircraft_table(options.seconds)
 
 
 if __name__ == "__main__":
