@@ -16,16 +16,16 @@ from fl.radio import CHANNEL_PRESETS
 from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
-from mission.alignment import align
 from mission.area import Area
 from mission.config import AreaConfig, RunConfig
-from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
+from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.flyer import open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.plancheck import PlannedPath, check_plan, here_means
+from mission.plancompare import KEY, PlannedAndFlown, compare_with_plan
 from mission.planfile import PlanFile, read_plan_file
 from mission.planimport import Imported, import_plan, raw_items
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -38,23 +38,6 @@ Floats = NDArray[np.float64]
 
 _MARGIN_M = 50.0  # around the plan, for the map
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
-
-
-@dataclass(frozen=True)
-class PlannedAndFlown:
-    """How a flight was against its plan, up to its last place; metres, simulated seconds."""
-
-    plan_path_m: float  # horizontal
-    flown_path_m: float
-    plan_duration_s: float  # always at the planned speed
-    flown_duration_s: float
-    cross_track_rms_m: float  # horizontal distance of the true track to the planned line
-    cross_track_max_m: float
-    places: int
-    places_reached: int
-    miss_max_m: float  # horizontal distance to a place on the instant it was passed
-    height_error_max_m: float  # the same, vertically
-    estimate_rms_m: float  # horizontal distance of belief to truth
 
 
 @dataclass(frozen=True)
@@ -115,43 +98,10 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
         return INTERRUPTED
     write_atomically(folder.path / "track.csv", _track_csv(flight, ready.area))
     numbers = compare_with_plan(flight, ready.path)
-    folder.write_summary(summary | {"planned_and_flown": asdict(numbers)})
+    folder.write_summary(summary | {KEY: asdict(numbers)})
     if not quiet:
         _say(console, numbers, ready.imported, folder.path)
     return 0
-
-
-def compare_with_plan(flight: Flight, path: PlannedPath) -> PlannedAndFlown:
-    """Planned against flown, from the start of the mission to its last place.
-
-    Raises:
-        FlightError: the last place was never reached.
-    """
-    end = flight.reached.get(path.last_place)
-    if end is None:
-        raise FlightError(f"item {path.last_place} was never reached")
-    until = int(np.searchsorted(flight.t_ns, end.t_ns, side="right"))
-    true_m, est_m = flight.true_ned_m[:until], flight.est_ned_m[:until]
-    cross_m = align(true_m[:, :2], path.points_ned_m[:, :2]).cross_m
-    error_m = np.linalg.norm(est_m[:, :2] - true_m[:, :2], axis=1)
-    misses = [
-        flight.reached[seq].true_ned_m - place
-        for seq, place in path.places.items()
-        if seq in flight.reached
-    ]
-    return PlannedAndFlown(
-        plan_path_m=path.path_m,
-        flown_path_m=float(np.linalg.norm(np.diff(true_m[:, :2], axis=0), axis=1).sum()),
-        plan_duration_s=path.duration_s,
-        flown_duration_s=float(end.t_ns - flight.t_ns[0]) / 1e9,
-        cross_track_rms_m=math.sqrt(float((cross_m**2).mean())),
-        cross_track_max_m=float(cross_m.max()),
-        places=len(path.places),
-        places_reached=len(misses),
-        miss_max_m=max(float(np.linalg.norm(miss[:2])) for miss in misses),
-        height_error_max_m=max(abs(float(miss[2])) for miss in misses),
-        estimate_rms_m=math.sqrt(float((error_m**2).mean())),
-    )
 
 
 def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
@@ -253,16 +203,7 @@ def _track_csv(flight: Flight, area: Area) -> str:
 
 
 def _say(console: Console, found: PlannedAndFlown, imported: Imported, folder: Path) -> None:
-    lines = [
-        f"path      planned {found.plan_path_m:.0f} m, flown {found.flown_path_m:.0f} m",
-        f"duration  at planned speed {found.plan_duration_s:.1f} s, "
-        f"flown {found.flown_duration_s:.1f} s",
-        f"cross-track error  rms {found.cross_track_rms_m:.2f} m, "
-        f"max {found.cross_track_max_m:.2f} m",
-        f"places    {found.places_reached}/{found.places} reached, passed within "
-        f"{found.miss_max_m:.2f} m and {found.height_error_max_m:.2f} m in height",
-        f"estimate  {found.estimate_rms_m:.2f} m rms from the truth",
-    ]
+    lines = found.lines()
     if imported.rally_points:
         lines.append(f"{imported.rally_points} rally points are not used")
     lines.append(f"results in {folder}")

@@ -6,6 +6,7 @@ from pathlib import Path
 from mission.errors import InputError
 from mission.log.reader import read_log
 from mission.log.values import FlightData, Track
+from mission.plancompare import is_plan_flight
 from mission.records import RoundRecord
 from mission.tables import read_rounds, read_uplinks
 
@@ -25,6 +26,10 @@ def load_run(path: Path) -> FlightData:
     log = path / LOG_NAME
     if not log.is_file():
         raise InputError(f"{path}: not a run folder: it has no {LOG_NAME}")
+    if is_plan_flight(path):
+        raise InputError(
+            f"{path}: the folder of an aerofed fly, without rounds; see aerofed compare {path}"
+        )
     return replace(
         read_log(log),
         rounds=read_rounds(path / "rounds.csv"),

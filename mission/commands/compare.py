@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from mission.errors import InputError
+
 
 def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None = None) -> int:
     """Planned against flown: cross-track error, timing and packet error rates of runs.
@@ -14,7 +16,7 @@ def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None
     Parameters
     ----------
     run
-        A run's folder, or a flight log (.mcap).
+        A run's folder, or a flight log (.mcap); or the folder of an `aerofed fly`.
     others
         More runs, to stand beside the first.
     as_json
@@ -24,8 +26,15 @@ def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None
     """
     from mission.compare import compare_run
     from mission.compare_view import side_by_side, tables
+    from mission.plancompare import is_plan_flight, say_plan_flights
 
-    comparisons = [compare_run(path) for path in (run, *others)]
+    paths = (run, *others)
+    if any(is_plan_flight(path) for path in paths):
+        if figure is not None:
+            raise InputError("--figure draws runs, not flights of plan files")
+        print(say_plan_flights(paths, as_json=as_json))
+        return 0
+    comparisons = [compare_run(path) for path in paths]
     if figure is not None:
         from mission.figures import draw_comparison
 

@@ -162,3 +162,31 @@ def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert call(["fly", str(plan), "--out", str(out)]) == 2
     assert "already used" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == {"mine"}
+
+
+def test_its_folder_can_be_compared_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = written(tmp_path, TAKE_OFF, *CORNERS, RETURN)
+    first, second = str(tmp_path / "a"), str(tmp_path / "b")
+    for out in (first, second):
+        assert call(["fly", str(plan), "--out", out]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert call(["compare", first]) == 0
+    assert capsys.readouterr().out.splitlines() == printed[:5]
+    assert call(["compare", first, second, "--as-json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [item.pop("source") for item in found] == [first, second]
+    assert found[0] == summary(Path(first))["planned_and_flown"]
+    # What it is not, is said.
+    assert call(["compare", first, str(tmp_path)]) == 2
+    assert call(["report", first]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert "not a folder of aerofed fly" in errors[0]
+    assert f"aerofed compare {first}" in errors[1]
+    summary_file = tmp_path / "a" / "summary.json"
+    unfinished = summary(tmp_path / "a") | {"status": "failed"}
+    del unfinished["planned_and_flown"]
+    summary_file.write_text(json.dumps(unfinished))
+    assert call(["compare", first]) == 2
+    assert "not finished (status failed)" in capsys.readouterr().err
