@@ -25,6 +25,8 @@ app = App(
 app.command("mission.commands.run:run", name="run", help=helps.RUN)
 app.command("mission.commands.compare:compare", name="compare", help=helps.COMPARE)
 app.command("mission.commands.report:report", name="report", help=helps.REPORT)
+app.command("mission.commands.plan:plan", name="plan", help=helps.PLAN)
+app.command("mission.commands.plan:link_budget", name="link-budget", help=helps.LINK_BUDGET)
 app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
 app.command("mission.commands.fly:fly", name="fly", help=helps.FLY)
 log = App(name="log", help=helps.LOG)

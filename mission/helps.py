@@ -16,6 +16,14 @@ REPORT = """One HTML page with maps, errors and curves, to send to a colleague.
 Example: aerofed report paper6
 Example: aerofed report paper-sweep"""
 
+PLAN = """Plan rounds without flying them: path, schedule, value and a bound that none can exceed.
+
+Example: aerofed plan --problem problems.json --out plans.json --figure pictures"""
+
+LINK_BUDGET = """Who can be reached from where: packet error rate over distance.
+
+Example: aerofed link-budget configs/paper.toml --set channel.extra_gain_db=3"""
+
 LOG = """Look into flight logs, mend and export them.
 
 Example: aerofed log info paper6/flight.mcap"""

@@ -17,6 +17,7 @@ from mission.custom import Setting, custom_strategy
 from mission.errors import InputError
 from mission.importing import is_import_path
 from mission.planner.factory import make_planner
+from mission.planner.problem import RoundProblem
 from mission.strategies import Strategy, make_strategy
 from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
@@ -41,6 +42,21 @@ class World:
     def community_of(self) -> tuple[str, ...]:
         """(K,) the name of each device's community."""
         return tuple(self.federation.names[c] for c in self.federation.community_of)
+
+    def first_problem(self) -> RoundProblem:
+        """The planning problem of the first round, from above home."""
+        mission = self.config.mission
+        state = learning.init(self.federation)
+        fairness = self.strategy is None or self.strategy.fairness
+        return RoundProblem(
+            devices_m=self.devices_m,
+            importance=learning.importance(self.federation, state, fairness=fairness),
+            start_m=np.array(self.area.home_m, dtype=np.float64),
+            steps=mission.steps,
+            per_step=mission.devices_per_step,
+            path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
+            channel=self.channel,
+        )
 
     def devices_csv(self) -> str:
         """Where every device stands and what it owns: `labels` lists class:samples."""

@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,24 +12,27 @@ from fl.radio import Channel, average_per, fit_logistic, link_budget
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
-from mission.planner.files import NamedPlan, read_problems, write_plans
+from mission.planner.files import NamedPlan, NamedProblem, write_plans
 
 BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
 BAD_OVERHEAD_PER = 0.5
 
 
-def plan_file(
-    problem_path: Path, out_path: Path, *, planner: PlannerConfig, figure_dir: Path | None = None
+def plan_problems(
+    problems: Sequence[NamedProblem],
+    *,
+    planner: PlannerConfig,
+    out: Path | None = None,
+    figure_dir: Path | None = None,
 ) -> tuple[NamedPlan, ...]:
-    """Plan every problem of a file, and write the plans and, if asked, a picture of each.
+    """Plan every problem, and write the plans and a picture of each where asked.
 
     Every plan is checked against its problem before anything is written.
 
     Raises:
-        InputError: the problems cannot be read or are wrong; the output cannot be written.
+        InputError: the output cannot be written.
         PlanError: a plan breaks a constraint.
     """
-    problems = read_problems(problem_path)
     method = make_planner(planner)
     plans = []
     for entry in problems:
@@ -37,7 +41,8 @@ def plan_file(
         seconds = time.perf_counter() - started
         check_plan(entry.problem, plan)
         plans.append(NamedPlan(entry.id, plan, seconds))
-    write_plans(out_path, plans)
+    if out is not None:
+        write_plans(out, plans)
     if figure_dir is not None:
         from mission.planner.figure import draw_plan
 

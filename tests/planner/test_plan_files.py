@@ -7,7 +7,7 @@ import pytest
 
 from fl.radio import CHANNEL_PRESETS, average_per
 from mission.errors import InputError
-from mission.planner.commands import budget_report, plan_file, served_radius
+from mission.planner.commands import budget_report, plan_problems, served_radius
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
 from mission.planner.files import read_problems
@@ -97,7 +97,9 @@ def test_a_missing_file_and_one_that_is_no_text(tmp_path):
 def test_plans_are_written_with_their_pictures(tmp_path, kind):
     problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
     out, figures = tmp_path / "plans.json", tmp_path / "figures"
-    plan_file(problems, out, planner=PlannerConfig(kind=kind), figure_dir=figures)
+    plan_problems(
+        read_problems(problems), planner=PlannerConfig(kind=kind), out=out, figure_dir=figures
+    )
     plans = json.loads(out.read_text())
     assert list(plans) == ["a", "b/../c"]
     assert set(plans["a"]) == {
@@ -121,13 +123,12 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
 
 
 def test_an_output_that_cannot_be_written(tmp_path):
-    problems = write(tmp_path, [GOOD])
+    path = write(tmp_path, [GOOD])
+    problems, planner = read_problems(path), PlannerConfig(kind="sqp")
     with pytest.raises(InputError, match="cannot write"):
-        plan_file(problems, tmp_path / "no" / "plans.json", planner=PlannerConfig(kind="sqp"))
+        plan_problems(problems, planner=planner, out=tmp_path / "no" / "plans.json")
     with pytest.raises(InputError, match="cannot write the figure"):
-        plan_file(
-            problems, tmp_path / "p.json", planner=PlannerConfig(kind="sqp"), figure_dir=problems
-        )
+        plan_problems(problems, planner=planner, figure_dir=path)
 
 
 def test_the_link_budget_warns_where_nothing_gets_through():

@@ -1,0 +1,143 @@
+"""`aerofed plan` and `aerofed link-budget`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from mission.errors import InputError
+
+if TYPE_CHECKING:
+    from mission.config import RunConfig
+    from mission.planner.files import NamedPlan
+    from mission.world import World
+
+Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]
+
+
+def plan(
+    config: Path | None = None,
+    *,
+    problem: Path | None = None,
+    out: Path | None = None,
+    figure: Path | None = None,
+    qgc: Path | None = None,
+    method: str | None = None,
+    gap: float | None = None,
+    data_dir: Path | None = None,
+    set_: Overrides = (),
+) -> int:
+    """Plan rounds without flying them.
+
+    Parameters
+    ----------
+    config
+        TOML file whose first round is planned. Without one, the quick start's.
+    problem
+        JSON file with a list of problems to plan instead; docs/planner.md describes it.
+    out
+        JSON file for the plans.
+    figure
+        Folder for a picture of each plan: path, devices by importance, links by PER.
+    qgc
+        QGroundControl plan of the configuration's first round.
+    method
+        certified, sqp, paper or paper_literal; overrides planner.kind.
+    gap
+        certified: relative gap that is enough; overrides planner.gap.
+    data_dir
+        Folder with the data sets' files, where the configuration's tasks need files.
+    set_
+        Override any key of the configuration: --set mission.steps=8
+    """
+    from mission.planner.commands import plan_problems
+    from mission.planner.files import NamedProblem, read_problems
+
+    overrides: dict[str, object] = {}
+    if method is not None:
+        overrides["planner.kind"] = method
+    if gap is not None:
+        overrides["planner.gap"] = gap
+    resolved = _load(config, set_, overrides)
+    world = None
+    problems: Sequence[NamedProblem]
+    if problem is None:
+        from mission.world import build_world
+
+        world = build_world(resolved, data_dir=data_dir)
+        problems = (NamedProblem("round-1", world.first_problem()),)
+    elif qgc is not None:
+        raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
+    else:
+        problems = read_problems(problem)
+    plans = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
+    if qgc is not None and world is not None:
+        _write_qgc(qgc, plans[0], world)
+    _print(plans)
+    return 0
+
+
+def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
+    """Print the packet error rate over distance, the served radius, and the logistic fit.
+
+    Parameters
+    ----------
+    config
+        TOML file whose channel is shown. Without one, the quick start's.
+    set_
+        Override any key: --set channel.preset=literal
+    """
+    from mission.planner.commands import budget_report
+
+    resolved = _load(config, set_, {})
+    report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
+    for line in report.lines:
+        console.print(line)
+    if report.warning:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"warning: {report.warning}")
+    return 0
+
+
+def _load(config: Path | None, set_: tuple[str, ...], more: dict[str, object]) -> "RunConfig":
+    from mission.config import builtin_config, load_config, parse_override
+
+    overrides = dict(parse_override(text) for text in set_) | more
+    return load_config(config or builtin_config("quickstart.toml"), overrides)
+
+
+def _write_qgc(path: Path, named: "NamedPlan", world: "World") -> None:
+    from mission.flightplan import FlightPlan, stops_of
+    from mission.planfile import write_round_plan
+
+    mission = world.config.mission
+    flight = FlightPlan(
+        stops_of(named.plan), mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m
+    )
+    write_round_plan(path, flight, world.area)
+
+
+def _print(plans: "tuple[NamedPlan, ...]") -> None:
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("problem")
+    for heading in ("value", "upper bound", "gap", "path m", "served", "nodes", "ms"):
+        table.add_column(heading, justify="right")
+    for named in plans:
+        made = named.plan
+        proven = made.upper_bound == made.upper_bound
+        table.add_row(
+            named.id,
+            f"{made.value:.6f}",
+            f"{made.upper_bound:.6f}" if proven else "-",
+            f"{100 * made.gap:.2f} %" if proven else "-",
+            f"{made.path_m:.1f}",
+            str(int(made.schedule.sum())),
+            str(made.nodes),
+            f"{1e3 * named.time_s:.1f}",
+        )
+    Console().print(table)
