@@ -25,7 +25,10 @@ from sitl.observer import VehicleEvent, VehicleSample
 _SEVERITY = {"failsafe": 4, "fault": 4}
 _NOTICE = 6
 _PATH_POINT_NS = NS_PER_S  # spacing of the points of the flown path
-_PATH_EVERY_NS = 5 * NS_PER_S
+# The flown path is written whole, so that it is there wherever somebody looks; a long one more
+# rarely, or the log would grow with the square of the flight.
+_PATH_EVERY = 5  # points
+_PATH_SHARE = 20  # or the twentieth part of it
 
 
 class FlightLog:
@@ -70,7 +73,7 @@ class FlightLog:
         self._mode: tuple[str, bool] | None = None
         self._flown: list[messages.XYZ] = []
         self._flown_point = Every(_PATH_POINT_NS)
-        self._flown_path = Every(_PATH_EVERY_NS)
+        self._flown_due = 1  # points at which the path is written next
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
         self._write_devices(0)
@@ -175,7 +178,7 @@ class FlightLog:
         seen = scene.devices(t_ns, self._devices, problem.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
         self._write_devices(t_ns)
-        self._flown.clear()
+        self._forget_flown()
         self._flush()
 
     def uplinks(self, records: Sequence[UplinkRecord]) -> None:
@@ -192,7 +195,7 @@ class FlightLog:
         t_ns = self._now_ns
         self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
         self._write_flown(t_ns)
-        self._flown.clear()
+        self._forget_flown()
         self._flush()
         self._file.sync()
 
@@ -286,8 +289,14 @@ class FlightLog:
     def _extend_flown(self, t_ns: int, true_m: messages.XYZ) -> None:
         if self._flown_point.now(t_ns):
             self._flown.append(true_m)
-        if self._flown_path.now(t_ns):
-            self._write_flown(t_ns)
+            count = len(self._flown)
+            if count >= self._flown_due:
+                self._flown_due = count + max(_PATH_EVERY, count // _PATH_SHARE)
+                self._write_flown(t_ns)
+
+    def _forget_flown(self) -> None:
+        self._flown.clear()
+        self._flown_due = 1
 
     def _write_flown(self, t_ns: int) -> None:
         if self._flown:
