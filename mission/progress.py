@@ -50,7 +50,7 @@ class PlainLines:
         self._console.print(
             f"round {record.round}/{rounds}: t {record.start_t_s + record.duration_s:.0f} s, "
             f"{real_time_factor:.0f}x, objective planned {record.plan_objective:.3f} flown "
-            f"{record.true_objective:.3f}, delivered {record.delivered}/{record.scheduled}, "
+            f"{record.true_objective:.3f} ({_lost(record)} lost), delivered {record.delivered}/{record.scheduled}, "
             f"accuracy {accuracy}",
             soft_wrap=True, highlight=False, markup=False,
         )  # fmt: skip
@@ -84,7 +84,7 @@ class LiveTable:
 
     def _render(self) -> Table:
         table = Table(box=None, pad_edge=False, header_style="bold")
-        for name in ("round", "sim time", "speed", "planned", "flown", "delivered"):
+        for name in ("round", "sim time", "speed", "planned", "flown", "lost", "delivered"):
             table.add_column(name, justify="right")
         communities = list(self._records[-1].accuracy) if self._records else []
         for name in communities:
@@ -96,6 +96,7 @@ class LiveTable:
                 f"{self._factor:.0f}x",
                 f"{record.plan_objective:.3f}",
                 f"{record.true_objective:.3f}",
+                _lost(record),
                 f"{record.delivered}/{record.scheduled}",
                 *(f"{record.accuracy[name]:.3f}" for name in communities),
             )
@@ -103,6 +104,13 @@ class LiveTable:
             table.caption = Text(f"{self._phase} ...", style="dim")
             table.caption_justify = "left"
         return table
+
+
+def _lost(record: RoundRecord) -> str:
+    """What of the planned objective the flight did not bring."""
+    if record.plan_objective == 0.0:
+        return "0.0 %"
+    return f"{100 * (1 - record.true_objective / record.plan_objective):.1f} %"
 
 
 def make_progress(console: Console, *, quiet: bool) -> Progress:
