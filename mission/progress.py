@@ -50,8 +50,8 @@ class PlainLines:
         self._console.print(
             f"round {record.round}/{rounds}: t {record.start_t_s + record.duration_s:.0f} s, "
             f"{real_time_factor:.0f}x, objective planned {record.plan_objective:.3f} flown "
-            f"{record.true_objective:.3f} ({_lost(record)} lost), delivered {record.delivered}/{record.scheduled}, "
-            f"accuracy {accuracy}",
+            f"{record.true_objective:.3f} ({_lost(record)} lost), "
+            f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}",
             soft_wrap=True, highlight=False, markup=False,
         )  # fmt: skip
 
