@@ -85,7 +85,9 @@ GNSS = _foxglove(
 )
 PLAN_PATH = _foxglove("/plan/path", fox.PosesInFrame, "a round's planned polyline")
 FLOWN_PATH = _foxglove(
-    "/flown/path", fox.PosesInFrame, "the round's true track so far; every 5 s and at the end"
+    "/flown/path",
+    fox.PosesInFrame,
+    "the round's true track so far; every 5 s or 5 % of it, and at the end",
 )
 PLAN_MAP = _foxglove("/plan/map", fox.GeoJson, "devices and planned path, for the map panel")
 SCENE_GROUND = _foxglove("/scene/ground", fox.SceneUpdate, "edge of the area and take-off point")
