@@ -1,6 +1,7 @@
 """Raw MAVLink in a run's log, by option."""
 
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -30,8 +31,9 @@ def test_what_was_said_is_recorded_and_changes_nothing_else(tmp_path: Path) -> N
     assert call(["log", "export", str(raw / "flight.mcap"), "--to", "tlog"]) == 0
     replay = mavutil.mavlink_connection(str(raw / "flight.tlog"))
     said: Counter[str] = Counter()
-    while (message := replay.recv_match()) is not None:
-        said[message.get_type()] += 1
+    with closing(replay.f):  # mavutil's own close() forgets it
+        while (message := replay.recv_match()) is not None:
+            said[message.get_type()] += 1
     assert said["BAD_DATA"] == 0
     # The pilot's plan and orders, and the vehicle's answers.
     assert said["MISSION_COUNT"] >= 1
