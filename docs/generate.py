@@ -69,6 +69,7 @@ def formats() -> list[str]:
     every = topics.TOPICS
     lines = [
         *("", "## rounds.csv", "", *fields(topics.ROUNDS)),
+        *("", "`accuracy` and `cov` are a column a community: `accuracy_digits`, `cov_digits`."),
         *("", "## uplinks.csv", "", *fields(topics.UPLINKS)),
         *("", "## flight.mcap", ""),
         "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",

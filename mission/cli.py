@@ -1,20 +1,24 @@
 """The `aerofed` command: parses, calls a command, and turns errors into lines and exit codes."""
 
-import os
+import signal
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
 
 from mission import helps
 from mission.errors import INTERRUPTED, AerofedError, InputError
+from mission.terminal import Terminal
 
 EXIT_CODES = """Exit codes: 0 done, 1 a bug, 2 wrong input, 3 no feasible plan, 4 flight failed, \
 5 link lost or port in use, 6 limits not met, 130 interrupted."""
 
 app = App(
     name="aerofed",
+    version=lambda: version("aerofed"),
+    console=Terminal(),
     help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
     help_epilogue=EXIT_CODES,
     help_format="plaintext",
@@ -48,12 +52,15 @@ app.command(data)
 
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
+    # What stops a job politely (batch systems, containers, timeout) gets what Ctrl-C gets.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     sys.exit(call(tokens))
 
 
 def call(tokens: Sequence[str] | None = None) -> int:
     """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
     errors = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    Terminal.failure = None
     try:
         result = app(tokens, exit_on_error=False, print_error=False)
     except CycloptsError as error:
@@ -66,8 +73,7 @@ def call(tokens: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has had enough; Python must not complain at its exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    if Terminal.failure is not None:
+        errors.print(f"aerofed: cannot write to standard output: {Terminal.failure}")
+        return InputError.exit_code
     return result if isinstance(result, int) else 0

@@ -210,7 +210,8 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     try:
         return RunConfig.model_validate(data)
     except ValidationError as error:
-        raise InputError("\n".join(_explain(error, path))) from None
+        given = frozenset(overrides or {})
+        raise InputError("\n".join(_explain(error, path, given))) from None
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -255,22 +256,26 @@ def _put(data: dict[str, Any], dotted: str, value: Any) -> None:
             node = node[index]
 
 
-def _explain(error: ValidationError, path: Path) -> Sequence[str]:
-    """One line per wrong key: file, dotted path, value, what is allowed."""
+def _explain(error: ValidationError, path: Path, given: frozenset[str]) -> Sequence[str]:
+    """One line per wrong key: where it stands, dotted path, value, what is allowed.
+
+    Keys in `given` were set on the command line.
+    """
     lines = []
     for item in error.errors():
         where = ".".join(str(part) for part in item["loc"] if not _is_union_tag(part))
+        source = "command line" if any(f"{where}.".startswith(f"{k}.") for k in given) else path
         if item["type"] == "extra_forbidden":
             known = _known_keys(item["loc"][:-1])
             close = get_close_matches(str(item["loc"][-1]), known, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
-            lines.append(f"{path}: {where}: unknown key{hint} (known: {', '.join(known)})")
+            lines.append(f"{source}: {where}: unknown key{hint} (known: {', '.join(known)})")
         elif item["type"] == "missing":
-            lines.append(f"{path}: {where}: missing, and it has no default")
+            lines.append(f"{source}: {where}: missing, and it has no default")
         else:
             value = "" if isinstance(item["input"], dict) else f" = {item['input']!r}"
             message = item["msg"].removeprefix("Value error, ")
-            lines.append(f"{path}: {where or 'configuration'}{value}: {message}")
+            lines.append(f"{source}: {where or 'configuration'}{value}: {message}")
     return list(dict.fromkeys(lines))
 
 

@@ -21,6 +21,10 @@ class Progress(Protocol):
         """A round is over."""
         ...
 
+    def notice(self, text: str) -> None:
+        """Something that a person should know."""
+        ...
+
     def close(self) -> None:
         """Leave the terminal as it should stay."""
         ...
@@ -28,6 +32,8 @@ class Progress(Protocol):
 
 class Quiet:
     """Shows nothing."""
+
+    def notice(self, text: str) -> None: ...
 
     def phase(self, name: str) -> None: ...
 
@@ -44,6 +50,9 @@ class PlainLines:
 
     def phase(self, name: str) -> None:
         """Phases would only be noise in a file."""
+
+    def notice(self, text: str) -> None:
+        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
         accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
@@ -73,6 +82,9 @@ class LiveTable:
 
     def phase(self, name: str) -> None:
         self._phase = name
+
+    def notice(self, text: str) -> None:
+        self._live.console.print(text, highlight=False, markup=False)
 
     def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
         self._records.append(record)

@@ -74,6 +74,11 @@ class SessionRecorder:
     def finished(self, result: RoundResult) -> None:
         """Log and tabulate a finished round; from here on it is kept whatever happens."""
         record, learnt = result.record, result.memory.learnt
+        if record.scheduled == 0:
+            self.progress.notice(
+                f"round {record.round}: no device is within reach of the path; "
+                "area.home_m, mission.path_budget_m and the channel decide who is"
+            )
         self.log.uplinks(result.uplinks)
         self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.log.round(record)
@@ -282,8 +287,9 @@ def _fly(
     if not quiet:
         _say(console, folder.path, experiment, stopwatch)
     if status == "interrupted":
+        again = f"; aerofed run --resume {folder.path} goes on"
         console.print(
-            f"interrupted; aerofed run --resume {folder.path} goes on",
+            f"interrupted{'' if config.link.kind == 'external' else again}",
             soft_wrap=True, highlight=False,
         )  # fmt: skip
         return INTERRUPTED
@@ -315,8 +321,16 @@ def _totals(experiment: Experiment, stopwatch: Stopwatch) -> dict[str, Any]:
 
 def _say(console: Console, path: Path, experiment: Experiment, stopwatch: Stopwatch) -> None:
     shares = ", ".join(f"{name} {wall_s:.1f} s" for name, wall_s in stopwatch.wall_s.items())
+    done, mission = experiment.rounds_done, experiment.world.config.mission
+    if experiment.finished and done < mission.rounds:
+        console.print(
+            f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
+            f"round {done + 1}",
+            soft_wrap=True,
+            highlight=False,
+        )
     console.print(
-        f"{experiment.rounds_done} rounds, {experiment.flown_m:.0f} m flown in them, "
+        f"{done} round{'' if done == 1 else 's'}, {experiment.flown_m:.0f} m flown in them, "
         f"{experiment.delivered}/{experiment.scheduled} updates delivered; "
         f"{stopwatch.total_s:.1f} s ({shares})",
         soft_wrap=True,

@@ -3,9 +3,8 @@
 import json
 from pathlib import Path
 
-from rich.console import Console
-
 from mission.errors import InputError
+from mission.terminal import Terminal
 
 
 def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None = None) -> int:
@@ -39,7 +38,7 @@ def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None
         from mission.figures import draw_comparison
 
         draw_comparison(comparisons, figure)
-    console = Console()
+    console = Terminal()
     if as_json:
         data = [comparison.to_json() for comparison in comparisons]
         console.print_json(json.dumps(data if others else data[0]))

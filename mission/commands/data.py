@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
 from mission.errors import InputError, LinkLostError
+from mission.terminal import Terminal
 
 if TYPE_CHECKING:
     from fl.fetch import TaskCheck
@@ -67,7 +68,7 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
     folder
         The data folder.
     task
-        Which data sets must be there. Default: those that are.
+        Which data sets must be there. Default: those that are, and one at least.
     """
     from fl.fetch import TASKS
     from fl.fetch import check as look
@@ -81,8 +82,10 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
     bad = {"damaged"} if task is None else {"damaged", "missing"}
     if any(item.status in bad for item in found):
         return InputError.exit_code
+    if all(item.status == "missing" for item in found):
+        raise InputError(f"{folder}: holds none of the data sets")
     return 0
 
 
 def _console() -> Console:
-    return Console(highlight=False, markup=False, soft_wrap=True)
+    return Terminal(highlight=False, markup=False, soft_wrap=True)

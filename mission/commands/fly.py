@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
+
+from mission.terminal import Terminal
 
 RUNS = Path("runs")
 
@@ -47,4 +48,4 @@ def fly(
     from mission.planflight import fly_plan
 
     folder = out or free_folder(RUNS, plan.stem)
-    return fly_plan(resolved, plan, folder, console=Console(), quiet=quiet)
+    return fly_plan(resolved, plan, folder, console=Terminal(), quiet=quiet)

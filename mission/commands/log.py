@@ -7,6 +7,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mission.terminal import Terminal
+
 LIMITS_NOT_MET = 6
 
 Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
@@ -168,4 +170,4 @@ def diff(first: Path, second: Path) -> int:
 
 
 def _console() -> Console:
-    return Console(highlight=False, markup=False, soft_wrap=True)
+    return Terminal(highlight=False, markup=False, soft_wrap=True)

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mission.errors import InputError
+from mission.terminal import Terminal
 
 if TYPE_CHECKING:
     from mission.config import RunConfig
@@ -57,6 +58,13 @@ def plan(
     from mission.planner.commands import plan_problems
     from mission.planner.files import NamedProblem, read_problems
 
+    for path in (out, qgc):
+        if path is not None and path.exists():
+            raise InputError(f"{path}: exists already; give another name")
+        if path is not None and not path.parent.is_dir():
+            raise InputError(f"{path}: cannot write: no folder {path.parent}")
+    if figure is not None and figure.exists() and not figure.is_dir():
+        raise InputError(f"{figure}: not a folder")
     overrides: dict[str, object] = {}
     if method is not None:
         overrides["planner.kind"] = method
@@ -95,7 +103,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
 
     resolved = _load(config, set_, {})
     report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console = Terminal(soft_wrap=True, highlight=False, markup=False)
     console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
     for line in report.lines:
         console.print(line)
@@ -140,4 +148,4 @@ def _print(plans: "tuple[NamedPlan, ...]") -> None:
             str(made.nodes),
             f"{1e3 * named.time_s:.1f}",
         )
-    Console().print(table)
+    Terminal().print(table)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rich.console import Console
+from mission.terminal import Terminal
 
 
 def report(run: Path, *, out: Path | None = None) -> int:
@@ -27,5 +27,5 @@ def report(run: Path, *, out: Path | None = None) -> int:
         from mission.report.page import write_report
 
         path = write_report(run, out)
-    Console(highlight=False, markup=False, soft_wrap=True).print(path)
+    Terminal(highlight=False, markup=False, soft_wrap=True).print(path)
     return 0

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from mission.errors import InputError
+from mission.terminal import Terminal
 
 RUNS = Path("runs")
 
@@ -76,7 +76,7 @@ def run(
 
         return resume_session(
             resume,
-            console=Console(),
+            console=Terminal(),
             quiet=quiet,
             live_port=live_port if live else None,
             log_mavlink=log_mavlink,
@@ -111,7 +111,7 @@ def run(
         resolved,
         folder,
         data_dir=data_dir,
-        console=Console(),
+        console=Terminal(),
         quiet=quiet,
         live_port=live_port if live else None,
         log_mavlink=log_mavlink,

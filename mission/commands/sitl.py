@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from mission.errors import InputError
+from mission.terminal import Terminal
 
 
 def sitl(
@@ -44,7 +44,7 @@ def sitl(
     # Only now, so that wrong input is answered at once.
     from mission.serve import link_url, make_vehicle, serve
 
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console = Terminal(soft_wrap=True, highlight=False, markup=False)
     serve(
         make_vehicle(resolved),
         [link_url(text) for text in udp],

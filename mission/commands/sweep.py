@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from mission.errors import InputError
+from mission.terminal import Terminal
 
 RUNS = Path("runs")
 _PIPE_WIDTH = 160  # a file needs no line breaks
@@ -78,9 +78,9 @@ def sweep(
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
 
-    console = Console()
+    console = Terminal()
     if not console.is_terminal:
-        console = Console(width=_PIPE_WIDTH)
+        console = Terminal(width=_PIPE_WIDTH)
     return execute(
         grid,
         out or RUNS / f"sweep-{grid.base.name}",

@@ -1,0 +1,36 @@
+"""Standard output that never ends what it reports on."""
+
+import errno
+import os
+import sys
+from typing import Any, ClassVar
+
+from rich.console import Console
+
+
+class Terminal(Console):
+    """A console that falls silent, instead of raising, when it can no longer be written.
+
+    A closed pipe means that somebody has read enough; any other failure is kept in `failure` for
+    the command line to report at its end.
+    """
+
+    failure: ClassVar[str | None] = None
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does, or drop it."""
+        try:
+            super().print(*objects, **options)
+        except OSError as error:
+            self._fall_silent(error)
+
+    def on_broken_pipe(self) -> None:
+        """Rich's own answer would be to exit."""
+        self._fall_silent(BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)))
+
+    def _fall_silent(self, error: OSError) -> None:
+        self.quiet = True
+        # What is still buffered must not fail again when the interpreter ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno != errno.EPIPE:
+            Terminal.failure = error.strerror

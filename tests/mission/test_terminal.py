@@ -1,0 +1,98 @@
+"""The command at its edges: signals, pipes that close, disks that are full."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_run import SMALL, rows
+
+from mission.cli import call
+
+AEROFED = [sys.executable, "-m", "mission"]
+
+
+def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [*AEROFED, "run", "--rounds", "1", "--out", str(out), *SMALL[:-1]]
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert process.returncode == 2
+    assert process.stderr == "aerofed: cannot write to standard output: No space left on device\n"
+    assert json.loads((out / "summary.json").read_text())["status"] == "finished"
+
+
+def test_a_reader_that_has_had_enough_is_no_error() -> None:
+    command = [*AEROFED, "link-budget"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert (process.stderr.read(), process.wait()) == ("", 0)
+    process.stderr.close()
+
+
+def test_a_polite_kill_is_an_interruption(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [*AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline:
+        if (out / "rounds.csv").exists() and rows(out / "rounds.csv"):
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, "Traceback" in errors) == (130, False)
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+
+
+@pytest.mark.parametrize("delay_s", [0.15, 0.4])
+def test_ctrl_c_while_the_program_loads_is_no_traceback(tmp_path: Path, delay_s: float) -> None:
+    command = [*AEROFED, "run", "--out", str(tmp_path / "run")]
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    # Before Python itself is up nobody can answer the signal but Python.
+    assert process.returncode in (130, -signal.SIGINT)
+    if process.returncode == 130:
+        assert errors == "aerofed: interrupted\n"
+
+
+def test_a_value_from_the_command_line_is_not_blamed_on_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(["run", "--rounds", "0", "--out", str(tmp_path / "x")]) == 2
+    assert capsys.readouterr().err.startswith("aerofed: command line: mission.rounds = 0:")
+
+
+def test_plan_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "rounds.csv"
+    mine.write_text("mine")
+    assert call(["plan", "--out", str(mine)]) == 2
+    assert f"{mine}: exists already" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+
+
+def test_an_empty_data_folder_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["data", "check", str(tmp_path)]) == 2
+    assert "holds none of the data sets" in capsys.readouterr().err
+
+
+def test_a_round_that_reaches_nobody_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = ["--set", "area.home_m=[9000.0, 9000.0]", "--set", "mission.path_budget_m=100"]
+    assert call(["run", "--rounds", "1", "--out", str(tmp_path / "x"), *far]) == 0
+    assert "no device is within reach" in capsys.readouterr().out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == "0.1.0"
