@@ -33,6 +33,7 @@ logger = logging.getLogger(__name__)
 
 POLL_S = 0.01  # wall time between looks at a condition that telemetry may have met
 CONNECT_TIMEOUT_S = 10.0
+SETTLE_TIMEOUT_S = 10.0  # MAVSDK's own time-outs are shorter
 UPLOAD_ATTEMPTS = 3
 # After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
 MODE_GRACE_S = 2.0
@@ -164,8 +165,8 @@ class Pilot:
     async def _upload(self, items: list[MissionItem]) -> None:
         for attempt in range(1, UPLOAD_ATTEMPTS + 1):
             try:
-                await self._mission.upload_mission(items)
-                back = await self._mission.download_mission()
+                await _settled(self._mission.upload_mission(items))
+                back = await _settled(self._mission.download_mission())
             except MavsdkError as error:
                 logger.info("mission upload, attempt %d: %s", attempt, error)
                 self._check_alive("take a mission")
@@ -194,7 +195,7 @@ class Pilot:
 
     async def _order(self, what: str, call: Awaitable[Any]) -> Any:
         try:
-            return await call
+            return await _settled(call)
         except MavsdkError as error:
             raise FlightError(
                 f"the vehicle did not {what}: {reason(error)}{self._because()}"
@@ -271,6 +272,22 @@ class Pilot:
                 self._last_warning = status.text
             if status.type >= 5 and status.text.lower().startswith(_CRASH):  # CRITICAL and worse
                 self._crash = status.text
+
+
+async def _settled(call: Awaitable[Any]) -> Any:
+    """The result of a MAVSDK call. An interruption is raised when the call has ended.
+
+    The call runs in a thread, and MAVSDK must not be taken down under it: both would wait for
+    ever.
+    """
+    running = asyncio.ensure_future(call)
+    try:
+        return await asyncio.shield(running)
+    except asyncio.CancelledError:
+        await asyncio.wait((running,), timeout=SETTLE_TIMEOUT_S)
+        if running.done() and not running.cancelled():
+            running.exception()  # seen, so that nobody reports it as forgotten
+        raise
 
 
 @asynccontextmanager

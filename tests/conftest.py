@@ -1,8 +1,14 @@
 """What several areas of the tests share."""
 
+import signal
 from pathlib import Path
 
 import pytest
+
+# A background job of a shell starts with SIGINT ignored and hands that down; the tests of Ctrl-C
+# need processes that hear it. xdist's workers inherit it from the controlling process.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
