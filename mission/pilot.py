@@ -38,6 +38,7 @@ UPLOAD_ATTEMPTS = 3
 # After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
 MODE_GRACE_S = 2.0
 _CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") and of ArduPilot
+REASON_POLLS = 100  # a second
 TAKE_OFF_TOLERANCE_M = 2.0
 
 FRAME_GLOBAL_RELATIVE_ALT_INT = 6
@@ -197,6 +198,11 @@ class Pilot:
         try:
             return await _settled(call)
         except MavsdkError as error:
+            # The vehicle's own words may come a little after its refusal.
+            for _ in range(REASON_POLLS):
+                if self._last_warning:
+                    break
+                await asyncio.sleep(POLL_S)
             raise FlightError(
                 f"the vehicle did not {what}: {reason(error)}{self._because()}"
             ) from None
