@@ -20,7 +20,7 @@ from mission.flightplan import FlightPlan, Stop
 from mission.flyer import SimulatedFlyer, open_simulated
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
-from mission.pilot import mission_items
+from mission.pilot.items import mission_items
 from mission.track import FlightRecorder
 from sitl.autopilot.messages import MissionItem
 from sitl.links import RawLink

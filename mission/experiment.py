@@ -18,7 +18,7 @@ from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer, Tap
 from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
-from mission.pilot import stop_sequence
+from mission.pilot.items import stop_sequence
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import Learnt, RoundRecord, UplinkRecord
 from mission.stopwatch import Stopwatch

@@ -12,13 +12,15 @@ from contextlib import asynccontextmanager, suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from mission import pilot as piloting
 from mission.area import Area
 from mission.config import LinkConfig, MissionConfig
 from mission.errors import AerofedError, FlightError, InputError, LinkLostError
 from mission.flightplan import FlightPlan
 from mission.flyer import HOLD_TIMEOUT_S, Flyer
-from mission.telemetry import TelemetryFeed
+from mission.pilot.connection import connect
+from mission.pilot.feed import TelemetryFeed
+from mission.pilot.items import stop_sequence
+from mission.pilot.orders import Pilot
 from mission.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver
 
@@ -35,7 +37,7 @@ class ExternalFlyer(Flyer):
 
     def __init__(
         self,
-        pilot: piloting.Pilot,
+        pilot: Pilot,
         feed: TelemetryFeed,
         recorder: FlightRecorder,
         *,
@@ -85,10 +87,10 @@ class ExternalFlyer(Flyer):
                 stops,
                 reported_ns=[
                     self._feed.reached_ns.get(seq)
-                    for seq in piloting.stop_sequence(plan, self.pilot.dialect)
+                    for seq in stop_sequence(plan, self.pilot.dialect)
                 ],
                 hovers=[stop.hold_s > 0.0 for stop in plan.stops],
-                sequence=piloting.stop_sequence(plan),
+                sequence=stop_sequence(plan),
             )
         )
         return flight
@@ -160,7 +162,7 @@ async def open_external(
         InputError: it is somewhere else than the area.
     """
     recorder = FlightRecorder()
-    async with piloting.connect(link.url, stall_timeout_s=link.stall_timeout_s) as pilot:
+    async with connect(link.url, stall_timeout_s=link.stall_timeout_s) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=(recorder, *observers))
         watch = asyncio.create_task(feed.watch())
         flyer = ExternalFlyer(pilot, feed, recorder, area=area, mission=mission)

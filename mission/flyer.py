@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.errors import FlightDynamicsError
-from mission import pilot as piloting
 from mission.area import Area
 from mission.config import MissionConfig, RunConfig
 from mission.errors import AerofedError, FlightError, LinkLostError
 from mission.flightplan import FlightPlan, Stop
+from mission.pilot.connection import connect
+from mission.pilot.orders import Pilot
 from mission.track import Flight, FlightRecorder, Passage
 from sitl.errors import LinkError
 from sitl.links import Link, RawLink, UdpLink
@@ -79,7 +80,7 @@ class Flyer(Protocol):
 class SimulatedFlyer(Flyer):
     """Flies the simulated vehicle, whose truth is known."""
 
-    pilot: piloting.Pilot
+    pilot: Pilot
     vehicle: Vehicle
     simulation: Simulation
     recorder: FlightRecorder
@@ -156,7 +157,7 @@ async def open_simulated(
             link = tap(link)
         async with (
             Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed) as simulation,
-            piloting.connect(
+            connect(
                 "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
                 raw_link=raw_link,
                 stall_timeout_s=config.link.stall_timeout_s,

@@ -18,7 +18,7 @@ from mission.area import Area
 from mission.errors import InputError
 from mission.flightplan import FlightPlan
 from mission.folder import write_atomically
-from mission.pilot import DO_CHANGE_SPEED, mission_items
+from mission.pilot.items import DO_CHANGE_SPEED, mission_items
 
 HEADER = "QGC WPL 110"
 MAX_BYTES = 10_000_000  # thousands of items; more is no mission

@@ -24,10 +24,10 @@ from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
+from mission.pilot.importer import Imported, import_plan, raw_items
 from mission.plancheck import PlannedPath, check_plan, here_means
 from mission.plancompare import KEY, PlannedAndFlown, compare_with_plan
 from mission.planfile import PlanFile, read_plan_file
-from mission.planimport import Imported, import_plan, raw_items
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.track import Flight
 from sitl.autopilot.items import PLACES

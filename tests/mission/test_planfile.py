@@ -12,9 +12,9 @@ from flightdyn.state import GeodeticPoint
 from mission.area import Area
 from mission.errors import InputError
 from mission.flightplan import FlightPlan, Stop
-from mission.pilot import mission_items
+from mission.pilot.importer import Imported, import_plan, raw_items
+from mission.pilot.items import mission_items
 from mission.planfile import PlanFile, read_plan_file, write_round_plan
-from mission.planimport import Imported, import_plan, raw_items
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

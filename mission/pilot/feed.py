@@ -19,7 +19,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkMessage
 from flightdyn.frames import frozen
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics
 from mission.area import Area
-from mission.pilot import Pilot
+from mission.pilot.orders import Pilot
 from mission.track import Passage
 from sitl.observer import VehicleObserver, VehicleSample
 

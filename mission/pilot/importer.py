@@ -4,15 +4,13 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mavsdk.asyncio import Configuration, Mavsdk
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
-from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import MavsdkError
-from mavsdk.logging import log_subscribe
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 
 from mission.errors import InputError
-from mission.pilot import CONNECT_TIMEOUT_S, log_mavsdk, reason
+from mission.pilot.calls import reason
+from mission.pilot.connection import CONNECT_TIMEOUT_S, ground_station, raw_core
 from mission.planfile import PlanFile
 from sitl.autopilot.enums import GLOBAL_FRAMES, MissionType
 from sitl.autopilot.messages import MissionItem
@@ -39,11 +37,9 @@ def import_plan(plan: PlanFile, *, heartbeat: bytes) -> Imported:
 
 
 async def _import(plan: PlanFile, *, heartbeat: bytes) -> Imported:
-    log_subscribe(log_mavsdk)
-    configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
-    async with Mavsdk(configuration) as mavsdk:
+    async with ground_station() as mavsdk:
         await mavsdk.add_any_connection("raw://")
-        core = mavsdk._mavsdk  # the asyncio wrapper of mavsdk 4.1 does not pass these on
+        core = raw_core(mavsdk)
         core.subscribe_raw_bytes_to_be_sent(_nowhere)
         core.pass_received_raw_bytes(heartbeat)
         system = await mavsdk.first_autopilot(timeout_s=CONNECT_TIMEOUT_S)

@@ -1,0 +1,193 @@
+"""Orders to one vehicle, each awaited until telemetry says that it was carried out."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mission_raw import MissionItem
+from mavsdk.plugins.telemetry import FlightMode, LandedState
+
+from flightdyn.state import GeodeticPoint
+from mission.errors import FlightError, LinkLostError
+from mission.flightplan import FlightPlan
+from mission.pilot.calls import reason, settled
+from mission.pilot.dialects import PX4, Dialect
+from mission.pilot.items import mission_items, same_mission
+from mission.pilot.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+POLL_S = 0.01  # wall time between looks at a condition that telemetry may have met
+UPLOAD_ATTEMPTS = 3
+# After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
+MODE_GRACE_S = 2.0
+REASON_POLLS = 100  # a second
+TAKE_OFF_TOLERANCE_M = 2.0
+
+
+class Pilot:
+    """Flies one vehicle over one MAVSDK system, while its `watch` runs; see `connect`."""
+
+    def __init__(self, system: Any, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
+        self.system = system
+        self.dialect = dialect
+        self.watch = Watch(system)
+        self._action = ActionAsync(system)
+        self._mission = MissionRawAsync(system)
+        self._stall_timeout_s = stall_timeout_s
+
+    @property
+    def mode(self) -> str:
+        """The flight mode, by MAVSDK's name."""
+        return str(self.watch.mode.name)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are released."""
+        return self.watch.armed
+
+    async def ready(self) -> None:
+        """Wait until the vehicle says that it can be armed.
+
+        Raises:
+            LinkLostError: it falls silent, or never becomes ready.
+        """
+        await self._until(lambda: self.watch.armable, "become ready to arm")
+
+    async def arm(self) -> None:
+        """Release the motors."""
+        await self._order("arm", self._action.arm())
+        await self._until(lambda: self.watch.armed, "arm")
+
+    async def take_off(self, alt_rel_m: float) -> None:
+        """Arm, climb, and wait for the hover at `alt_rel_m` above home."""
+        await self._order("set the take-off altitude", self._action.set_takeoff_altitude(alt_rel_m))
+        await self.arm()
+        await self._order("take off", self._action.takeoff())
+        # Telemetry of one instant arrives in several messages, so all of it must agree.
+        await self._until(
+            lambda: (
+                self.watch.landed == LandedState.IN_AIR
+                and self.mode in self.dialect.resting
+                and abs(self.watch.alt_rel_m - alt_rel_m) < TAKE_OFF_TOLERANCE_M
+            ),
+            f"climb to {alt_rel_m:g} m and hold there",
+        )
+
+    async def fly(self, plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> None:
+        """Upload the stops at `positions`, start, and wait for the end at the last one.
+
+        Raises:
+            FlightError: the vehicle refuses the mission, leaves it, or misses its end.
+        """
+        await self.fly_items(mission_items(plan, positions, self.dialect))
+        await self._until(
+            lambda: self.mode in self.dialect.resting, "hold its position after the mission"
+        )
+
+    async def fly_items(self, items: list[MissionItem]) -> None:
+        """Upload any mission, start it, and wait until the vehicle has carried it out.
+
+        Raises:
+            FlightError: the vehicle refuses the mission, leaves it, or misses its end.
+        """
+        await self._upload(items)
+        await self._order("start the mission", self._mission.start_mission())
+        loop = asyncio.get_running_loop()
+        left_at: float | None = None
+        while not await self._call("report the mission", self._mission.is_mission_finished()):
+            self._check_alive("finish the mission")
+            if self.watch.mode == FlightMode.MISSION:
+                left_at = None
+            elif left_at is None:
+                left_at = loop.time()
+            elif loop.time() - left_at > MODE_GRACE_S:
+                said = _because(self.watch.last_warning)
+                raise FlightError(f"the vehicle left the mission for {self.mode}{said}")
+            await asyncio.sleep(POLL_S)
+
+    async def upload_fence(self, items: list[MissionItem]) -> None:
+        """Upload a geofence."""
+        await self._order("take the geofence", self._mission.upload_geofence(items))
+
+    async def landed(self) -> None:
+        """Wait until the vehicle stands on the ground with its motors off."""
+        await self._until(
+            lambda: self.watch.landed == LandedState.ON_GROUND and not self.watch.armed,
+            "land and disarm",
+        )
+
+    async def land(self) -> None:
+        """Return to home, land, and wait until the motors are off."""
+        await self._order("return and land", self._action.return_to_launch())
+        await self.landed()
+
+    async def hold(self) -> None:
+        """Stop and hover where the vehicle is."""
+        await self._order("hold", self._action.hold())
+
+    async def _upload(self, items: list[MissionItem]) -> None:
+        self.watch.order_given()
+        refusal: MavsdkError | None = None
+        for attempt in range(1, UPLOAD_ATTEMPTS + 1):
+            try:
+                await settled(self._mission.upload_mission(items))
+                back = await settled(self._mission.download_mission())
+            except MavsdkError as error:
+                logger.info("mission upload, attempt %d: %s", attempt, error)
+                self._check_alive("take a mission")
+                refusal = error
+                continue
+            if same_mission(items, back, self.dialect):
+                first = int(self.dialect.home_first)
+                await self._order(
+                    "rewind the mission", self._mission.set_current_mission_item(first)
+                )
+                return
+            refusal = None
+        if refusal is not None:
+            raise await self._refused(f"take the mission of {len(items)} items", refusal)
+        raise FlightError(f"the vehicle holds another mission than the {len(items)} items uploaded")
+
+    async def _order(self, what: str, call: Awaitable[Any]) -> Any:
+        """Give an order: a refusal is explained by the first warning after it."""
+        self.watch.order_given()
+        return await self._call(what, call)
+
+    async def _call(self, what: str, call: Awaitable[Any]) -> Any:
+        try:
+            return await settled(call)
+        except MavsdkError as error:
+            raise await self._refused(what, error) from None
+
+    async def _refused(self, what: str, error: MavsdkError) -> FlightError:
+        """The vehicle's own words may come a little after its refusal."""
+        for _ in range(REASON_POLLS):
+            if self.watch.first_warning:
+                break
+            await asyncio.sleep(POLL_S)
+        said = _because(self.watch.first_warning)
+        return FlightError(f"the vehicle did not {what}: {reason(error)}{said}")
+
+    async def _until(self, met: Callable[[], bool], what: str) -> None:
+        while not met():
+            self._check_alive(what)
+            await asyncio.sleep(POLL_S)
+
+    def _check_alive(self, what: str) -> None:
+        watch = self.watch
+        if watch.crash:
+            raise FlightError(f"the aircraft is lost; it said: {watch.crash}")
+        if watch.silence_s > self._stall_timeout_s:
+            raise LinkLostError(
+                f"no sign of the vehicle for {watch.silence_s:.0f} s while it should {what}"
+                f"{_because(watch.last_warning)}"
+            )
+
+
+def _because(said: str) -> str:
+    return f" (it said: {said})" if said else ""

@@ -1,0 +1,95 @@
+"""What telemetry said last, and when it last said anything new."""
+
+import asyncio
+import logging
+import math
+from typing import Any
+
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
+
+logger = logging.getLogger(__name__)
+
+_CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") and of ArduPilot
+
+
+class Watch:
+    """The newest telemetry of one vehicle, while `run` runs."""
+
+    def __init__(self, system: Any) -> None:
+        self._telemetry = TelemetryAsync(system)
+        self._changed_at = asyncio.get_running_loop().time()
+        self._position: tuple[float, ...] = ()
+        self.alt_rel_m = math.nan
+        self.armable = False
+        self.armed = False
+        self.mode = FlightMode.UNKNOWN
+        self.landed = LandedState.UNKNOWN
+        self.crash = ""  # what the vehicle said of it
+        # Of the warnings since the last order: the first is why it was refused, the last is why
+        # it is no longer carried out.
+        self.first_warning = ""
+        self.last_warning = ""
+
+    @property
+    def silence_s(self) -> float:
+        """Wall seconds since something changed."""
+        return asyncio.get_running_loop().time() - self._changed_at
+
+    def order_given(self) -> None:
+        """Warnings from now on may be about the order that is being given; older ones are not."""
+        self.first_warning = self.last_warning = ""
+
+    async def run(self) -> None:
+        """Follow telemetry until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._watch_position())
+            group.create_task(self._watch_armable())
+            group.create_task(self._watch_armed())
+            group.create_task(self._watch_mode())
+            group.create_task(self._watch_landed())
+            group.create_task(self._watch_text())
+
+    def _changed(self) -> None:
+        self._changed_at = asyncio.get_running_loop().time()
+
+    async def _watch_position(self) -> None:
+        async for position in self._telemetry.subscribe_position():
+            seen = (position.latitude_deg, position.longitude_deg, position.relative_altitude_m)
+            self.alt_rel_m = position.relative_altitude_m
+            if seen != self._position:
+                self._position = seen
+                self._changed()
+
+    async def _watch_armable(self) -> None:
+        async for health in self._telemetry.subscribe_health():
+            if health.is_armable != self.armable:
+                self._changed()
+            self.armable = health.is_armable
+
+    async def _watch_armed(self) -> None:
+        async for armed in self._telemetry.subscribe_armed():
+            self.armed = armed
+            self._changed()
+
+    async def _watch_mode(self) -> None:
+        async for mode in self._telemetry.subscribe_flight_mode():
+            if mode != self.mode:
+                self._changed()
+            self.mode = mode
+
+    async def _watch_landed(self) -> None:
+        async for landed in self._telemetry.subscribe_landed_state():
+            if landed != self.landed:
+                self._changed()
+            self.landed = landed
+
+    async def _watch_text(self) -> None:
+        async for status in self._telemetry.subscribe_status_text():
+            logger.info("vehicle: %s", status.text)
+            if status.type >= StatusTextType.WARNING:
+                self.first_warning = self.first_warning or status.text
+                self.last_warning = status.text
+            grave = status.type >= StatusTextType.CRITICAL
+            if grave and status.text.lower().startswith(_CRASH):
+                self.crash = status.text
