@@ -13,6 +13,7 @@ _PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
 
 PLANNED = "#5B6770"
 FLOWN = "#111827"
+FENCE = "#B3261E"
 
 
 def community_colour(index: int) -> str:

@@ -16,13 +16,14 @@ from mission.checkpoint import CheckpointFolder, RoundMemory, remembered_data_di
 from mission.config import RunConfig, load_config
 from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.experiment import Experiment, RoundResult
+from mission.fence import fence_of
 from mission.flightplan import FlightPlan
 from mission.flyers import check_link, position_source
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.live import LiveView
 from mission.log.mavlink import RecordedLink
 from mission.log.sink import Sink
-from mission.log.values import Devices
+from mission.log.values import Devices, Zone
 from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -238,7 +239,9 @@ def _fly(
         stack.callback(progress.close)
         devices = Devices(world.devices_m, world.community_of)
         log = stack.enter_context(
-            FlightLog(folder.log, area=world.area, devices=devices, mirrors=mirrors)
+            FlightLog(
+                folder.log, area=world.area, devices=devices, fence=_fence(world), mirrors=mirrors
+            )
         )
         rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
         uplinks = stack.enter_context(UplinkTable(folder.uplinks))
@@ -294,6 +297,13 @@ def _fly(
         )  # fmt: skip
         return INTERRUPTED
     return 0
+
+
+def _fence(world: World) -> tuple[Zone, ...]:
+    """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
+    if world.config.link.kind == "external":
+        return ()  # whatever it has, nobody told us
+    return fence_of((), world.vehicle.autopilot.parameters, world.area)
 
 
 def _attach(log: FlightLog, world: World) -> None:

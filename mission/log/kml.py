@@ -9,7 +9,7 @@ import numpy as np
 from mission.errors import InputError
 from mission.log.reader import read_log
 from mission.log.values import FlightData, Floats, Track
-from mission.palette import FLOWN, PLANNED, community_colour
+from mission.palette import FENCE, FLOWN, PLANNED, community_colour
 
 _KML = "http://www.opengis.net/kml/2.2"
 
@@ -34,6 +34,14 @@ def export_kml(path: Path, target: Path) -> Path:
         point = _placemark(folder, f"{k} {data.devices.community[k]}", colour=colour)
         ground = np.array([[x, y, 0.0]])
         _text(ET.SubElement(point, "Point"), "coordinates", _coordinates(data, ground))
+    if data.fence:
+        _style(document, "fence", FENCE, 2)
+        lines = _folder(document, "fence")
+        for zone in data.fence:
+            ground = np.column_stack((zone.outline_m, np.zeros(len(zone.outline_m))))
+            closed = np.vstack((ground, ground[:1]))
+            name = "fence" if zone.keep_in else "no entry"
+            _line(lines, name, "fence", _coordinates(data, closed))
     planned, flown = _folder(document, "planned"), _folder(document, "flown")
     for plan in data.plans:
         height = np.full((len(plan.waypoints_m), 1), plan.altitude_m)

@@ -19,6 +19,7 @@ _LATCHED = frozenset(
     for topic in (
         *(topics.DEVICES, topics.PLAN, topics.PLAN_PATH, topics.PLAN_MAP, topics.MODE),
         *(topics.SCENE_GROUND, topics.SCENE_DEVICES, topics.ROUNDS, topics.LEARNING),
+        topics.FENCE,
     )
 )
 
@@ -97,16 +98,17 @@ class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by t
 
     def __init__(self, channels: dict[str, Any]) -> None:
         self._channels = channels
-        self._sent: dict[str, tuple[int, bytes]] = {}
+        self._sent: dict[str, list[tuple[int, bytes]]] = {}
         self._lock = Lock()  # callbacks come from the server's thread
 
     def keep(self, name: str, t_ns: int, data: bytes) -> None:
+        """Keep a message in place of those of an earlier instant; a round has some at one."""
         with self._lock:
-            self._sent[name] = (t_ns, data)
+            before = self._sent.get(name, [])
+            self._sent[name] = [item for item in before if item[0] == t_ns] + [(t_ns, data)]
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
         with self._lock:
-            sent = self._sent.get(channel.topic)
-        if sent is not None:
-            t_ns, data = sent
+            sent = tuple(self._sent.get(channel.topic, ()))
+        for t_ns, data in sent:
             self._channels[channel.topic].log(data, log_time=t_ns, sink_id=client.id)

@@ -17,7 +17,7 @@ from flightdyn.frames import LocalFrame
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Vector
 from mission.area import Area
 from mission.log.topics import BODY_FRAME, FRAME, SENSORS
-from mission.log.values import NS_PER_S, Floats, PlanRecord
+from mission.log.values import NS_PER_S, Floats, PlanRecord, Zone
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7
@@ -172,6 +172,16 @@ def plan(written: PlanRecord) -> bytes:
             "speed_mps": float(written.speed_mps),
             "altitude_m": float(written.altitude_m),
             "ideal_slot_s": written.ideal_slot_s.tolist(),
+        }
+    )
+
+
+def fence(zones: Sequence[Zone]) -> bytes:
+    """Our record of the fence."""
+    return record(
+        {
+            "keep_in_m": [zone.outline_m.tolist() for zone in zones if zone.keep_in],
+            "keep_out_m": [zone.outline_m.tolist() for zone in zones if not zone.keep_in],
         }
     )
 

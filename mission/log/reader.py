@@ -29,6 +29,7 @@ from mission.log.values import (
     PlanRecord,
     Track,
     WindTrack,
+    Zone,
     area_from_text,
 )
 from mission.records import RoundRecord, UplinkRecord
@@ -162,6 +163,7 @@ def read_log(path: Path) -> FlightData:
         return FlightData(
             area=area,
             devices=devices,
+            fence=_fence(contents),
             truth=truth,
             belief=belief,
             plans=tuple(
@@ -207,6 +209,16 @@ def _devices(contents: Contents) -> Devices:
         pos_m = np.array(row["pos_m"], dtype=np.float64).reshape(-1, 2)
         return Devices(pos_m, tuple(row["community"]))
     raise ForeignLogError(contents.path, "an MCAP file without the devices (/devices is empty)")
+
+
+def _fence(contents: Contents) -> tuple[Zone, ...]:
+    """The latest that was written: all of them are the same."""
+    rows = [row for _, row in contents.decoded(topics.FENCE)]
+    return tuple(
+        Zone(np.array(outline, dtype=np.float64).reshape(-1, 2), keep_in)
+        for key, keep_in in (("keep_in_m", True), ("keep_out_m", False))
+        for outline in (rows[-1][key] if rows else ())
+    )
 
 
 def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:

@@ -4,31 +4,25 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from foxglove import messages as fox
 
-from flightdyn.frames import LocalFrame
 from mission import palette
 from mission.area import Area
 from mission.log.messages import geojson, timestamp
 from mission.log.topics import FRAME
-from mission.log.values import Devices, Floats, PlanRecord
+from mission.log.values import Devices, Floats, PlanRecord, Zone
 from mission.records import UplinkRecord
 
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
 
 
-def ground(t_ns: int, area: Area) -> bytes:
-    """SceneUpdate of the area's edge and the take-off point."""
+def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
+    """SceneUpdate of the area's edge, the take-off point and the fence."""
     width, height = area.size_m
     corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
-    edge = fox.LinePrimitive(
-        type=fox.LinePrimitiveLineType.LineLoop,
-        thickness=2.0,
-        scale_invariant=True,
-        points=[fox.Point3(x=x, y=y, z=0.0) for x, y in corners],
-        color=_colour(palette.rgb(palette.PLANNED), 0.9),
-    )
+    edge = _loop(corners, palette.PLANNED, thickness=2.0)
     home = fox.CylinderPrimitive(
         pose=_at(*area.home_m, 0.1),
         size=fox.Vector3(x=12.0, y=12.0, z=0.2),
@@ -40,7 +34,21 @@ def ground(t_ns: int, area: Area) -> bytes:
         [
             _entity(t_ns, "area", lines=[edge]),
             _entity(t_ns, "home", cylinders=[home], texts=[_label(*area.home_m, 8.0, "home")]),
+            *(_zone(t_ns, f"fence {index}", zone) for index, zone in enumerate(fence)),
         ]
+    )
+
+
+def _zone(t_ns: int, name: str, zone: Zone) -> Any:
+    """A loop on the ground, and what it is at its first corner."""
+    corners = zone.outline_m.tolist()
+    x, y = corners[0]
+    return _entity(
+        t_ns,
+        name,
+        lines=[_loop(corners, palette.FENCE, thickness=3.0)],
+        texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no entry")],
+        metadata=[fox.KeyValuePair(key="keep", value="in" if zone.keep_in else "out")],
     )
 
 
@@ -92,16 +100,16 @@ def link(t_ns: int, record: UplinkRecord, world: Devices) -> bytes:
     return _update([entity])
 
 
-def plan_map(frame: LocalFrame, area: Area, world: Devices, plan: PlanRecord) -> bytes:
-    """GeoJson of the devices and the planned path, for the map panel."""
+def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord) -> bytes:
+    """GeoJson of the devices, the planned path and the fence, for the map panel."""
     features: list[Mapping[str, Any]] = [
         _feature(
             "LineString",
-            _lonlat(frame, area, plan.waypoints_m, plan.altitude_m),
+            _lonlat(area, plan.waypoints_m, plan.altitude_m),
             {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
         )
     ]
-    where = _lonlat(frame, area, world.pos_m, 0.0)
+    where = _lonlat(area, world.pos_m, 0.0)
     for k, community in enumerate(world.community_of):
         colour = palette.community_colour(int(community))
         features.append(
@@ -111,12 +119,21 @@ def plan_map(frame: LocalFrame, area: Area, world: Devices, plan: PlanRecord) ->
                 {"name": f"device {k} ({world.community[k]})", "style": {"color": colour}},
             )
         )
+    for zone in fence:
+        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
+        style = {"color": palette.FENCE, "weight": 2}
+        features.append(
+            _feature(
+                "LineString",
+                _lonlat(area, closed, 0.0),
+                {"name": "fence" if zone.keep_in else "no entry", "style": style},
+            )
+        )
     return geojson(features)
 
 
-def _lonlat(
-    frame: LocalFrame, area: Area, xy_m: Floats, alt_rel_m: float
-) -> list[tuple[float, float]]:
+def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, float]]:
+    frame = area.frame
     points = [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
 
@@ -131,6 +148,16 @@ def _feature(kind: str, coordinates: object, properties: Mapping[str, Any]) -> d
 
 def _at(x: float, y: float, z: float) -> Any:
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(w=1.0))
+
+
+def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) -> Any:
+    return fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineLoop,
+        thickness=thickness,
+        scale_invariant=True,
+        points=[fox.Point3(x=x, y=y, z=0.0) for x, y in corners],
+        color=_colour(palette.rgb(colour), 0.9),
+    )
 
 
 def _label(x: float, y: float, z: float, text: str) -> Any:

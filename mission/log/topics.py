@@ -55,6 +55,7 @@ _TYPES: dict[str, dict[str, Any]] = {
     "numbers": _NUMBERS,
     "strings": {"type": "array", "items": {"type": "string"}},
     "pairs": {"type": "array", "items": _NUMBERS},
+    "outlines": {"type": "array", "items": {"type": "array", "items": _NUMBERS}},
     "innovation": {
         "type": ["object", "null"],
         "properties": {
@@ -89,8 +90,10 @@ FLOWN_PATH = _foxglove(
     fox.PosesInFrame,
     "the round's true track so far; every 5 s or 5 % of it, and at the end",
 )
-PLAN_MAP = _foxglove("/plan/map", fox.GeoJson, "devices and planned path, for the map panel")
-SCENE_GROUND = _foxglove("/scene/ground", fox.SceneUpdate, "edge of the area and take-off point")
+PLAN_MAP = _foxglove("/plan/map", fox.GeoJson, "devices, planned path and fence, for the map panel")
+SCENE_GROUND = _foxglove(
+    "/scene/ground", fox.SceneUpdate, "edge of the area, take-off point, fence"
+)
 SCENE_DEVICES = _foxglove(
     "/scene/devices", fox.SceneUpdate, "devices; colour: community, size: importance"
 )
@@ -225,6 +228,15 @@ INNOVATIONS = _json(
     },
 )
 
+FENCE = _json(
+    "/fence",
+    "aerofed.Fence",
+    "The fence that the vehicle was given, where it was given one; written at the start and with "
+    "every plan",
+    keep_in_m=("outlines", "corners [x, y] of each area to keep to, area coordinates"),
+    keep_out_m=("outlines", "corners [x, y] of each area to keep out of"),
+)
+
 # Raw frames as they went over the link, where that is asked for; no schema describes bytes.
 MAVLINK_TO_VEHICLE = Topic(
     "/mavlink/to_vehicle", "", "", b"", "mavlink", "raw frames to the vehicle, by option"
@@ -238,5 +250,5 @@ TOPICS: tuple[Topic, ...] = (
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
     *(MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE),
-    *(TRUE_WIND, INNOVATIONS),
+    *(TRUE_WIND, INNOVATIONS, FENCE),
 )

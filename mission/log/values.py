@@ -43,6 +43,14 @@ class Devices:
 
 
 @dataclass(frozen=True)
+class Zone:
+    """An area of the fence: to be kept to, or to be kept out of."""
+
+    outline_m: Floats  # (n, 2) corners in area coordinates; the last joins the first
+    keep_in: bool
+
+
+@dataclass(frozen=True)
 class Track:
     """Where the aircraft was, or believed to be."""
 
@@ -138,6 +146,7 @@ class FlightData:
 
     area: Area
     devices: Devices
+    fence: tuple[Zone, ...]
     truth: Track
     belief: Track
     plans: tuple[PlanRecord, ...]

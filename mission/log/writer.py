@@ -17,7 +17,7 @@ from mission.log.layout import layout
 from mission.log.rates import Every, LogRates
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, Devices, PlanRecord, area_to_text
+from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
 from sitl.observer import VehicleEvent, VehicleSample
@@ -45,6 +45,7 @@ class FlightLog:
         *,
         area: Area,
         devices: Devices,
+        fence: Sequence[Zone] = (),
         rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
     ) -> None:
@@ -56,6 +57,7 @@ class FlightLog:
         self._area = area
         self._frame = area.frame
         self._devices = devices
+        self._fence = tuple(fence)
         self._file = McapSink(path)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         rates = rates or LogRates()
@@ -75,8 +77,8 @@ class FlightLog:
         self._flown_point = Every(_PATH_POINT_NS)
         self._flown_due = 1  # points at which the path is written next
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
-        self._write(topics.SCENE_GROUND, 0, scene.ground(0, area))
-        self._write_devices(0)
+        self._write(topics.SCENE_GROUND, 0, scene.ground(0, area, self._fence))
+        self._write_world(0)
         self.attach(LAYOUT, "application/json", layout(area, devices.communities))
 
     def sampled(self, sample: VehicleSample) -> None:
@@ -173,11 +175,11 @@ class FlightLog:
             (plan.waypoints_m, np.full(len(plan.waypoints_m), written.altitude_m))
         )
         self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
-        on_map = scene.plan_map(self._frame, self._area, self._devices, written)
+        on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)
         seen = scene.devices(t_ns, self._devices, problem.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
-        self._write_devices(t_ns)
+        self._write_world(t_ns)
         self._forget_flown()
         self._flush()
 
@@ -266,13 +268,15 @@ class FlightLog:
         for sink in self._sinks:
             sink.flush()
 
-    def _write_devices(self, t_ns: int) -> None:
-        """At the start and with every plan, so that no damaged place can take them away."""
+    def _write_world(self, t_ns: int) -> None:
+        """Devices and fence, at the start and with every plan: no damage takes them away."""
         values = {
             "pos_m": self._devices.pos_m.tolist(),
             "community": list(self._devices.community),
         }
         self._write(topics.DEVICES, t_ns, messages.record(values))
+        if self._fence:
+            self._write(topics.FENCE, t_ns, messages.fence(self._fence))
 
     def _write_innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
         for instant, group in itertools.groupby(items, key=lambda item: item.t_ns):
