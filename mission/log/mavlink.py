@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mission.errors import InputError
 from mission.log import topics
+from mission.log.contents import Contents, load
 from mission.log.errors import LogError
-from mission.log.reader import Contents, load
 from mission.log.writer import FlightLog
 from sitl.links import Chunk, Link, Wake
 

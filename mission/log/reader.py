@@ -1,22 +1,15 @@
 """Reads a log back into values."""
 
-import json
 import math
-from collections import defaultdict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Schema
-from mcap_protobuf.decoder import DecoderFactory
 
-from mission.area import Area
-from mission.log import framing, topics
-from mission.log.errors import DamagedLogError, ForeignLogError
-from mission.log.framing import BrokenRecordError
+from mission.log import topics
+from mission.log.contents import Contents, Row, load
+from mission.log.errors import ForeignLogError
 from mission.log.topics import Topic
 from mission.log.values import (
     NS_PER_S,
@@ -30,121 +23,10 @@ from mission.log.values import (
     Track,
     WindTrack,
     Zone,
-    area_from_text,
 )
 from mission.records import RoundRecord, UplinkRecord
 
 _NAN = math.nan
-_Row = tuple[int, Any]
-
-
-@dataclass(frozen=True)
-class Contents:
-    """A verified log, not yet decoded: messages in file order by topic."""
-
-    path: Path
-    schemas: dict[str, Schema]  # by topic
-    encodings: dict[str, str]  # by topic
-    messages: dict[str, list[Message]]
-    metadata: dict[str, dict[str, str]]
-    attachments: dict[str, bytes]
-
-    @property
-    def area(self) -> Area:
-        """The area that the log is about.
-
-        Raises:
-            ForeignLogError: the metadata that our writer puts first is missing.
-        """
-        ours = self.metadata.get("aerofed")
-        if ours is None:
-            raise ForeignLogError(
-                self.path, "an MCAP file, but not one of ours (no `aerofed` metadata)"
-            )
-        if ours.get("format") != topics.FORMAT_VERSION:
-            raise ForeignLogError(
-                self.path,
-                f"log format {ours.get('format')!r}, this version reads {topics.FORMAT_VERSION!r}",
-            )
-        try:
-            return area_from_text(ours)
-        except (KeyError, ValueError) as error:
-            raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
-
-    def decoded(self, topic: Topic) -> Iterator[_Row]:
-        """(t_ns, message) in order of time; JSON as dicts, protobuf as messages.
-
-        Raises:
-            DamagedLogError: a message does not decode, or the topic has another schema.
-        """
-        rows = sorted(self.messages.get(topic.name, ()), key=lambda message: message.log_time)
-        if not rows:
-            return
-        schema = self.schemas[topic.name]
-        if schema.name != topic.schema_name:
-            raise ForeignLogError(
-                self.path, f"{topic.name} has schema {schema.name}, not {topic.schema_name}"
-            )
-        decode: Callable[[bytes], Any] | None = json.loads
-        if topic.encoding == "protobuf":
-            decode = DecoderFactory().decoder_for(self.encodings[topic.name], schema)
-        if decode is None:
-            raise ForeignLogError(self.path, f"{topic.name} is not {topic.encoding}")
-        for message in rows:
-            try:
-                yield message.log_time, decode(message.data)
-            except ValueError as error:
-                raise ForeignLogError(
-                    self.path, f"{topic.name}: message {message.sequence} does not decode: {error}"
-                ) from None
-
-
-def load(path: Path) -> Contents:
-    """Verify a whole log and sort its messages by topic.
-
-    Raises:
-        LogError: it cannot be read, is no MCAP file, or is damaged; the message says where.
-    """
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    messages: dict[str, list[Message]] = defaultdict(list)
-    metadata: dict[str, dict[str, str]] = {}
-    attachments: dict[str, bytes] = {}
-    for frame in framing.verify(path):
-        try:
-            if frame.opcode == Opcode.CHUNK:
-                for item in framing.chunk_records(frame):
-                    if isinstance(item, Message):
-                        messages[channels[item.channel_id].topic].append(item)
-                    elif isinstance(item, Channel):
-                        channels[item.id] = item
-                    else:
-                        schemas[item.id] = item
-            elif frame.opcode == Opcode.METADATA:
-                found = framing.metadata(frame)
-                metadata[found.name] = dict(found.metadata)
-            elif frame.opcode == Opcode.ATTACHMENT:
-                file = framing.attachment(frame)
-                attachments[file.name] = file.data
-        except BrokenRecordError as broken:
-            raise DamagedLogError(path, broken.reason, broken.offset) from None
-        except KeyError as error:
-            raise DamagedLogError(
-                path, f"a message of channel {error}, which was never declared", frame.offset
-            ) from None
-    by_topic = {channel.topic: channel for channel in channels.values()}
-    return Contents(
-        path=path,
-        schemas={
-            name: schemas[channel.schema_id]
-            for name, channel in by_topic.items()
-            if channel.schema_id in schemas
-        },
-        encodings={name: channel.message_encoding for name, channel in by_topic.items()},
-        messages=dict(messages),
-        metadata=metadata,
-        attachments=attachments,
-    )
 
 
 def read_log(path: Path) -> FlightData:
@@ -153,7 +35,15 @@ def read_log(path: Path) -> FlightData:
     Raises:
         LogError: it cannot be read, is not a log of ours, or is damaged.
     """
-    contents = load(path)
+    return decode(load(path))
+
+
+def decode(contents: Contents) -> FlightData:
+    """A log's contents as values.
+
+    Raises:
+        LogError: it is not a log of ours.
+    """
     area = contents.area
     try:
         devices = _devices(contents)
@@ -183,7 +73,9 @@ def read_log(path: Path) -> FlightData:
             attachments=contents.attachments,
         )
     except (KeyError, TypeError, IndexError) as error:
-        raise ForeignLogError(path, f"a record is not what its schema says ({error!r})") from None
+        raise ForeignLogError(
+            contents.path, f"a record is not what its schema says ({error!r})"
+        ) from None
 
 
 def _track(contents: Contents, topic: Topic) -> Track:
@@ -252,7 +144,7 @@ def _uplink(row: dict[str, Any]) -> UplinkRecord:
     return UplinkRecord(**_with_nan(row))
 
 
-def _in_file_order(contents: Contents) -> Iterator[_Row]:
+def _in_file_order(contents: Contents) -> Iterator[Row]:
     """Uplinks by round and step, as they were written: slots that were never reached have no
     instant of their own, so time does not order them."""
     rows = list(contents.decoded(topics.UPLINKS))

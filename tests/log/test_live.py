@@ -9,8 +9,8 @@ from foxglove_client import FoxgloveClient
 from synthetic_flight import fly
 
 from mission.errors import LinkLostError
+from mission.log.contents import load
 from mission.log.live import LiveView
-from mission.log.reader import load
 from mission.log.topics import TOPICS
 
 

@@ -16,9 +16,10 @@ from mcap.stream_reader import breakup_chunk
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.log import framing
+from mission.log.contents import load
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.inspection import check
-from mission.log.reader import load, read_log
+from mission.log.reader import read_log
 from mission.log.recover import recover
 from mission.log.writer import FlightLog
 
