@@ -10,7 +10,7 @@ from test_run import fly
 
 from mission.cli import call
 from mission.log import topics
-from mission.log.reader import load
+from mission.log.contents import load
 
 RAW = {topics.MAVLINK_TO_VEHICLE.name, topics.MAVLINK_FROM_VEHICLE.name}
 
