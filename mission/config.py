@@ -128,6 +128,12 @@ class LinkConfig(BaseModel):
     speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
         "max", description='simulated seconds per second in flight, or "max"'
     )
+    connect_timeout_s: float = Field(
+        60.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait for the first sign of the autopilot",
+    )
     stall_timeout_s: float = Field(
         30.0,
         gt=0,

@@ -13,7 +13,7 @@ from fl import federation as learning
 from fl.errors import DivergedError
 from mission.checkpoint import RoundMemory
 from mission.custom import Known, Weighing
-from mission.errors import FlightError, InputError
+from mission.errors import FlightError, InputError, LinkLostError
 from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer, Tap
 from mission.flyers import open_flyer
@@ -86,6 +86,7 @@ class Experiment:
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
 
     last_heard: NDArray[np.int64] = field(init=False)  # (K,) round of the last update; 0: none
+    _stage: str = field(default="", init=False)  # of the flight, for people
 
     def __post_init__(self) -> None:
         self.last_heard = np.zeros(len(self.world.devices_m), dtype=np.int64)
@@ -111,22 +112,35 @@ class Experiment:
             while not self.finished:
                 await self._ideal_round()
             return
-        await self._fly(self.world.strategy)
+        try:
+            await self._fly(self.world.strategy)
+        except (FlightError, LinkLostError) as error:
+            if not self._stage:
+                raise
+            raise type(error)(f"{self._stage}, t {self.sim_s:.1f} s: {error}") from error
 
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
         async with open_flyer(world, self.observers, tap=self.tap) as flyer:
-            self.recorder.phase("take-off")
-            with self.stopwatch("fly"):
-                await flyer.take_off()
-                if strategy.approach_m is not None:
-                    await flyer.go_to(strategy.approach_m)
-            while not self.finished:
-                await self._flown_round(flyer, strategy)
-            self.recorder.phase("landing")
-            with self.stopwatch("fly"):
-                await flyer.land()
-            self.sim_s = flyer.t_ns / 1e9
+            try:
+                await self._sorties(flyer, strategy)
+            finally:
+                self.sim_s = flyer.t_ns / 1e9
+
+    async def _sorties(self, flyer: Flyer, strategy: Strategy) -> None:
+        self._stage = "take-off"
+        self.recorder.phase("take-off")
+        with self.stopwatch("fly"):
+            await flyer.take_off()
+            if strategy.approach_m is not None:
+                await flyer.go_to(strategy.approach_m)
+        while not self.finished:
+            self._stage = f"round {self.rounds_done + 1}"
+            await self._flown_round(flyer, strategy)
+        self._stage = "landing"
+        self.recorder.phase("landing")
+        with self.stopwatch("fly"):
+            await flyer.land()
 
     async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
         world, number = self.world, self.rounds_done + 1
@@ -160,7 +174,7 @@ class Experiment:
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None and recalled.true_objective != true_objective:
             raise FlightError(
-                f"round {number}, flown again, differs from the first time (objective "
+                "flown again, the round differs from the first time (objective "
                 f"{true_objective!r}, was {recalled.true_objective!r}): another machine or version "
                 "computes otherwise, so this run cannot be resumed here"
             )

@@ -158,11 +158,13 @@ async def open_external(
     A flight that ends otherwise than by landing is left holding its position.
 
     Raises:
-        LinkLostError: no autopilot there, or one that does not say where it is.
+        LinkLostError: no autopilot there in time, or one that does not say where it is.
         InputError: it is somewhere else than the area.
     """
     recorder = FlightRecorder()
-    async with connect(link.url, stall_timeout_s=link.stall_timeout_s) as pilot:
+    async with connect(
+        link.url, stall_timeout_s=link.stall_timeout_s, timeout_s=link.connect_timeout_s
+    ) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=(recorder, *observers))
         watch = asyncio.create_task(feed.watch())
         flyer = ExternalFlyer(pilot, feed, recorder, area=area, mission=mission)
@@ -180,6 +182,16 @@ async def open_external(
             watch.cancel()
             with suppress(asyncio.CancelledError):
                 await watch
+
+
+async def look_at_vehicle(link: LinkConfig, *, mission: MissionConfig, area: Area) -> None:
+    """Connect as for a flight, see that it could be flown, and part.
+
+    Raises:
+        LinkLostError, InputError: as `open_external`.
+    """
+    async with open_external(link, mission=mission, area=area, observers=()):
+        pass
 
 
 async def _locate(feed: TelemetryFeed, area: Area) -> None:

@@ -1,12 +1,13 @@
 """The flyer that a configuration asks for."""
 
+import asyncio
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 
 from mission.config import LinkConfig
 from mission.errors import LinkLostError
-from mission.external import open_external
+from mission.external import look_at_vehicle, open_external
 from mission.flyer import Flyer, Tap, open_simulated
 from mission.world import World
 from sitl.observer import VehicleObserver
@@ -44,6 +45,22 @@ def check_link(link: LinkConfig) -> None:
     if link.kind != "external":
         for url in link.gcs:
             _check_url(url, "link.gcs")
+
+
+def await_vehicle(world: World, *, say: Callable[[str], None]) -> None:
+    """Wait for an external autopilot that can be flown, before anything is written.
+
+    `say` hears what is waited for. The simulated vehicle is always there.
+
+    Raises:
+        LinkLostError: none answers in time, or it does not say where it is.
+        InputError: it stands somewhere else than the area.
+    """
+    config = world.config
+    if world.strategy is None or config.link.kind != "external":
+        return
+    say(f"waiting for a vehicle on {config.link.url} (Ctrl-C ends)")
+    asyncio.run(look_at_vehicle(config.link, mission=config.mission, area=world.area))
 
 
 def _check_url(url: str, key: str) -> None:

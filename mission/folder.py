@@ -4,8 +4,8 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -46,6 +46,16 @@ class RunFolder:
         except OSError as error:
             raise InputError(f"{path}: cannot write the output folder: {error.strerror}") from None
         return cls(path)
+
+    @contextmanager
+    def unless_refused(self) -> Iterator[None]:
+        """Take the folder away again, empty as it still is, where the block fails."""
+        try:
+            yield
+        except BaseException:
+            with suppress(OSError):  # not empty: somebody else's
+                self.path.rmdir()
+            raise
 
     @property
     def config(self) -> Path:

@@ -86,8 +86,8 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
         except KeyboardInterrupt:
             status = "interrupted"
         except AerofedError as failure:
-            error = failure
-            summary["error"] = str(failure)
+            summary["error"] = f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}"
+            error = type(failure)(f"{summary['error']}; what was flown is in {folder.path}")
         finally:
             summary["status"] = status
             folder.write_summary(summary)

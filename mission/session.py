@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.experiment import Experiment, RoundResult
 from mission.fence import fence_of
 from mission.flightplan import FlightPlan
-from mission.flyers import check_link, position_source
+from mission.flyers import await_vehicle, check_link, position_source
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.live import LiveView
 from mission.log.mavlink import RecordedLink
@@ -138,6 +138,8 @@ def fly_session(
             check_link(config.link)
         view = _live_view(live_port, console, quiet=quiet)
         folder = RunFolder.create(path)
+        with folder.unless_refused():
+            await_vehicle(world, say=_teller(console, quiet=quiet))
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
@@ -195,6 +197,14 @@ def resume_session(
         world, folder, checkpoint, found.state, found.rounds, stopwatch,
         console=console, quiet=quiet, mirrors=view, log_mavlink=log_mavlink,
     )  # fmt: skip
+
+
+def _teller(console: Console, *, quiet: bool) -> Callable[[str], None]:
+    def say(text: str) -> None:
+        if not quiet:
+            console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    return say
 
 
 def _live_view(port: int | None, console: Console, *, quiet: bool) -> tuple[LiveView, ...]:
@@ -272,8 +282,8 @@ def _fly(
         except KeyboardInterrupt:
             status = "interrupted"
         except AerofedError as failure:
-            error = failure
             summary["error"] = str(failure)
+            error = type(failure)(f"{failure}; what was flown is in {folder.path}")
         finally:
             if status != "finished":
                 summary["status"] = status

@@ -17,7 +17,7 @@ from mission.pilot.dialects import ARDUPILOT, PX4
 from mission.pilot.orders import Pilot
 from sitl.links import RawLink
 
-CONNECT_TIMEOUT_S = 10.0
+CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
 
 
 def ground_station() -> Mavsdk:
@@ -36,7 +36,11 @@ def raw_core(mavsdk: Mavsdk) -> Any:
 
 @asynccontextmanager
 async def connect(
-    url: str, *, raw_link: RawLink | None = None, stall_timeout_s: float = 30.0
+    url: str,
+    *,
+    raw_link: RawLink | None = None,
+    stall_timeout_s: float = 30.0,
+    timeout_s: float = CONNECT_TIMEOUT_S,
 ) -> AsyncIterator[Pilot]:
     """Open a MAVSDK connection and yield a pilot for the first autopilot on it.
 
@@ -44,21 +48,22 @@ async def connect(
     process.
 
     Raises:
-        LinkLostError: the connection cannot be opened, or no autopilot answers on it.
+        LinkLostError: the connection cannot be opened, or no autopilot answers on it within
+            `timeout_s` of wall time.
     """
     async with ground_station() as mavsdk:
         try:
             await mavsdk.add_any_connection(url)
         except MavsdkError as error:
-            raise LinkLostError(f"cannot open {url}: {error}") from None
+            raise LinkLostError(f"cannot open {url}: {_why(error)}") from None
         if raw_link is not None:
             core = raw_core(mavsdk)
             core.subscribe_raw_bytes_to_be_sent(raw_link.feed)
             raw_link.attach(core.pass_received_raw_bytes)
         try:
-            system = await mavsdk.first_autopilot(timeout_s=CONNECT_TIMEOUT_S)
+            system = await mavsdk.first_autopilot(timeout_s=timeout_s)
             if system is None:
-                raise LinkLostError(f"no vehicle answered on {url} in {CONNECT_TIMEOUT_S:g} s")
+                raise LinkLostError(f"no vehicle answered on {url} in {timeout_s:g} s")
             kind = await system.autopilot_type()
             dialect = ARDUPILOT if kind == Autopilot.ARDUPILOT else PX4
             pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)
@@ -72,3 +77,8 @@ async def connect(
         finally:
             if raw_link is not None:
                 raw_link.detach()
+
+
+def _why(error: MavsdkError) -> str:
+    """MAVSDK's word for what keeps it from opening a connection, in small letters."""
+    return str(error).rpartition(": ")[2].replace("_", " ").lower()

@@ -100,7 +100,7 @@ def test_resume_says_when_a_round_cannot_be_flown_again_alike(
     values["rounds"][0]["true_objective"] += 1e-12
     path.write_text(json.dumps(values))
     assert call(["run", "--resume", str(stopped), "--quiet"]) == 4
-    refused(capsys, "round 1, flown again, differs")
+    refused(capsys, "round 1, t ", "flown again, the round differs")
 
 
 def test_resume_of_what_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,9 +1,11 @@
 """A crash ends a flight at once: one line, exit code 4, whatever was being waited for."""
 
+import re
 import time
 from pathlib import Path
 
 import pytest
+from test_external import SMALL
 from test_fly import CORNERS, RETURN, TAKE_OFF, summary, written
 
 from mission.cli import call
@@ -23,8 +25,22 @@ def test_a_crash_is_a_failed_flight(
     assert time.monotonic() - began < 25  # not by the watchdog, whose 30 s would say a link lost
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "aircraft is lost" in error
+    (lost_s,) = re.findall(r"^aerofed: t (\S+) s: the aircraft is lost; it said: Crashed", error)
+    assert at_s < float(lost_s) < at_s + 10.0
+    assert f"what was flown is in {out}" in error
     assert "Crashed: hit the ground at" in error
     found = summary(out)
     assert found["status"] == "failed"
     assert "Crashed" in found["error"]
+
+
+def test_a_crash_in_a_run_names_its_round(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    faults = ", ".join(f'{{kind="motor_loss", motor={i}, at_s=34.0}}' for i in range(4))
+    crash = ("--set", f"vehicle.aircraft.faults=[{faults}]")
+    assert call(["run", "--out", str(out), *SMALL, *crash]) == 4
+    (error,) = capsys.readouterr().err.splitlines()
+    assert re.match(r"aerofed: round 1, t (3[4-9]|4\d)\.\d s: the aircraft is lost", error)
+    assert error.endswith(f"what was flown is in {out}")

@@ -77,12 +77,25 @@ def test_an_autopilot_elsewhere_is_named(
     assert "421 km" in error
     assert "area.home_lat_deg" in error
     assert "47.4000" in error
+    assert not out.exists()
 
 
 def test_nobody_there_is_a_lost_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    url, out = f"udpin://127.0.0.1:{free_port()}", tmp_path / "out"
+    impatient = ("--set", "link.connect_timeout_s=0.5")
+    talking = [word for word in SMALL if word != "--quiet"]
+    assert call(["run", "--vehicle", url, "--out", str(out), *impatient, *talking]) == 5
+    printed = capsys.readouterr()
+    assert printed.out == f"waiting for a vehicle on {url} (Ctrl-C ends)\n"
+    assert printed.err == f"aerofed: no vehicle answered on {url} in 0.5 s\n"
+    assert not out.exists()
+
+
+def test_a_used_folder_is_refused_before_the_wait(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
     url = f"udpin://127.0.0.1:{free_port()}"
-    assert call(["run", "--vehicle", url, "--out", str(tmp_path / "out"), *SMALL]) == 5
-    assert url in capsys.readouterr().err
+    assert call(["run", "--vehicle", url, "--out", str(tmp_path), *SMALL]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_url_of_another_kind_is_refused(
