@@ -69,7 +69,9 @@ class CommunityConfig(_Frozen):
     """Devices with one common task, and how its data are spread over them."""
 
     name: str = Field(
-        pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=40, description="unique among the communities"
+        pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$",
+        examples=["mnist"],
+        description="unique among the communities",
     )
     task: Task = Field(description="data set; 'digits' and 'colour-shapes' need no files")
     data_file: str | None = Field(

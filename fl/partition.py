@@ -24,14 +24,7 @@ def draw_owners(
     an owner. With it, shuffled classes are first dealt round the devices, then every device
     fills up at random.
     """
-    if per_device > classes:
-        raise SettingError("labels_per_device", per_device, f"the task has {classes} classes")
-    if coverage and devices * per_device < classes:
-        raise SettingError(
-            "coverage",
-            coverage,
-            f"{devices} devices with {per_device} labels each cannot own {classes} classes",
-        )
+    check_owners(devices, classes, per_device=per_device, coverage=coverage)
     owns = np.zeros((devices, classes), dtype=np.bool_)
     if coverage:
         order = rng.permutation(devices)
@@ -41,6 +34,18 @@ def draw_owners(
         free = np.flatnonzero(~row)
         row[rng.choice(free, size=per_device - int(row.sum()), replace=False)] = True
     return owns
+
+
+def check_owners(devices: int, classes: int, *, per_device: int, coverage: bool) -> None:
+    """Refuse what `draw_owners` cannot deal out, by `SettingError`."""
+    if per_device > classes:
+        raise SettingError("labels_per_device", per_device, f"the task has {classes} classes")
+    if coverage and devices * per_device < classes:
+        raise SettingError(
+            "coverage",
+            coverage,
+            f"{devices} devices with {per_device} labels each cannot own {classes} classes",
+        )
 
 
 def by_labels(labels: Indices, owns: Bools, *, rng: np.random.Generator) -> list[Indices]:

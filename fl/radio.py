@@ -12,7 +12,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 from scipy.special import expit, logit, ndtr
 
 from fl.errors import SettingError
@@ -171,6 +170,9 @@ def fit_logistic(
         return np.stack([dq * theta, dq], axis=1)
 
     start = np.array([np.clip(-slope, 0.0, 500.0), np.clip(-offset, -100.0, 100.0)])
+    # Imported here: every configuration imports this module, and few runs fit anything.
+    from scipy.optimize import least_squares
+
     best = least_squares(
         residual, start, jac=jacobian, bounds=([0.0, -100.0], [500.0, 100.0]), x_scale=(10.0, 5.0)
     )

@@ -4,6 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+_Rate = Annotated[float, Field(ge=-10, le=10)]
+_Force = Annotated[float, Field(ge=-100, le=100)]
+
 
 class _Fault(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,10 +48,10 @@ class ImuBias(_Fault):
     """A constant is added to gyroscope and accelerometer, body axes."""
 
     kind: Literal["imu_bias"] = "imu_bias"
-    gyro_radps: tuple[float, float, float] = Field(
+    gyro_radps: tuple[_Rate, _Rate, _Rate] = Field(
         default=(0.0, 0.0, 0.0), description="added to the body rates"
     )
-    accel_mps2: tuple[float, float, float] = Field(
+    accel_mps2: tuple[_Force, _Force, _Force] = Field(
         default=(0.0, 0.0, 0.0), description="added to the specific force"
     )
 

@@ -4,8 +4,9 @@ Every package describes what it is configured by; this module puts the parts tog
 anything wrong into one line per key: file, dotted path, value, what is allowed.
 """
 
+import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -19,11 +20,14 @@ from mission.area import Area
 from mission.errors import InputError
 from mission.importing import is_import_path
 from mission.planner.config import PlannerConfig
+from mission.precheck import faults
+from mission.refusals import explain, refusal
 from sitl.config import VehicleConfig
 from sitl.errors import LinkError
 from sitl.links import UdpLink
 
-Metres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0, le=100_000)]
+Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
 class AreaConfig(BaseModel):
@@ -31,8 +35,8 @@ class AreaConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    size_m: tuple[Metres, Metres] = Field((800.0, 800.0), description="width (x) and height (y)")
-    home_m: tuple[float, float] = Field(
+    size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
+    home_m: tuple[Coordinate, Coordinate] = Field(
         (400.0, 400.0), description="take-off point in area coordinates; it may lie outside"
     )
     home_lat_deg: float = Field(43.6145, ge=-85, le=85, description="latitude of the home point")
@@ -117,6 +121,7 @@ class LinkConfig(BaseModel):
     url: str = Field(
         "udpin://0.0.0.0:14540",
         pattern=r"^(udpin|udpout|tcpin|tcpout|serial)://.+$",
+        examples=["udpin://0.0.0.0:14540"],
         description="external: MAVSDK connection URL of the autopilot",
     )
     gcs: tuple[str, ...] = Field(
@@ -166,7 +171,9 @@ class RunConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: str = Field("run", pattern=r"^[A-Za-z0-9._-]{1,64}$", description="names the run")
+    name: str = Field(
+        "run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"], description="names the run"
+    )
     seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
     area: AreaConfig = AreaConfig()
     mission: MissionConfig = MissionConfig()
@@ -202,10 +209,11 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     """Read a TOML file, apply overrides by dotted path, and validate.
 
     Raises:
-        InputError: the file cannot be read or parsed, or a key is unknown or out of range.
+        InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
+            names a file, parameter or module that is not there; a line for each.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(f"{path}: cannot read the configuration: {reason}") from None
@@ -213,11 +221,17 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
         raise InputError(f"{path}: not valid TOML: {error}") from None
     for dotted, value in (overrides or {}).items():
         _put(data, dotted, value)
+    given = frozenset(overrides or {})
     try:
-        return RunConfig.model_validate(data)
+        # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
+        config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        given = frozenset(overrides or {})
-        raise InputError("\n".join(_explain(error, path, given))) from None
+        lines = explain(error, RunConfig, path, given=given)
+        raise InputError("\n".join(lines)) from None
+    lines = [refusal(*fault, path, given) for fault in faults(config)]
+    if lines:
+        raise InputError("\n".join(lines))
+    return config
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -260,47 +274,3 @@ def _put(data: dict[str, Any], dotted: str, value: Any) -> None:
             node[index] = value
         else:
             node = node[index]
-
-
-def _explain(error: ValidationError, path: Path, given: frozenset[str]) -> Sequence[str]:
-    """One line per wrong key: where it stands, dotted path, value, what is allowed.
-
-    Keys in `given` were set on the command line.
-    """
-    lines = []
-    for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"] if not _is_union_tag(part))
-        source = "command line" if any(f"{where}.".startswith(f"{k}.") for k in given) else path
-        if item["type"] == "extra_forbidden":
-            known = _known_keys(item["loc"][:-1])
-            close = get_close_matches(str(item["loc"][-1]), known, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            lines.append(f"{source}: {where}: unknown key{hint} (known: {', '.join(known)})")
-        elif item["type"] == "missing":
-            lines.append(f"{source}: {where}: missing, and it has no default")
-        else:
-            value = "" if isinstance(item["input"], dict) else f" = {item['input']!r}"
-            message = item["msg"].removeprefix("Value error, ")
-            lines.append(f"{source}: {where or 'configuration'}{value}: {message}")
-    return list(dict.fromkeys(lines))
-
-
-def _is_union_tag(part: str | int) -> bool:
-    return isinstance(part, str) and any(c in part for c in "[(-")
-
-
-def _known_keys(loc: tuple[str | int, ...]) -> list[str]:
-    model: Any = RunConfig
-    for part in loc:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(part)
-        if field is None:
-            return []
-        annotation = field.annotation
-        arguments = getattr(annotation, "__args__", ())
-        models = [a for a in (annotation, *arguments) if hasattr(a, "model_fields")]
-        if not models:
-            return []
-        model = models[0]
-    return sorted(model.model_fields)

@@ -1,6 +1,7 @@
 """A researcher's own code by import path: `package.module:callable`."""
 
 import importlib
+import importlib.util
 import re
 import sys
 from collections.abc import Callable
@@ -38,11 +39,31 @@ def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...])
     return made
 
 
-def _imported(path: str, *, key: str) -> Callable[..., Any]:
-    """What `path` names; modules are found in the working directory too, after all others."""
+def check_found(path: str) -> None:
+    """Whether there is such a module; it is not imported, only the packages around it are.
+
+    Raises:
+        InputError: there is none.
+    """
+    _look_here()
+    module_name, _, _ = path.partition(":")
+    try:
+        found = importlib.util.find_spec(module_name)
+    except ImportError as error:
+        raise InputError(f"cannot be imported: {error}") from error
+    if found is None:
+        raise InputError(f"cannot be imported: No module named {module_name!r}")
+
+
+def _look_here() -> None:
+    """Have modules found in the working directory too, after all others."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
+
+
+def _imported(path: str, *, key: str) -> Callable[..., Any]:
+    _look_here()
     module_name, _, name = path.partition(":")
     try:
         found = getattr(importlib.import_module(module_name), name)

@@ -36,6 +36,7 @@ class PlannerConfig(BaseModel):
     factory: str | None = Field(
         None,
         pattern=f"^{IMPORT_PATH}$",
+        examples=["my_package.my_module:make_planner"],
         description="for kind = 'import': 'package.module:callable' that gives a planner",
     )
 

@@ -1,0 +1,199 @@
+"""The keys of a configuration in words: what each may be, and where a dotted path leads.
+
+What is refused and the documentation say it in these same words, both made from the models.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+# A key's last word is its unit; the longest ending that fits counts.
+UNITS = {
+    "_m": "m", "_s": "s", "_mps": "m/s", "_mps2": "m/s2", "_deg": "degrees",
+    "_degps": "degrees/s", "_radps": "rad/s", "_per_rad": "1/rad", "_db": "dB", "_hz": "Hz",
+    "_mah": "mAh", "_ohm": "ohm", "_pa": "Pa", "_gauss": "gauss", "_rounds": "rounds",
+}  # fmt: skip
+_NOUNS: dict[Any, tuple[str, str]] = {
+    float: ("a number", "numbers"),
+    int: ("a whole number", "whole numbers"),
+    str: ("text", "texts"),
+    bool: ("true or false", "truths"),
+    Path: ("a path", "paths"),
+}
+
+
+@dataclass(frozen=True)
+class Key:
+    """A place in a configuration: a table, a value, or an element of a list."""
+
+    path: tuple[str | int, ...]
+    annotation: Any  # its type, without what `Annotated` adds
+    bounds: tuple[Any, ...] = ()  # what `Annotated` and the field add: limits, patterns
+
+    @property
+    def name(self) -> str:
+        """The dotted path."""
+        return ".".join(map(str, self.path))
+
+    @property
+    def words(self) -> str:
+        """What it may be: type, limits, unit."""
+        text = _words(self)
+        last = next((part for part in reversed(self.path) if isinstance(part, str)), "")
+        ending = max((e for e in UNITS if last.endswith(e)), key=len, default=None)
+        return f"{text}, in {UNITS[ending]}" if ending and "number" in text else text
+
+    @property
+    def models(self) -> tuple[type[BaseModel], ...]:
+        """The kinds of table it may be: none for a value, several where `kind` tells."""
+        return tuple(option for option in _options(self.annotation) if _is_model(option))
+
+    def inner(self, part: str | int) -> "Key | None":
+        """The key `part` within this one; None where there is none."""
+        for option in _options(self.annotation):
+            found = _inner(option, part)
+            if found is not None:
+                return _key((*self.path, part), *found)
+        return None
+
+    def bound(self, name: str) -> Any:
+        """A limit of that name among the bounds; None without one."""
+        values = (getattr(item, name, None) for item in self.bounds)
+        return next((value for value in values if value is not None), None)
+
+    @property
+    def example(self) -> str | None:
+        """A value, for keys whose pattern alone says little."""
+        examples = self.bound("examples")
+        return examples[0] if examples else None
+
+    def known(self) -> list[str]:
+        """Names of the keys within a table."""
+        return sorted({name for model in self.models for name in model.model_fields})
+
+
+def top(model: type[BaseModel]) -> Key:
+    """The configuration as a whole."""
+    return Key((), model)
+
+
+def every(key: Key) -> Iterator[Key]:
+    """All keys within a key, tables before what is in them; lists and tables of any names once."""
+    for model in key.models:
+        for name, field in model.model_fields.items():
+            one = _key((*key.path, name), field.annotation, _bounds(field))
+            yield one
+            yield from every(one.inner(0) or one)
+
+
+def locate(key: Key, parts: Sequence[str | int]) -> Key:
+    """The innermost key on the way along `parts`, as pydantic names the place of an error.
+
+    Pydantic puts names of its own between those of keys, for the branches of a union; they lead
+    to the same key, or, where `kind` tells tables apart, to one of them.
+    """
+    for part in parts:
+        branch = [m for m in key.models if tag(m) == part]
+        found = key.inner(part)
+        if len(key.models) > 1 and branch:
+            key = Key(key.path, branch[0])
+        elif found is not None:
+            key = found
+    return key
+
+
+def _key(path: tuple[str | int, ...], annotation: Any, bounds: tuple[Any, ...]) -> Key:
+    while get_origin(annotation) is Annotated:
+        annotation, *more = get_args(annotation)
+        for item in more:
+            bounds = (*(_bounds(item) if isinstance(item, FieldInfo) else (item,)), *bounds)
+    options = [a for a in get_args(annotation) if a is not NoneType]
+    if get_origin(annotation) in (Union, UnionType) and len(options) == 1:
+        return _key(path, options[0], bounds)
+    return Key(path, annotation, bounds)
+
+
+def _bounds(field: FieldInfo) -> tuple[Any, ...]:
+    # The field itself holds the examples.
+    return (*field.metadata, field)
+
+
+def _options(annotation: Any) -> tuple[Any, ...]:
+    """The members of a union, or the one type."""
+    if get_origin(annotation) in (Union, UnionType):
+        return get_args(annotation)
+    return (annotation,)
+
+
+def _inner(annotation: Any, part: str | int) -> tuple[Any, tuple[Any, ...]] | None:
+    arguments = get_args(annotation)
+    if _is_model(annotation):
+        field = annotation.model_fields.get(part)
+        return None if field is None else (field.annotation, _bounds(field))
+    if get_origin(annotation) is tuple and isinstance(part, int):
+        return (arguments[0] if arguments[-1] is Ellipsis else arguments[part]), ()
+    if get_origin(annotation) is dict and isinstance(part, str):
+        return arguments[1], ()
+    return None
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def tag(model: type[BaseModel]) -> str | None:
+    """The `kind` by which a table is told from others."""
+    kind = model.model_fields.get("kind")
+    return kind.default if kind is not None and isinstance(kind.default, str) else None
+
+
+def _words(key: Key, *, many: bool = False) -> str:
+    """Type and limits, in the singular with its article or in the plural without."""
+    annotation, arguments = key.annotation, get_args(key.annotation)
+    origin = get_origin(annotation)
+    if origin in (Union, UnionType) and not key.models:
+        options = [_key(key.path, option, key.bounds) for option in arguments]
+        return " or ".join(_words(option, many=many) for option in options)
+    if origin is Literal:
+        choices = ", ".join(f"'{choice}'" for choice in arguments)
+        return choices if len(arguments) == 1 else f"one of {choices}"
+    if origin is tuple:
+        element = _key((*key.path, 0), arguments[0], ())
+        return f"a list of {_count(key)}{_words(element, many=True)}"
+    if origin is dict:
+        return f"a table of {_words(_key(key.path, arguments[1], ()), many=True)} by name"
+    one, several = _NOUNS.get(annotation, ("a table", "tables"))
+    return (several if many else one) + _limits(key)
+
+
+def _count(key: Key) -> str:
+    """How many elements a list must have."""
+    arguments = get_args(key.annotation)
+    if arguments[-1] is not Ellipsis:
+        return f"{len(arguments)} "
+    low, high = key.bound("min_length"), key.bound("max_length")
+    return "" if low is None or high is None else f"{low} to {high} "
+
+
+def _limits(key: Key) -> str:
+    if key.example is not None:
+        return f" such as {key.example!r}, matching {key.bound('pattern')}"
+    low, high = key.bound("ge"), key.bound("le")
+    if low is not None and high is not None:
+        return f" from {_number(low)} to {_number(high)}"
+    words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+    limits = [
+        f"{word} {_number(bound)}"
+        for name, word in words.items()
+        if (bound := key.bound(name)) is not None
+    ]
+    return f" {' and '.join(limits)}" if limits else ""
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)

@@ -1,0 +1,97 @@
+"""What a configuration names outside itself, checked before anything heavy is imported for it.
+
+Here nothing is loaded or run: parameters, files, labels and the user's own code are looked up, so
+that a slip is answered at once. The homes of each check it again, and more, when they use it.
+"""
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from fl.errors import SettingError
+from fl.partition import check_owners
+from mission.errors import InputError
+from mission.importing import check_found, is_import_path
+from sitl.autopilot.parameter_file import load_parameters
+from sitl.autopilot.parameters import SPECS, Parameters, known_names
+from sitl.errors import SitlInputError
+
+if TYPE_CHECKING:
+    from fl.config import CommunityConfig
+    from mission.config import RunConfig
+    from sitl.config import VehicleConfig
+
+NETWORKS = ("lenet", "mcmahan")
+# Of every task but npz, whose file must be read.
+_CLASSES = 10
+
+
+class Fault(NamedTuple):
+    """A key whose value cannot be used."""
+
+    key: str
+    value: Any
+    reason: str
+
+
+def faults(config: "RunConfig") -> Iterator[Fault]:
+    """Everything of a valid configuration that cannot be used on this machine."""
+    yield from _parameters(config.vehicle)
+    for index, community in enumerate(config.communities):
+        yield from _community(community, f"communities.{index}")
+    if is_import_path(config.mission.strategy):
+        yield from _code("mission.strategy", config.mission.strategy)
+    if config.planner.factory is not None:
+        yield from _code("planner.factory", config.planner.factory)
+
+
+def _parameters(vehicle: "VehicleConfig") -> Iterator[Fault]:
+    path, parameters = vehicle.parameter_file, Parameters()
+    if path is not None:
+        key = "vehicle.parameter_file"
+        if not path.is_file():
+            # A ground station may save into it, but a slip of the name must not pass for that.
+            hint = "; to have parameters saved there, make an empty file"
+            yield Fault(key, str(path), f"no such file{hint}")
+        else:
+            try:
+                parameters.apply(load_parameters(path), str(path))
+            except SitlInputError as error:
+                yield Fault(key, str(path), str(error))
+    for name, value in vehicle.parameters.items():
+        spec = SPECS.get(name)
+        if spec is None:
+            close = get_close_matches(name, SPECS, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            reason = f"no such parameter{hint} (known: {known_names()})"
+            yield Fault(f"vehicle.parameters.{name}", value, reason)
+        elif parameters.check(name, value) is not None:
+            unit = f", in {spec.unit}" if spec.unit else ""
+            reason = f"must be a number from {spec.low:g} to {spec.high:g}{unit}"
+            yield Fault(f"vehicle.parameters.{name}", value, reason)
+
+
+def _community(community: "CommunityConfig", key: str) -> Iterator[Fault]:
+    if community.partition == "labels" and community.task != "npz":
+        try:
+            check_owners(
+                community.devices,
+                _CLASSES,
+                per_device=community.labels_per_device,
+                coverage=community.coverage,
+            )
+        except SettingError as error:
+            yield Fault(f"{key}.{error.key}", error.value, error.allowed)
+    if is_import_path(community.network):
+        yield from _code(f"{key}.network", community.network)
+    elif community.network not in NETWORKS:
+        choices = ", ".join(map(repr, NETWORKS))
+        reason = f"must be one of {choices}, or your own as 'package.module:callable'"
+        yield Fault(f"{key}.network", community.network, reason)
+
+
+def _code(key: str, path: str) -> Iterator[Fault]:
+    try:
+        check_found(path)
+    except InputError as error:
+        yield Fault(key, path, str(error))
