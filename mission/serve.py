@@ -40,7 +40,10 @@ def make_vehicle(config: RunConfig) -> Vehicle:
     """
     try:
         return Vehicle(
-            config.vehicle, home=config.area.build().home, streams=RandomStreams(config.seed)
+            config.vehicle,
+            home=config.area.build().home,
+            streams=RandomStreams(config.seed),
+            may_reboot=True,
         )
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None

@@ -31,21 +31,36 @@ class Vehicle:
         streams: RandomStreams,
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
+        may_reboot: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
+
+        Whoever needs simulated time to go on lets nobody reboot the vehicle.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable; says which and why.
         """
-        self.aircraft = aircraft or Aircraft(config.aircraft, home=home, streams=streams)
+        self._config = config
+        self._home = home
+        self._streams = streams
+        self._may_reboot = may_reboot
+        self._observers = list(observers)
+        self._boot(aircraft or self._new_aircraft(), _parameters(config))
+
+    def _new_aircraft(self) -> Aircraft:
+        return Aircraft(self._config.aircraft, home=self._home, streams=self._streams)
+
+    def _boot(self, aircraft: Aircraft, parameters: Parameters) -> None:
+        config = self._config
+        self.aircraft = aircraft
         self.autopilot = Autopilot(
-            self.aircraft,
-            _parameters(config),
+            aircraft,
+            parameters,
             system=config.system_id,
             sink=self._happened,
             storage=_storage(config.parameter_file),
+            may_reboot=self._may_reboot,
         )
-        self._observers = list(observers)
         self._tick = 0
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
         self._sample_every = self._ticks_per(config.sample_rate_hz, "sample_rate_hz")
@@ -88,7 +103,17 @@ class Vehicle:
 
     def outgoing(self, now: float) -> list[bytes]:
         """MAVLink frames to send at the wall time `now`, each whole."""
-        return self.autopilot.poll(now)
+        frames = self.autopilot.poll(now)
+        if self.autopilot.reboot_ordered:
+            self._reboot()  # the answer to the order is among the frames
+        return frames
+
+    def _reboot(self) -> None:
+        """Everything as new, at home and at time zero; parameters and lists are on flash."""
+        old = self.autopilot
+        self._boot(self._new_aircraft(), old.parameters)
+        self.autopilot.restore(old.lists)
+        self.autopilot.greet()
 
     def due(self) -> float:
         """The wall time at which `outgoing` has something to say at the latest."""

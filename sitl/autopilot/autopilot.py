@@ -51,6 +51,7 @@ class Autopilot:
         system: int,
         sink: EventSink,
         storage: Storage | None = None,
+        may_reboot: bool = False,
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
@@ -84,18 +85,30 @@ class Autopilot:
             {
                 Command.PREFLIGHT_STORAGE: self._store_parameters,
                 Command.DO_FENCE_ENABLE: self._enable_fence,
+                Command.PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
                 Command.INJECT_FAILURE: Injector(
                     aircraft, parameters, monitor=self.monitor
                 ).command,
             }
         )
         self._storage = storage
+        self._may_reboot = may_reboot
+        self.reboot_ordered = False  # whoever owns the autopilot makes a new one
         self.tick = self.flight.tick
 
     def watch(self) -> None:
         """Look after everything but the manoeuvre."""
         self.monitor.watch()
         self.guard.watch()
+
+    @property
+    def lists(self) -> Mapping[MissionType, tuple[m.MissionItem, ...]]:
+        """Mission, fence and rally points as they were uploaded."""
+        return self._transfer.lists
+
+    def restore(self, lists: Mapping[MissionType, tuple[m.MissionItem, ...]]) -> None:
+        """Take the lists of an autopilot before this one."""
+        self._transfer.restore(lists)
 
     @property
     def mode(self) -> Mode:
@@ -182,6 +195,17 @@ class Autopilot:
                 self._storage.save(self.parameters.as_dict())
         except SitlInputError as error:
             return Refusal(Result.FAILED, str(error))
+        return None
+
+    def _order_reboot(self, order: m.CommandOrder, _now: float) -> Refusal | None:
+        if order.params[0] != 1.0:
+            return Refusal(Result.UNSUPPORTED, f"parameter 1 = {order.params[0]:g}: 1 reboots")
+        if not self._may_reboot:
+            return Refusal(Result.DENIED, "the vehicle is part of a run")
+        reason = self.flight.not_at_rest()
+        if reason:
+            return Refusal(Result.TEMPORARILY_REJECTED, reason)
+        self.reboot_ordered = True
         return None
 
     def _enable_fence(self, order: m.CommandOrder, _now: float) -> Refusal | None:

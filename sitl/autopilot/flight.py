@@ -105,6 +105,12 @@ class Flight:
             return _STARTING
         return self.arming_denied()
 
+    def not_at_rest(self) -> str:
+        """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
+        if self._aircraft.armed:
+            return "armed"
+        return "" if self._aircraft.on_ground else "in the air"
+
     def tick(self) -> bool:
         """Look after the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre

@@ -5,7 +5,7 @@ again when none comes, so it survives loss, duplication and reordering; a list i
 once the new one is complete.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from sitl.autopilot import messages as m
@@ -60,6 +60,16 @@ class MissionTransfer:
         self._upload: _Upload | None = None
         self._downloads: dict[tuple[m.Peer, MissionType], _Download] = {}
         self._completed: _Completed | None = None
+
+    @property
+    def lists(self) -> Mapping[MissionType, tuple[m.MissionItem, ...]]:
+        """What was accepted last, by kind."""
+        return self._lists
+
+    def restore(self, lists: Mapping[MissionType, tuple[m.MissionItem, ...]]) -> None:
+        """Take lists that were accepted before."""
+        for kind, items in lists.items():
+            self._take(kind, items)
 
     def receive(self, peer: m.Peer, message: m.Incoming, now: float) -> bool:
         """Handle a message of the mission protocol; False for one that is none."""

@@ -11,7 +11,9 @@ from serving import free_port, served
 
 from mission.cli import call
 
-ARM, TAKE_OFF = 400, 22
+ARM, TAKE_OFF, TERMINATE, REBOOT = 400, 22, 185, 246
+ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
+READY = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
 
 
 def wait_for(
@@ -33,6 +35,10 @@ def command(client: Any, number: int, *params: float) -> int:
     return int(wait_for(client, "COMMAND_ACK", lambda m: m.command == number).result)
 
 
+def wait_ready(client: Any) -> None:
+    wait_for(client, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & READY))
+
+
 def test_two_ground_stations_at_once() -> None:
     first, second = free_port(), free_port()
     one = mavutil.mavlink_connection(f"udpin:127.0.0.1:{first}")
@@ -46,12 +52,11 @@ def test_two_ground_stations_at_once() -> None:
             for client in (one, two):
                 beat = wait_for(client, "HEARTBEAT")
                 assert beat.autopilot == mavutil.mavlink.MAV_AUTOPILOT_PX4
-            ready = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
-            wait_for(one, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & ready))
-            assert command(one, ARM, 1.0) == mavutil.mavlink.MAV_RESULT_ACCEPTED
+            wait_ready(one)
+            assert command(one, ARM, 1.0) == ACCEPTED
             nan = float("nan")
             climb = (0.0, 0.0, 0.0, nan, nan, nan, 488.0)
-            assert command(two, TAKE_OFF, *climb) == mavutil.mavlink.MAV_RESULT_ACCEPTED
+            assert command(two, TAKE_OFF, *climb) == ACCEPTED
             seen = wait_for(two, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
             assert (seen.lat / 1e7, seen.lon / 1e7) == pytest.approx((47.4, 8.5), abs=1e-4)
             wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
@@ -61,6 +66,37 @@ def test_two_ground_stations_at_once() -> None:
     finally:
         one.close()
         two.close()
+
+
+def test_a_crashed_vehicle_is_rebooted() -> None:
+    port = free_port()
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    try:
+        with served("--udp", str(port), "--speed", "20"):
+            wait_ready(client)
+            client.mav.param_set_send(1, 1, b"MIS_TAKEOFF_ALT", 25.0, 9)
+            wait_for(client, "PARAM_VALUE", lambda m: m.param_value == 25.0)
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, REBOOT, 1.0) != ACCEPTED  # on the ground, but armed
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 20_000)
+            assert command(client, REBOOT, 1.0) != ACCEPTED
+            assert command(client, TERMINATE, 1.0) == ACCEPTED
+            assert command(client, REBOOT, 1.0) != ACCEPTED  # disarmed, but falling
+            wait_for(client, "STATUSTEXT", lambda m: m.text.startswith("Crashed"))
+            assert command(client, ARM, 1.0) != ACCEPTED
+            before = wait_for(client, "GLOBAL_POSITION_INT").time_boot_ms
+            assert command(client, REBOOT, 2.0) != ACCEPTED  # to switch it off
+            assert command(client, REBOOT, 1.0) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.time_boot_ms < before)
+            wait_for(client, "BATTERY_STATUS", lambda m: m.battery_remaining == 100)
+            wait_ready(client)
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            # As high as the parameter says that was set before.
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 24_000)
+    finally:
+        client.close()
 
 
 def test_it_listens_for_whoever_comes() -> None:
