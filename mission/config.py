@@ -19,6 +19,7 @@ from flightdyn.state import GeodeticPoint
 from mission.area import Area
 from mission.errors import InputError
 from mission.importing import is_import_path
+from mission.pilot.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from mission.precheck import faults
 from mission.refusals import explain, refusal
@@ -120,9 +121,7 @@ class LinkConfig(BaseModel):
     )
     url: str = Field(
         "udpin://0.0.0.0:14540",
-        pattern=r"^(udpin|udpout|tcpin|tcpout|serial)://.+$",
-        examples=["udpin://0.0.0.0:14540"],
-        description="external: MAVSDK connection URL of the autopilot",
+        description=f"external: MAVSDK connection URL of the autopilot: {URL_FORMS}",
     )
     gcs: tuple[str, ...] = Field(
         (),
@@ -145,6 +144,11 @@ class LinkConfig(BaseModel):
         le=3600,
         description="wall seconds without any progress of the vehicle after which a run ends",
     )
+
+    @field_validator("url")
+    @classmethod
+    def _mavsdk(cls, url: str) -> str:
+        return checked_url(url)
 
     @field_validator("gcs")
     @classmethod

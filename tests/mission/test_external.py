@@ -10,6 +10,7 @@ import pytest
 from serving import free_port, served
 
 from mission.cli import call
+from mission.pilot.url import checked_url
 
 SMALL = (
     "--set", "mission.steps=5",
@@ -98,11 +99,22 @@ def test_a_used_folder_is_refused_before_the_wait(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_url_of_another_kind_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    "url", ["http://here", "14540", "udpin://0.0.0.0", "udpin://:14540", "serial:///dev/ttyACM0"]
+)
+def test_a_url_of_another_kind_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], url: str
 ) -> None:
     out = tmp_path / "out"
-    assert call(["run", "--vehicle", "http://here", "--out", str(out), *SMALL]) == 2
-    printed = capsys.readouterr()
-    assert "link.url = 'http://here'" in printed.err
+    assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert "link.url = " in error
+    assert url in error
+    assert "udpin://HOST:PORT" in error
+    assert "serial:///DEVICE:BAUD" in error
     assert not out.exists()
+
+
+def test_what_mavsdk_takes_is_not_refused() -> None:
+    for url in ("udpin://0.0.0.0:14540", "tcpout://[::1]:5760", "serial:///dev/ttyACM0:57600"):
+        assert checked_url(url) == url

@@ -1,0 +1,22 @@
+"""What MAVSDK takes for the address of a vehicle."""
+
+NETWORK = ("udpin", "udpout", "tcpin", "tcpout")
+URL_FORMS = (
+    "udpin://HOST:PORT or tcpin://HOST:PORT to listen, udpout://HOST:PORT or tcpout://HOST:PORT "
+    "to call, or serial:///DEVICE:BAUD"
+)
+
+
+def checked_url(url: str) -> str:
+    """The URL, where MAVSDK can make something of it.
+
+    Raises:
+        ValueError: it cannot; says what it can.
+    """
+    scheme, _, address = url.partition("://")
+    place, _, number = address.rpartition(":")
+    most = 65535 if scheme in NETWORK else 10_000_000
+    numbered = number.isdecimal() and 1 <= int(number) <= most
+    if scheme not in (*NETWORK, "serial") or not place or not numbered:
+        raise ValueError(f"no address of a vehicle; it must be {URL_FORMS}")
+    return url
