@@ -1,13 +1,13 @@
 """Planned against flown: how far a run's flights were from their plans, and what it cost.
 
-Works on a run's folder or on its log alone. Errors are measured on the true track; what the
+Errors are measured on the true track; what the
 autopilot believed has its own numbers. Corner cutting is flown on purpose (the autopilot may cut
 a corner by its acceptance radius), so errors on straights and at corners stand apart.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from mission.alignment import align, closest_approach
 from mission.errors import InputError
 from mission.log.values import FlightData, Floats, PlanRecord
 from mission.records import RoundRecord, UplinkRecord
-from mission.rundata import flown, load_run
+from mission.rundata import LoadedRun, flown
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
@@ -85,6 +85,7 @@ class RunComparison:
     """One run: every round, all of them together, and device by device."""
 
     source: Path
+    name: str
     rounds: tuple[Comparison, ...]
     total: Comparison
     devices: tuple[DeviceComparison, ...]
@@ -119,20 +120,28 @@ class _Measured:
     true_per: Floats
 
 
-def compare_run(path: Path) -> RunComparison:
-    """Compare every finished round of a run (folder or log file) with its plan.
+def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunComparison:
+    """Compare every finished round of a run with its plan, or those up to number `rounds`.
 
     Raises:
-        InputError: not a run, damaged, or a run in which no round was flown.
+        InputError: a run in which no round was flown.
     """
-    run = load_run(path)
+    run = loaded.data
+    if rounds is not None:
+        run = replace(
+            run,
+            rounds=tuple(item for item in run.rounds if item.round <= rounds),
+            uplinks=tuple(item for item in run.uplinks if item.round <= rounds),
+        )
     plans = {plan.round: plan for plan in run.plans}
     measured = [_measure(run, record, plans[record.round]) for record in run.rounds
                 if record.round in plans]  # fmt: skip
     if not measured:
-        raise InputError(f"{path}: no round was flown, so there is nothing to compare")
+        why = f": {loaded.notice}" if loaded.notice else ""
+        raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
     return RunComparison(
-        source=path,
+        source=loaded.path,
+        name=loaded.name,
         rounds=tuple(_numbers([item], item.record.round) for item in measured),
         total=_numbers(measured, None),
         devices=tuple(

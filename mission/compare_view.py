@@ -7,6 +7,7 @@ from rich import box
 from rich.table import Table
 
 from mission.compare import CORNER_M, Comparison, RunComparison
+from mission.plancompare import PlanFlight
 
 _Cell = Callable[[Comparison], str]
 
@@ -86,6 +87,21 @@ _SIDE_BY_SIDE: tuple[tuple[str, str, int], ...] = (
     ("arrived", "delivered", 0),
 )
 
+_OF_FLIGHTS: tuple[tuple[str, str, int], ...] = (
+    ("planned path (m)", "plan_path_m", 1),
+    ("flown path (m)", "flown_path_m", 1),
+    ("duration planned (s)", "plan_duration_s", 1),
+    ("duration flown (s)", "flown_duration_s", 1),
+    ("cross-track rms (m)", "cross_track_rms_m", 3),
+    ("cross-track max (m)", "cross_track_max_m", 3),
+    ("places", "places", 0),
+    ("places reached", "places_reached", 0),
+    ("place missed by, max (m)", "miss_max_m", 3),
+    ("height error max (m)", "height_error_max_m", 3),
+    ("estimate error rms (m)", "estimate_rms_m", 3),
+    ("battery left (0..1)", "battery_remaining", 3),
+)
+
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
     """One run: the path, the slots and the radio (a row a round, and the total), the devices."""
@@ -116,15 +132,33 @@ def _devices(comparison: RunComparison) -> Table:
 
 def side_by_side(comparisons: Sequence[RunComparison]) -> Table:
     """Several runs: a row a number, a column a run, with the difference where there are two."""
-    table = Table(box=box.SIMPLE_HEAD, title="Runs side by side", title_justify="left")
-    table.add_column("whole run")
-    for item in comparisons:
-        table.add_column(item.source.name or str(item.source), justify="right", overflow="fold")
-    both = len(comparisons) == 2
+    rows = [
+        (label, digits, [float(getattr(item.total, name)) for item in comparisons])
+        for label, name, digits in _SIDE_BY_SIDE
+    ]
+    return _columns("Runs side by side", "whole run", [item.name for item in comparisons], rows)
+
+
+def flights_side_by_side(flights: Sequence[PlanFlight]) -> Table:
+    """Several flights of plan files, as `side_by_side`."""
+    rows = [
+        (label, digits, [float(getattr(item.numbers, name)) for item in flights])
+        for label, name, digits in _OF_FLIGHTS
+    ]
+    return _columns("Flights side by side", "flight", [item.run.name for item in flights], rows)
+
+
+def _columns(
+    title: str, corner: str, names: Sequence[str], rows: Sequence[tuple[str, int, list[float]]]
+) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
+    table.add_column(corner)
+    for name in names:
+        table.add_column(name, justify="right", overflow="fold")
+    both = len(names) == 2
     if both:
         table.add_column("difference", justify="right")
-    for label, name, digits in _SIDE_BY_SIDE:
-        values = [float(getattr(item.total, name)) for item in comparisons]
+    for label, digits, values in rows:
         cells = [_number(value, digits) for value in values]
         if both:
             change = values[1] - values[0]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -11,14 +12,18 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from mission.figure_style import GRID, TEXT, add_legend, new_figure, plain
+from mission.figure_style import GRID, TEXT, add_legend, band, new_figure, plain
 from mission.log.values import FlightData, Floats, PlanRecord
-from mission.palette import FLOWN, PLANNED, community_colour
+from mission.palette import BAND, FENCE, FLOWN, PLANNED, community_colour, per_colour
 from mission.records import RoundRecord, UplinkRecord
-from mission.rundata import flown
+from mission.rundata import extent, flown
 
 _MAPS = 12  # small multiples on one picture
 _FAINT = 0.35
+_FENCE_STYLE: Mapping[bool, Mapping[str, Any]] = {
+    True: {"color": FENCE, "lw": 1.3, "ls": (0, (7, 2, 1, 2))},
+    False: {"color": FENCE, "lw": 1.3, "ls": "-"},
+}
 _SIZES = (25.0, 170.0)  # marker areas of the least and the most important device
 
 
@@ -26,7 +31,7 @@ def overview(run: FlightData) -> Figure:
     """All rounds on one map: planned dashed, flown coloured by round."""
     figure = new_figure(8.4, 7.8)
     axes = figure.add_subplot()
-    _prepare_map(axes, run)
+    prepare_map(axes, run)
     records = {record.round: record for record in run.rounds}
     numbers = [plan.round for plan in run.plans]
     shades = _shades(numbers)
@@ -56,7 +61,8 @@ def overview(run: FlightData) -> Figure:
             Line2D([], [], color=PLANNED, lw=1.2, ls=(0, (4, 3)), label="planned"),
             Line2D([], [], color=_shade(shades, numbers[0]), lw=2, label="flown"),
             *_community_handles(run),
-            _home_handle(),
+            home_handle(),
+            *fence_handles(run),
         ],
     )
     return figure
@@ -75,7 +81,7 @@ def round_maps(run: FlightData) -> Figure:
         axes.set_visible(False)
     for number, plan in enumerate(chosen):
         axes = panels.flat[number]
-        _prepare_map(axes, run)
+        prepare_map(axes, run)
         _round_map(axes, run, plan)
         axes.set_ylabel("north (m)" if number % columns == 0 else "")
         below = number + columns >= len(chosen)
@@ -84,34 +90,33 @@ def round_maps(run: FlightData) -> Figure:
     add_legend(
         figure,
         [
-            Line2D(
-                [], [], color=PLANNED, lw=1.2, ls=(0, (4, 3)), marker="o", ms=4, mfc="white",
-                label="planned",
-            ),
-            Line2D([], [], color=FLOWN, lw=1.8, label="flown"),
+            *path_handles(),
             _start_handle(),
             *_community_handles(run),
             _served_handle("delivered", filled=True),
             _served_handle("lost", filled=False),
             Line2D([], [], color=PLANNED, marker="o", ls="", alpha=_FAINT, label="not served"),
+            *(
+                Line2D([], [], color=per_colour(per), lw=1.2, label=f"link, PER {per:g}")
+                for per in (0.0, 0.5, 1.0)
+            ),
+            *fence_handles(run),
         ],
-        columns=4 if columns < 3 else 8,
-    )  # fmt: skip
+        columns=4 if columns < 3 else 6,
+    )
     return figure
 
 
 def _round_map(axes: Axes, run: FlightData, plan: PlanRecord) -> None:
-    axes.plot(
-        *plan.waypoints_m.T, color=PLANNED, lw=1.1, ls=(0, (4, 3)), marker="o", ms=3.5,
-        mfc="white", zorder=3,
-    )  # fmt: skip
+    band(axes, plan.waypoints_m)
     record = _record(run, plan)
     outcome: dict[int, UplinkRecord] = {}
     title = f"round {plan.round}"
     if record is not None:
         track = flown(run, record).pos_m
-        axes.plot(track[:, 0], track[:, 1], color=FLOWN, lw=1.5, zorder=2.5)
+        axes.plot(track[:, 0], track[:, 1], color=FLOWN, lw=1.4, zorder=3)
         outcome = {u.device: u for u in run.uplinks if u.round == plan.round}
+        _links(axes, run, outcome)
         title += f"  ·  {record.delivered} of {record.scheduled} delivered"
         title += f"  ·  {record.flown_path_m:.0f} m"
     axes.plot(*plan.waypoints_m[0], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, zorder=6)
@@ -119,17 +124,29 @@ def _round_map(axes: Axes, run: FlightData, plan: PlanRecord) -> None:
     axes.set_title(title, loc="left", fontsize=10, color=TEXT)
 
 
-def _prepare_map(axes: Axes, run: FlightData) -> None:
+def _links(axes: Axes, run: FlightData, outcome: Mapping[int, UplinkRecord]) -> None:
+    """From where each transmission was met to its device, coloured by the true PER."""
+    for device, uplink in outcome.items():
+        if math.isfinite(uplink.slot_t_s):
+            x, y = run.devices.pos_m[device].tolist()
+            axes.plot(
+                [uplink.true_x_m, x], [uplink.true_y_m, y],
+                color=per_colour(uplink.true_per), lw=0.9, zorder=2,
+            )  # fmt: skip
+
+
+def prepare_map(axes: Axes, run: FlightData) -> None:
+    """Axes in metres around everything that was planned and flown, with area, home and fence."""
     width, height = run.area.size_m
-    points = np.vstack((run.truth.pos_m[:, :2], *(plan.waypoints_m for plan in run.plans)))
-    margin = 0.04 * max(width, height)
-    low = np.minimum(points.min(axis=0), 0.0) - margin
-    high = np.maximum(points.max(axis=0), (width, height)) + margin
+    low, high = extent(run, margin=0.04)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.plot([0, width, width, 0, 0], [0, 0, height, height, 0], color=GRID, lw=1.2, zorder=1)
     axes.plot(*run.area.home_m, marker="s", ms=6, mfc="none", mec=TEXT, ls="", zorder=4)
+    for zone in run.fence:
+        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
+        axes.plot(*closed.T, **_FENCE_STYLE[zone.keep_in], zorder=1.5)
     axes.set_xlabel("east (m)")
     axes.set_ylabel("north (m)")
     plain(axes)
@@ -192,7 +209,26 @@ def _start_handle() -> Line2D:
     return Line2D([], [], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, ls="", label="start")
 
 
-def _home_handle() -> Line2D:
+def path_handles() -> list[Line2D]:
+    """Of `band` and of the line in it."""
+    return [
+        Line2D([], [], color=BAND, lw=5, marker="o", ms=3.5, mfc="white", mec=PLANNED,
+               label="planned"),
+        Line2D([], [], color=FLOWN, lw=1.8, label="flown"),
+    ]  # fmt: skip
+
+
+def fence_handles(run: FlightData) -> list[Line2D]:
+    """Of the kinds of fence that there are."""
+    kinds = sorted({zone.keep_in for zone in run.fence}, reverse=True)
+    return [
+        Line2D([], [], **_FENCE_STYLE[kind], label="fence" if kind else "no entry")
+        for kind in kinds
+    ]
+
+
+def home_handle() -> Line2D:
+    """Of the take-off point."""
     return Line2D([], [], marker="s", ms=6, mfc="none", mec=TEXT, ls="", label="home")
 
 

@@ -1,11 +1,16 @@
 """How every picture looks: paper, ink, margins and legends."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+
+from mission.errors import InputError
+from mission.log.values import Floats
+from mission.palette import BAND, PLANNED
 
 GRID = "#D9DDE2"
 TEXT = "#1F2933"
@@ -19,12 +24,32 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=_DPI, layout=engine)
 
 
+def save_figure(figure: Figure, target: Path) -> None:
+    """Write a picture of the kind that the file's name says.
+
+    Raises:
+        InputError: it cannot be written, or it is no kind of picture.
+    """
+    try:
+        figure.savefig(target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot write the figure: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
+
+
 def add_legend(figure: Figure, handles: Sequence[Line2D], *, columns: int = 8) -> None:
     """A legend under the picture."""
     labels = [str(handle.get_label()) for handle in handles]
     figure.legend(
         handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
     )
+
+
+def band(axes: Axes, points: Floats) -> None:
+    """A planned line (n, 2) with its corners, wide and pale, so that a flown one shows on it."""
+    axes.plot(*points.T, color=BAND, lw=5, solid_capstyle="round", zorder=1.8)
+    axes.plot(*points.T, ls="", marker="o", ms=3.5, mfc="white", mec=PLANNED, zorder=3.5)
 
 
 def plain(axes: Axes) -> None:

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from mission.compare import Comparison, RunComparison
 from mission.errors import InputError
 from mission.figure_maps import overview, round_maps
-from mission.figure_style import GRID, TEXT, add_legend, new_figure, plain
+from mission.figure_style import GRID, TEXT, add_legend, new_figure, plain, save_figure
 from mission.palette import community_colour
 from mission.records import RoundRecord
 from mission.rundata import load_run
@@ -30,7 +30,7 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
     Raises:
         InputError: the folder is not a run, or the pictures cannot be written.
     """
-    run = load_run(folder)
+    run = load_run(folder).data
     pictures: dict[str, Figure] = {}
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run)
@@ -53,12 +53,7 @@ def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:
     Raises:
         InputError: the picture cannot be written.
     """
-    try:
-        comparison_figure(runs).savefig(target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the figure: {error.strerror}") from None
-    except ValueError:
-        raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
+    save_figure(comparison_figure(runs), target)
     return target
 
 
@@ -91,7 +86,7 @@ def comparison_figure(runs: Sequence[RunComparison]) -> Figure:
         figure,
         [
             Line2D([], [], color=community_colour(index), lw=2, marker="o", ms=4, label=name)
-            for index, name in enumerate(run.source.name or str(run.source) for run in runs)
+            for index, name in enumerate(run.name for run in runs)
         ],
         columns=min(len(runs), 4),
     )

@@ -13,6 +13,7 @@ _PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
 
 PLANNED = "#5B6770"
 FLOWN = "#111827"
+BAND = "#BCC8D4"  # of a planned path that is drawn wide, under the flown one
 FENCE = "#B3261E"
 
 
@@ -43,3 +44,8 @@ def rgb(colour: str) -> RGB:
         int(colour[3:5], 16) / 255.0,
         int(colour[5:7], 16) / 255.0,
     )
+
+
+def css_colour(colour: RGB) -> str:
+    """Red, green, blue in 0..1 as CSS and SVG write it."""
+    return "#" + "".join(f"{round(255 * part):02X}" for part in colour)

@@ -1,26 +1,29 @@
-"""Planned against flown for a plan file: the numbers of `aerofed fly`, made and read back."""
+"""Planned against flown for a plan file: one `aerofed fly` read back from its folder or log."""
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from mission.alignment import align
-from mission.errors import FlightError, InputError
-from mission.plancheck import PlannedPath
-from mission.track import Flight
+from mission.errors import InputError
+from mission.log.values import NS_PER_S, EventRecord, FlightData, Floats, PlanRecord
+from mission.records import RoundRecord
+from mission.rundata import LoadedRun
 
-SUMMARY = "summary.json"
-KEY = "planned_and_flown"
+KEY = "planned_and_flown"  # of the summary
+METADATA = "plan flight"  # of the log, by which it is known
+_NAN = math.nan
 
 
 @dataclass(frozen=True)
 class PlannedAndFlown:
-    """How a flight was against its plan, up to its last place; metres, simulated seconds."""
+    """How a flight was against its plan, up to its last place; metres, simulated seconds.
+
+    A flight that did not get there is measured as far as it came.
+    """
 
     plan_path_m: float  # horizontal
     flown_path_m: float
@@ -33,104 +36,147 @@ class PlannedAndFlown:
     miss_max_m: float  # horizontal distance to a place on the instant it was passed
     height_error_max_m: float  # the same, vertically
     estimate_rms_m: float  # horizontal distance of belief to truth
+    battery_remaining: float  # 0..1 of the capacity at the end of the log
 
     def lines(self) -> list[str]:
         """For people."""
+        passed = (
+            f", passed within {self.miss_max_m:.2f} m and {self.height_error_max_m:.2f} m in height"
+            if self.places_reached
+            else ""
+        )
         return [
             f"path      planned {self.plan_path_m:.0f} m, flown {self.flown_path_m:.0f} m",
             f"duration  at planned speed {self.plan_duration_s:.1f} s, "
             f"flown {self.flown_duration_s:.1f} s",
             f"cross-track error  rms {self.cross_track_rms_m:.2f} m, "
             f"max {self.cross_track_max_m:.2f} m",
-            f"places    {self.places_reached}/{self.places} reached, passed within "
-            f"{self.miss_max_m:.2f} m and {self.height_error_max_m:.2f} m in height",
+            f"places    {self.places_reached}/{self.places} reached{passed}",
             f"estimate  {self.estimate_rms_m:.2f} m rms from the truth",
+            f"battery   {100 * self.battery_remaining:.0f} % left",
         ]
 
 
-def compare_with_plan(flight: Flight, path: PlannedPath) -> PlannedAndFlown:
+@dataclass(frozen=True)
+class PlanFlight:
+    """One flight of a plan file. `data` has it as one round that serves nobody."""
+
+    run: LoadedRun
+    data: FlightData
+    plan: PlanRecord
+    source: str  # name of the plan file
+    places_m: Mapping[int, Floats]  # (3,) x east, y north, height; by number of the item
+    reached: Mapping[int, EventRecord]  # the first passage of each place that was reached
+    numbers: PlannedAndFlown
+
+    @property
+    def record(self) -> RoundRecord:
+        """The flight as a round, from its start to its last place or as far as it came."""
+        return self.data.rounds[0]
+
+
+def flight_metadata(
+    source: str, places_m: Mapping[int, Floats], *, duration_s: float
+) -> dict[str, str]:
+    """What the log has to hold beside the plan's path."""
+    return {
+        "plan": source,
+        "duration_s": repr(float(duration_s)),
+        "places_m": json.dumps({str(seq): place.tolist() for seq, place in places_m.items()}),
+    }
+
+
+def plain_numbers(numbers: PlannedAndFlown) -> dict[str, float | None]:
+    """For JSON: NaN as None."""
+    return {key: None if math.isnan(value) else value for key, value in asdict(numbers).items()}
+
+
+def is_plan_flight(run: LoadedRun) -> bool:
+    """Whether `aerofed fly` left it."""
+    return METADATA in run.data.metadata
+
+
+def was_flown(run: LoadedRun) -> bool:
+    """Whether the vehicle got as far as its mission."""
+    plans, last_ns = run.data.plans, _last_ns(run.data)
+    return bool(plans) and len(run.data.truth.between(plans[0].t_ns, last_ns).t_ns) > 0
+
+
+def plan_flight(run: LoadedRun) -> PlanFlight:
     """Planned against flown, from the start of the mission to its last place.
 
     Raises:
-        FlightError: the last place was never reached.
+        InputError: the vehicle never got as far as its mission.
     """
-    end = flight.reached.get(path.last_place)
-    if end is None:
-        raise FlightError(f"item {path.last_place} was never reached")
-    until = int(np.searchsorted(flight.t_ns, end.t_ns, side="right"))
-    true_m, est_m = flight.true_ned_m[:until], flight.est_ned_m[:until]
-    cross_m = align(true_m[:, :2], path.points_ned_m[:, :2]).cross_m
-    error_m = np.linalg.norm(est_m[:, :2] - true_m[:, :2], axis=1)
-    misses = [
-        flight.reached[seq].true_ned_m - place
-        for seq, place in path.places.items()
-        if seq in flight.reached
-    ]
-    return PlannedAndFlown(
-        plan_path_m=path.path_m,
-        flown_path_m=float(np.linalg.norm(np.diff(true_m[:, :2], axis=0), axis=1).sum()),
-        plan_duration_s=path.duration_s,
-        flown_duration_s=float(end.t_ns - flight.t_ns[0]) / 1e9,
-        cross_track_rms_m=math.sqrt(float((cross_m**2).mean())),
+    told, data = run.data.metadata[METADATA], run.data
+    if not was_flown(run):
+        why = f": {run.state}" if run.state else ""
+        raise InputError(f"{run.path}: nothing was flown{why}")
+    plan = data.plans[0]
+    places_m = {
+        int(seq): np.array(place, dtype=np.float64)
+        for seq, place in json.loads(told["places_m"]).items()
+    }
+    passed: dict[int, EventRecord] = {}
+    for event in data.events:
+        if event.kind == "reached" and event.seq is not None and event.seq in places_m:
+            passed.setdefault(event.seq, event)
+    last = passed.get(max(places_m))
+    end_ns = last.t_ns if last is not None else _last_ns(data)
+    truth, belief = (track.between(plan.t_ns, end_ns) for track in (data.truth, data.belief))
+    cross_m = align(truth.pos_m[:, :2], plan.waypoints_m).cross_m
+    error_m = np.linalg.norm((belief.pos_m - truth.pos_m)[:, :2], axis=1)
+    misses_m = [np.array(event.true_m) - places_m[seq] for seq, event in passed.items()]
+    battery = data.battery.remaining
+    numbers = PlannedAndFlown(
+        plan_path_m=plan.path_m,
+        flown_path_m=float(np.linalg.norm(np.diff(truth.pos_m[:, :2], axis=0), axis=1).sum()),
+        plan_duration_s=float(told["duration_s"]),
+        flown_duration_s=(end_ns - plan.t_ns) / NS_PER_S,
+        cross_track_rms_m=_rms(cross_m),
         cross_track_max_m=float(cross_m.max()),
-        places=len(path.places),
-        places_reached=len(misses),
-        miss_max_m=max(float(np.linalg.norm(miss[:2])) for miss in misses),
-        height_error_max_m=max(abs(float(miss[2])) for miss in misses),
-        estimate_rms_m=math.sqrt(float((error_m**2).mean())),
+        places=len(places_m),
+        places_reached=len(passed),
+        miss_max_m=max((float(np.linalg.norm(miss[:2])) for miss in misses_m), default=_NAN),
+        height_error_max_m=max((abs(float(miss[2])) for miss in misses_m), default=_NAN),
+        estimate_rms_m=_rms(error_m),
+        battery_remaining=float(battery[-1]) if len(battery) else _NAN,
+    )
+    as_round = _as_round(plan, numbers)
+    return PlanFlight(
+        run,
+        replace(data, plans=(plan,), rounds=(as_round,)),
+        plan,
+        told["plan"],
+        places_m,
+        passed,
+        numbers,
     )
 
 
-def is_plan_flight(folder: Path) -> bool:
-    """Whether the folder is one that `aerofed fly` left."""
-    return "plan" in _summary(folder)
+def _last_ns(data: FlightData) -> int:
+    return int(data.truth.t_ns[-1]) if len(data.truth.t_ns) else 0
 
 
-def read_plan_flight(folder: Path) -> PlannedAndFlown:
-    """The numbers that `aerofed fly` left in its folder.
-
-    Raises:
-        InputError: the flight was not finished, or the summary is not one of `aerofed fly`.
-    """
-    summary = _summary(folder)
-    found = summary.get(KEY)
-    if found is None:
-        raise InputError(
-            f"{folder}: the flight was not finished (status {summary.get('status')}), so there is "
-            "nothing to compare"
-        )
-    names = {item.name for item in fields(PlannedAndFlown)}
-    if not isinstance(found, dict) or set(found) != names:
-        raise InputError(f"{folder / SUMMARY}: {KEY} is not what aerofed fly writes")
-    return PlannedAndFlown(**found)
-
-
-def say_plan_flights(folders: Sequence[Path], *, as_json: bool) -> str:
-    """The comparisons of folders of `aerofed fly`, for people or as JSON.
-
-    Raises:
-        InputError: see `read_plan_flight`; or one of the folders is a run's.
-    """
-    for folder in folders:
-        if not is_plan_flight(folder):
-            raise InputError(
-                f"{folder}: not a folder of aerofed fly; flights of plan files and runs cannot "
-                "stand side by side"
-            )
-    flights = [(folder, read_plan_flight(folder)) for folder in folders]
-    if as_json:
-        data = [{"source": str(folder), **asdict(flight)} for folder, flight in flights]
-        return json.dumps(data if len(data) > 1 else data[0], indent=2)
-    lines = []
-    for folder, flight in flights:
-        lines += [f"{folder}: a plan file, flown"] if len(flights) > 1 else []
-        lines += flight.lines()
-    return "\n".join(lines)
+def _as_round(plan: PlanRecord, numbers: PlannedAndFlown) -> RoundRecord:
+    return RoundRecord(
+        round=plan.round,
+        start_t_s=plan.t_ns / NS_PER_S,
+        duration_s=numbers.flown_duration_s,
+        plan_objective=_NAN,
+        est_objective=_NAN,
+        true_objective=_NAN,
+        upper_bound=_NAN,
+        plan_path_m=numbers.plan_path_m,
+        flown_path_m=numbers.flown_path_m,
+        budget_used_m=numbers.flown_path_m,
+        scheduled=0,
+        delivered=0,
+        battery_remaining=numbers.battery_remaining,
+        accuracy={},
+        cov={},
+    )
 
 
-def _summary(folder: Path) -> dict[str, Any]:
-    try:
-        found = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}  # whatever it is, nothing that `aerofed fly` has finished
-    return found if isinstance(found, dict) else {}
+def _rms(values: Floats) -> float:
+    return math.sqrt(float((values**2).mean()))

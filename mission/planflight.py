@@ -4,7 +4,7 @@ import asyncio
 import csv
 import io
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +18,30 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.area import Area
 from mission.config import AreaConfig, RunConfig
-from mission.errors import INTERRUPTED, AerofedError, InputError
+from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
+from mission.fence import fence_of
+from mission.figure_flight import draw_flight
 from mission.flyer import open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
-from mission.log.values import Devices
+from mission.log.values import Devices, FlightData, Zone
 from mission.log.writer import FlightLog
 from mission.pilot.importer import Imported, import_plan, raw_items
 from mission.plancheck import PlannedPath, check_plan, here_means
-from mission.plancompare import KEY, PlannedAndFlown, compare_with_plan
+from mission.plancompare import (
+    KEY,
+    METADATA,
+    PlanFlight,
+    PlannedAndFlown,
+    flight_metadata,
+    plain_numbers,
+    plan_flight,
+    was_flown,
+)
 from mission.planfile import PlanFile, read_plan_file
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.track import Flight
+from mission.rundata import load_run
+from mission.stopwatch import Stopwatch
 from sitl.autopilot.items import PLACES
 from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
@@ -48,6 +60,7 @@ class _Ready:
     imported: Imported
     path: PlannedPath
     area: Area
+    fence: tuple[Zone, ...]
     vehicle: Vehicle
     config: RunConfig
 
@@ -61,27 +74,34 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
     """
     if config.link.kind == "external":
         raise InputError("link.kind = external: plans are flown by the simulated vehicle only")
-    ready = _prepare(config, read_plan_file(source))
-    check_link(config.link)
-    folder = RunFolder.create(path)
-    write_atomically(folder.config, ready.config.to_toml())
-    write_atomically(folder.path / source.name, source.read_bytes())
-    summary: dict[str, Any] = {
-        "status": "running",
-        "plan": source.name,
-        "seed": config.seed,
-        "ignored_rally_points": ready.imported.rally_points,
-        **environment(),
-    }
-    folder.write_summary(summary)
+    stopwatch = Stopwatch()
+    with stopwatch("setup"):
+        ready = _prepare(config, read_plan_file(source))
+        check_link(config.link)
+        folder = RunFolder.create(path)
+        write_atomically(folder.config, ready.config.to_toml())
+        write_atomically(folder.path / source.name, source.read_bytes())
+        summary: dict[str, Any] = {
+            "status": "running",
+            "name": source.stem,
+            "plan": source.name,
+            "seed": config.seed,
+            "ignored_rally_points": ready.imported.rally_points,
+            **environment(),
+        }
+        folder.write_summary(summary)
     status, error = "failed", None
     nobody = Devices(np.zeros((0, 2)), ())
-    with FlightLog(folder.log, area=ready.area, devices=nobody) as log:
+    with FlightLog(folder.log, area=ready.area, devices=nobody, fence=ready.fence) as log:
         log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
         log.attach(source.name, "text/plain", ready.plan.text.encode())
-        _log_path(log, ready)
+        places_m = {seq: _xyz(ready.area, ned[None])[0] for seq, ned in ready.path.places.items()}
+        log.metadata(
+            METADATA, flight_metadata(source.name, places_m, duration_s=ready.path.duration_s)
+        )
         try:
-            flight = asyncio.run(_fly(ready, log))
+            with stopwatch("fly"):
+                asyncio.run(_fly(ready, log))
             status = "finished"
         except KeyboardInterrupt:
             status = "interrupted"
@@ -89,19 +109,38 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
             summary["error"] = f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}"
             error = type(failure)(f"{summary['error']}; what was flown is in {folder.path}")
         finally:
-            summary["status"] = status
-            folder.write_summary(summary)
+            folder.write_summary(summary | {"status": status})
+    with stopwatch("figures"):
+        flight = _left_behind(folder)
+    if flight is not None:
+        summary[KEY] = plain_numbers(flight.numbers)
+        if status == "finished" and max(flight.places_m) not in flight.reached:
+            status = "failed"
+            error = FlightError(f"item {max(flight.places_m)} was never reached")
+    # Last of all: a folder that says "finished" has everything.
+    sim_s, fly_s = ready.vehicle.t_ns / 1e9, stopwatch.wall_s["fly"]
+    times = {"simulated_s": sim_s, "real_time_factor": sim_s / fly_s}
+    wall_s = {**stopwatch.wall_s, "total": stopwatch.total_s}
+    folder.write_summary(summary | {"status": status, **times, "wall_s": wall_s})
     if error is not None:
         raise error
     if status == "interrupted":
-        console.print(f"interrupted; what was flown is in {folder.log}", soft_wrap=True)
+        console.print(f"interrupted; what was flown is in {folder.path}", soft_wrap=True)
         return INTERRUPTED
-    write_atomically(folder.path / "track.csv", _track_csv(flight, ready.area))
-    numbers = compare_with_plan(flight, ready.path)
-    folder.write_summary(summary | {KEY: asdict(numbers)})
-    if not quiet:
-        _say(console, numbers, ready.imported, folder.path)
+    if flight is not None and not quiet:
+        _say(console, flight.numbers, ready.imported, folder.path)
     return 0
+
+
+def _left_behind(folder: RunFolder) -> PlanFlight | None:
+    """Track and figures of what was flown, read from the log; None where nothing was."""
+    run = load_run(folder.path)
+    if not was_flown(run):
+        return None
+    flight = plan_flight(run)
+    write_atomically(folder.path / "track.csv", _track_csv(run.data))
+    draw_flight(flight, folder.figures)
+    return flight
 
 
 def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
@@ -116,11 +155,17 @@ def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
         vehicle, imported = _at(planned, config, plan)
     path = check_plan(imported.items, imported.fence, vehicle=vehicle, source=str(plan.path))
     area_config = _area_around(path, vehicle.autopilot.flight.home)
+    area = area_config.build()
+    try:
+        fence = fence_of(imported.fence, vehicle.autopilot.parameters, area)
+    except SitlInputError as error:
+        raise InputError(f"{plan.path}: {error}") from None
     return _Ready(
         plan,
         imported,
         path,
-        area_config.build(),
+        area,
+        fence,
         vehicle,
         config.model_copy(update={"area": area_config}),
     )
@@ -153,7 +198,7 @@ def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
     )
 
 
-async def _fly(ready: _Ready, log: FlightLog) -> Flight:
+async def _fly(ready: _Ready, log: FlightLog) -> None:
     async with open_simulated(
         ready.config, ready.vehicle, area=ready.area, observers=(log,)
     ) as flyer:
@@ -161,44 +206,50 @@ async def _fly(ready: _Ready, log: FlightLog) -> Flight:
         await pilot.ready()
         if ready.imported.fence:
             await pilot.upload_fence(raw_items(ready.imported.fence))
-        flyer.recorder.start(flyer.here())
+        _log_path(flyer.t_ns, log, ready)
         await pilot.arm()
         await pilot.fly_items(raw_items(ready.imported.items))
         if ready.path.returns:
             await pilot.landed()
         else:
             await pilot.land()
-        return flyer.recorder.finish(flyer.here(), ready.vehicle.aircraft.battery.remaining)
 
 
-def _log_path(log: FlightLog, ready: _Ready) -> None:
-    """The planned path, as the log has it for rounds: one round that serves nobody.
-
-    A round has one height, here the greatest of the plan.
-    """
-    points = ready.area.from_ned(ready.path.points_ned_m)
-    plan = RoundPlan(points, np.zeros((len(points), 0), dtype=bool), value=0.0)
+def _log_path(t_ns: int, log: FlightLog, ready: _Ready) -> None:
+    """The planned path, as the log has it for rounds: one round that serves nobody."""
+    points = _xyz(ready.area, ready.path.points_ned_m)
+    plan = RoundPlan(points[:, :2], np.zeros((len(points), 0), dtype=bool), value=0.0)
     channel = replace(CHANNEL_PRESETS["suburban"], altitude_m=ready.path.top_m)
     problem = RoundProblem(
         devices_m=np.zeros((0, 2)),
         importance=np.zeros(0),
-        start_m=points[0],
+        start_m=points[0, :2],
         steps=len(points),
         per_step=1,
         path_budget_m=plan.path_m,
         channel=channel,
     )
-    log.plan(0, 1, problem, plan, speed_mps=plan.path_m / ready.path.duration_s)
+    legs_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    speed_mps = float(legs_m.sum()) / ready.path.duration_s
+    slots_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
+    log.plan(
+        t_ns, 1, problem, plan,
+        speed_mps=speed_mps, ideal_slot_s=slots_s, height_m=points[:, 2],
+    )  # fmt: skip
 
 
-def _track_csv(flight: Flight, area: Area) -> str:
+def _xyz(area: Area, pos_ned_m: Floats) -> Floats:
+    """(n, 3) NED -> x east, y north in area coordinates, height above home."""
+    return np.column_stack((area.from_ned(pos_ned_m), -pos_ned_m[:, 2]))
+
+
+def _track_csv(data: FlightData) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_COLUMNS)
-    true_xy, est_xy = area.from_ned(flight.true_ned_m), area.from_ned(flight.est_ned_m)
-    for i, t_ns in enumerate(flight.t_ns.tolist()):
-        true, est = (*true_xy[i], -flight.true_ned_m[i, 2]), (*est_xy[i], -flight.est_ned_m[i, 2])
-        writer.writerow([repr(t_ns / 1e9), *(f"{float(value):.4f}" for value in (*true, *est))])
+    rows = np.hstack((data.truth.pos_m, data.belief.pos_m)).tolist()
+    for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True):
+        writer.writerow([repr(t_ns / 1e9), *(f"{value:.3f}" for value in row)])
     return out.getvalue()
 
 

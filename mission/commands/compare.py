@@ -1,50 +1,121 @@
 """`aerofed compare`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
 
 from mission.errors import InputError
 from mission.terminal import Terminal
 
+if TYPE_CHECKING:
+    from mission.compare import RunComparison
+    from mission.rundata import LoadedRun
 
-def compare(run: Path, *others: Path, as_json: bool = False, figure: Path | None = None) -> int:
+
+def compare(
+    run: Path,
+    *others: Path,
+    as_json: bool = False,
+    figure: Path | None = None,
+    rounds: int | None = None,
+) -> int:
     """Planned against flown: cross-track error, timing and packet error rates of runs.
+
+    Of a run that was interrupted or killed, what is there is compared.
 
     Example: aerofed compare paper6
 
     Parameters
     ----------
     run
-        A run's folder, or a flight log (.mcap); or the folder of an `aerofed fly`.
+        A run's folder, or a flight log (.mcap); or those of an `aerofed fly`.
     others
-        More runs, to stand beside the first.
+        More of them, to stand beside the first.
     as_json
         Print JSON, with every number at full precision, instead of tables.
     figure
-        Draw the runs round by round into this file too: .png, .svg or .pdf.
+        Draw them into this file too, runs round by round: .png, .svg or .pdf.
+    rounds
+        Only the first rounds, up to this number: so that runs of different length compare.
     """
+    from mission.plancompare import is_plan_flight
+    from mission.rundata import load_run
+
+    if rounds is not None and rounds < 1:
+        raise InputError(f"--rounds {rounds}: must be at least 1")
+    loaded = [load_run(path) for path in (run, *others)]
+    aside = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    flights = [item for item in loaded if is_plan_flight(item)]
+    if flights and len(flights) < len(loaded):
+        other = next(item for item in loaded if not is_plan_flight(item))
+        raise InputError(
+            f"{other.path}: not a flight of aerofed fly; flights of plan files and runs cannot "
+            "stand side by side"
+        )
+    if flights:
+        data = _flights(flights, as_json=as_json, figure=figure)
+    else:
+        data = _runs(loaded, aside, rounds=rounds, as_json=as_json, figure=figure)
+    for item in loaded:
+        if item.notice:
+            aside.print(f"{item.path}: {item.notice}")
+    if as_json:
+        Terminal().print_json(json.dumps(data if others else data[0]))
+    return 0
+
+
+def _runs(
+    loaded: Sequence["LoadedRun"],
+    aside: Console,
+    *,
+    rounds: int | None,
+    as_json: bool,
+    figure: Path | None,
+) -> list[dict[str, Any]]:
     from mission.compare import compare_run
     from mission.compare_view import side_by_side, tables
-    from mission.plancompare import is_plan_flight, say_plan_flights
 
-    paths = (run, *others)
-    if any(is_plan_flight(path) for path in paths):
-        if figure is not None:
-            raise InputError("--figure draws runs, not flights of plan files")
-        print(say_plan_flights(paths, as_json=as_json))
-        return 0
-    comparisons = [compare_run(path) for path in paths]
+    found = [compare_run(item, rounds=rounds) for item in loaded]
+    _warn_of_lengths(found, aside)
     if figure is not None:
         from mission.figures import draw_comparison
 
-        draw_comparison(comparisons, figure)
-    console = Terminal()
-    if as_json:
-        data = [comparison.to_json() for comparison in comparisons]
-        console.print_json(json.dumps(data if others else data[0]))
-    elif others:
-        console.print(side_by_side(comparisons))
-    else:
-        for table in tables(comparisons[0]):
+        draw_comparison(found, figure)
+    if not as_json:
+        console = Terminal()
+        for table in tables(found[0]) if len(found) == 1 else (side_by_side(found),):
             console.print(table)
-    return 0
+    return [item.to_json() for item in found]
+
+
+def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
+    counts = [len(item.rounds) for item in found]
+    if len(set(counts)) > 1:
+        each = ", ".join(f"{item.name} {n}" for item, n in zip(found, counts, strict=True))
+        aside.print(
+            f"runs of different length (rounds: {each}): their sums do not compare; "
+            f"--rounds {min(counts)} takes the rounds that all of them have"
+        )
+
+
+def _flights(
+    loaded: Sequence["LoadedRun"], *, as_json: bool, figure: Path | None
+) -> list[dict[str, Any]]:
+    from mission.compare_view import flights_side_by_side
+    from mission.plancompare import plain_numbers, plan_flight
+
+    found = [plan_flight(item) for item in loaded]
+    if figure is not None:
+        from mission.figure_flight import profiles
+        from mission.figure_style import save_figure
+
+        save_figure(profiles(found), figure)
+    if not as_json:
+        if len(found) == 1:
+            print("\n".join(found[0].numbers.lines()))
+        else:
+            Terminal().print(flights_side_by_side(found))
+    return [{"source": str(item.run.path), **plain_numbers(item.numbers)} for item in found]

@@ -44,8 +44,7 @@ def export_kml(path: Path, target: Path) -> Path:
             _line(lines, name, "fence", _coordinates(data, closed))
     planned, flown = _folder(document, "planned"), _folder(document, "flown")
     for plan in data.plans:
-        height = np.full((len(plan.waypoints_m), 1), plan.altitude_m)
-        points = np.hstack((plan.waypoints_m, height))
+        points = np.column_stack((plan.waypoints_m, plan.height_m))
         _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
     for name, track in _pieces(data):
         _line(flown, name, "flown", _coordinates(data, track.pos_m))

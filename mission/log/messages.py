@@ -171,6 +171,7 @@ def plan(written: PlanRecord) -> bytes:
             "path_budget_m": float(written.path_budget_m),
             "speed_mps": float(written.speed_mps),
             "altitude_m": float(written.altitude_m),
+            "height_m": written.height_m.tolist(),
             "ideal_slot_s": written.ideal_slot_s.tolist(),
         }
     )

@@ -116,6 +116,7 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
 def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
     waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
     schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
+    altitude_m = _number(row["altitude_m"])
     for step, device in row["schedule"]:
         schedule[step, device] = True
     return PlanRecord(
@@ -128,7 +129,9 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
         upper_bound=_number(row["upper_bound"]),
         path_budget_m=_number(row["path_budget_m"]),
         speed_mps=_number(row["speed_mps"]),
-        altitude_m=_number(row["altitude_m"]),
+        altitude_m=altitude_m,
+        # Earlier logs have only the one height, which is the same everywhere in a run.
+        height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
         ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
     )
 

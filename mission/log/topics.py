@@ -121,7 +121,8 @@ PLAN = _json(
     upper_bound=("number", "proven bound on the objective; null where there is none"),
     path_budget_m=("number", "L_max"),
     speed_mps=("number", "planned ground speed"),
-    altitude_m=("number", "planned height above home"),
+    altitude_m=("number", "planned height above home; the greatest, where it varies"),
+    height_m=("numbers", "(N,) planned height above home of each waypoint"),
     ideal_slot_s=("numbers", "(N,) seconds after the start at which a step is passed at speed"),
 )
 ROUNDS = _json(

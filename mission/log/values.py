@@ -77,6 +77,7 @@ class PlanRecord:
     path_budget_m: float
     speed_mps: float
     altitude_m: float
+    height_m: Floats  # (N,) of each waypoint; differs from `altitude_m` in plan files only
     ideal_slot_s: Floats  # (N,) seconds after t_ns at which a step is passed at planned speed
 
     @property

@@ -17,7 +17,7 @@ from mission.log.layout import layout
 from mission.log.rates import Every, LogRates
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
+from mission.log.values import NS_PER_S, Devices, Floats, PlanRecord, Zone, area_to_text
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
 from sitl.observer import VehicleEvent, VehicleSample
@@ -145,12 +145,14 @@ class FlightLog:
         *,
         speed_mps: float,
         ideal_slot_s: Sequence[float] | None = None,
+        height_m: Floats | None = None,
     ) -> None:
         """Write a round's plan at the instant at which the round starts.
 
         `ideal_slot_s` (N,) says when each step would be passed, in seconds after the start, by
         an aircraft that is always at its planned speed; by default the path length to the step
-        over `speed_mps`. A plan that hovers has to say it.
+        over `speed_mps`. A plan that hovers has to say it. `height_m` (N,) is above home; by
+        default the problem's altitude everywhere.
         """
         self._now_ns = t_ns
         if ideal_slot_s is None:
@@ -167,13 +169,16 @@ class FlightLog:
             path_budget_m=problem.path_budget_m,
             speed_mps=speed_mps,
             altitude_m=problem.channel.altitude_m,
+            height_m=(
+                np.full(len(plan.waypoints_m), problem.channel.altitude_m)
+                if height_m is None
+                else height_m
+            ),
             ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
         )
         self._write(topics.PLAN, t_ns, messages.plan(written))
         stamp = messages.timestamp(t_ns)
-        points = np.column_stack(
-            (plan.waypoints_m, np.full(len(plan.waypoints_m), written.altitude_m))
-        )
+        points = np.column_stack((plan.waypoints_m, written.height_m))
         self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)

@@ -1,7 +1,6 @@
 """The charts of a report, each from the values that the tables and the log hold."""
 
 import math
-from collections.abc import Mapping
 from html import escape
 
 import numpy as np
@@ -14,6 +13,7 @@ from mission.report import svg
 from mission.report.svg import Chart, Series
 from mission.rundata import flown
 
+_ALONG = "of the round chosen above; dashed: corners of the plan"
 GOOD, WARM, BAD, COOL = "#009E73", "#E69F00", "#C8361D", "#0072B2"
 
 
@@ -38,7 +38,7 @@ def learning_cards(run: FlightData) -> list[str]:
         ]
 
     updates = Chart(
-        "Updates", "round", "", (rounds[0] - 0.5, rounds[-1] + 0.5),
+        "Updates", "round", "updates", (rounds[0] - 0.5, rounds[-1] + 0.5),
         svg.padded([float(r.scheduled) for r in run.rounds]), whole_x=True,
     )  # fmt: skip
     updates.bars("scheduled", "var(--grid)", rounds, [r.scheduled for r in run.rounds])
@@ -47,7 +47,9 @@ def learning_cards(run: FlightData) -> list[str]:
         "Validation accuracy", by_community("accuracy"),
         x_label="round", y=(0.0, 1.0), percent=True, whole_x=True,
     )  # fmt: skip
-    cov = svg.line_chart("Fairness CoV ψ", by_community("cov"), x_label="round", whole_x=True)
+    cov = svg.line_chart(
+        "Fairness CoV ψ", by_community("cov"), x_label="round", y_label="ψ", whole_x=True
+    )
     spread = "spread of accuracy over a community's devices; in force for the next round"
     return [card(accuracy), card(cov, note=spread), card(updates)]
 
@@ -69,7 +71,7 @@ def flight_cards(run: FlightData, comparison: RunComparison) -> list[str]:
             by_round("corners cut, max", WARM, "corner_cut_max_m"),
             by_round("estimate error, rms", GOOD, "estimate_rms_m"),
         ],
-        x_label="round · metres", whole_x=True,
+        x_label="round", y_label="m", whole_x=True,
     )  # fmt: skip
     late = svg.line_chart(
         "Slots later than at constant speed",
@@ -77,10 +79,10 @@ def flight_cards(run: FlightData, comparison: RunComparison) -> list[str]:
             by_round("mean", COOL, "slot_late_mean_s"),
             by_round("max", COOL, "slot_late_max_s", dashed=True),
         ],
-        x_label="round · seconds", whole_x=True,
+        x_label="round", y_label="s", whole_x=True,
     )  # fmt: skip
     moved = any(plan.path_m > 0 for plan in run.plans)
-    return [*([_along_card(run)] if moved else []), card(cross), card(late)]
+    return [*([along_card(run, note=_ALONG)] if moved else []), card(cross), card(late)]
 
 
 def radio_cards(run: FlightData, comparison: RunComparison) -> list[str]:
@@ -97,12 +99,13 @@ def radio_cards(run: FlightData, comparison: RunComparison) -> list[str]:
             0, Series("proven bound", "var(--soft)", rounds, bounds, dashed=True, dots=False)
         )
     objective = svg.line_chart(
-        "Objective: importance times success", series, x_label="round", whole_x=True
-    )
+        "Objective: importance times success", series,
+        x_label="round", y_label="importance", whole_x=True,
+    )  # fmt: skip
     return [card(objective), _per_card(comparison), _participation_card(run)]
 
 
-def _along_card(run: FlightData) -> str:
+def along_card(run: FlightData, *, note: str) -> str:
     """Cross-track against progress, one line a round, shown by the slider."""
     lines, longest, widest = [], 0.0, 0.0
     for plan in run.plans:
@@ -113,7 +116,7 @@ def _along_card(run: FlightData) -> str:
         lines.append((plan.round, fit))
         longest, widest = max(longest, fit.length_m), max(widest, float(fit.cross_m.max()))
     chart = Chart(
-        "Distance from the planned path, along it", "metres along the path · metres away", "",
+        "Distance from the planned path, along it", "m along the path", "m away",
         (0.0, max(longest, 1.0)), svg.padded([widest]),
     )  # fmt: skip
     for number, fit in lines:
@@ -121,17 +124,18 @@ def _along_card(run: FlightData) -> str:
             (chart.across.at(s), chart.up.at(d))
             for s, d in zip(fit.along_m.tolist(), fit.cross_m.tolist(), strict=True)
         ]
+        shown = "" if chart.parts else ' class="on"'
         corners = "".join(
             f'<line class="grid" stroke-dasharray="3 3" x1="{chart.across.at(at):.1f}" '
             f'x2="{chart.across.at(at):.1f}" y1="{svg.TOP}" y2="{chart.height - svg.BOTTOM}"/>'
             for at in fit.corners_m.tolist()
         )
         chart.parts.append(
-            f'<g data-round="{number}">{corners}<path d="{svg.path(points)}" fill="none" '
+            f'<g{shown} data-round="{number}">{corners}<path d="{svg.path(points)}" fill="none" '
             f'stroke="{COOL}" stroke-width="1.6"/></g>'
         )
     chart.legend.append(("true track", COOL, False))
-    return card(chart, note="of the round chosen above; dashed: corners of the plan")
+    return card(chart, note=note)
 
 
 def _per_card(comparison: RunComparison) -> str:
@@ -171,7 +175,7 @@ def _per_card(comparison: RunComparison) -> str:
         f'<svg viewBox="0 0 {svg.WIDTH:.0f} {height:.0f}" role="img" '
         f'aria-label="{chart.title}">{"".join(parts)}{"".join(chart.parts)}'
         f'<text class="label" x="{svg.WIDTH - svg.RIGHT}" y="{height - 5}" text-anchor="end">'
-        f"{chart.x_label}</text></svg>"
+        f'{chart.x_label}</text><text class="label" x="2" y="12">device</text></svg>'
     )
     return f'<section class="card"><h3>{chart.title}</h3>{chart.legend_html()}{body}</section>'
 
@@ -215,19 +219,8 @@ def _participation_card(run: FlightData) -> str:
         '<section class="card"><h3>Participation</h3><p class="sub">rows: devices, columns: '
         "rounds; filled: delivered, outlined: lost, grey: not scheduled</p>"
         f'<svg viewBox="0 0 {svg.WIDTH:.0f} {height:.0f}" role="img" '
-        f'aria-label="Participation of every device in every round">{"".join(parts)}</svg>'
+        f'aria-label="Participation of every device in every round">{"".join(parts)}'
+        f'<text class="label" x="2" y="12">device</text><text class="label" '
+        f'x="{svg.WIDTH - svg.RIGHT}" y="{height - 5}" text-anchor="end">round</text></svg>'
         "</section>"
     )
-
-
-def time_card(wall_s: Mapping[str, float]) -> str:
-    """Where the wall time of the run went."""
-    total = wall_s.get("total", sum(wall_s.values()))
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td class=number>{seconds:.1f} s</td>"
-        f'<td style="width:45%"><div style="height:12px;border-radius:3px;background:{COOL};'
-        f'width:{100 * seconds / total if total else 0:.1f}%"></div></td></tr>'
-        for name, seconds in wall_s.items()
-        if name != "total"
-    )
-    return f'<section class="card"><h3>Wall time: {total:.1f} s</h3><table>{rows}</table></section>'

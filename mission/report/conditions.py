@@ -12,14 +12,14 @@ from mission.report.charts import BAD, COOL, GOOD, WARM, card
 from mission.report.svg import Series
 
 _POINTS = 400  # of a line over time: more cannot be told apart
-_SECONDS = "simulated seconds"
+_SECONDS = "simulated s"
 
 
 def condition_cards(run: FlightData) -> list[str]:
-    """Battery and wind, where the log has them."""
+    """Battery, and wind where there was any."""
     return [
         *([_battery(run)] if len(run.battery.t_ns) else []),
-        *([_wind(run.wind)] if len(run.wind.t_ns) else []),
+        *([_wind(run.wind)] if np.any(run.wind.vel_mps) else []),
     ]
 
 
@@ -52,7 +52,7 @@ def _wind(wind: WindTrack) -> str:
     if len(wind.t_ns) > _POINTS:  # else mean and most are the same
         most = _thinned(wind.t_ns, across, np.max)
         series.append(Series("horizontal, most", COOL, *most, dots=False, dashed=True))
-    chart = svg.line_chart("Wind at the aircraft", series, x_label=f"{_SECONDS} · m/s")
+    chart = svg.line_chart("Wind at the aircraft", series, x_label=_SECONDS, y_label="m/s")
     return card(chart, note="as it was, with gusts and turbulence")
 
 
@@ -64,7 +64,7 @@ def _innovations(sensor: str, index: int, track: InnovationTrack) -> str:
     chart = svg.line_chart(
         f"{name[0].upper()}{name[1:]} against the estimate",
         [Series(name, community_colour(index), x, y, dots=False)],
-        x_label=_SECONDS, y=(0.0, 1.06 * top),
+        x_label=_SECONDS, y_label="share", y=(0.0, 1.06 * top),
     )  # fmt: skip
     gate = chart.up.at(1.0)
     chart.parts.append(

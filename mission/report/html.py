@@ -22,11 +22,20 @@ def document(title: str, sections: Sequence[str], *, footer: str) -> str:
     )
 
 
-def heading(title: str, *, badge: str = "", good: bool = True, facts: Sequence[str]) -> str:
-    """The page's title with a badge beside it and a line of facts under it."""
+def heading(
+    title: str, *, badge: str = "", good: bool = True, facts: Sequence[str], notice: str = ""
+) -> str:
+    """The page's title with a badge beside it, a line of facts and a notice under it."""
     kind = "status" if good else "status bad"
     mark = f' <span class="{kind}">{escape(badge)}</span>' if badge else ""
-    return f'<h1>{escape(title)}{mark}</h1><p class="sub">{escape(" · ".join(facts))}</p>'
+    told = f'<p class="notice">{escape(notice)}</p>' if notice else ""
+    return f'<h1>{escape(title)}{mark}</h1><p class="sub">{escape(" · ".join(facts))}</p>{told}'
+
+
+def key(style: str, text: str, *, dot: bool = False) -> str:
+    """An entry of a legend; `style` is CSS of its line or dot."""
+    kind = ' class="dot"' if dot else ""
+    return f'<span class="key"><i{kind} style="{style}"></i>{escape(text)}</span>'
 
 
 def tiles(items: Sequence[tuple[str, str]]) -> str:

@@ -6,42 +6,62 @@ from html import escape
 import numpy as np
 
 from mission.log.values import FlightData, Floats, PlanRecord
-from mission.palette import community_colour
+from mission.palette import community_colour, css_colour, per_colour
 from mission.records import RoundRecord, UplinkRecord
+from mission.report import html
 from mission.report.svg import path, ticks
-from mission.rundata import flown
+from mission.rundata import extent, flown
 
 _TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
-_MARGIN = 0.06
+_MARGIN = 0.05
+_AXIS = 0.06  # of the width, for the numbers of the vertical axis
 
 
-def map_svg(run: FlightData) -> str:
-    """All rounds as groups `.round[data-round]`, under a common ground with axes."""
-    frame = _Frame(run)
+def map_svg(run: FlightData, *, above: str = "") -> str:
+    """All rounds as groups `.round[data-round]`, under a common ground with axes.
+
+    `above` is SVG that lies on top of everything, in the units of `MapFrame`.
+    """
+    frame = MapFrame(run)
     layers = [_round(run, frame, plan) for plan in run.plans]
+    layers[:1] = [layer.replace('class="round"', 'class="round on"', 1) for layer in layers[:1]]
     return (
         f'<svg id="map" viewBox="0 0 {frame.width:.0f} {frame.height:.0f}" role="img" '
-        f'aria-label="Map of planned and flown paths">{_ground(run, frame)}{"".join(layers)}</svg>'
+        f'aria-label="Map of planned and flown paths">{_ground(run, frame)}{"".join(layers)}'
+        f"{above}</svg>"
     )
 
 
-class _Frame:
+def map_legend(run: FlightData) -> list[str]:
+    """What the lines of the map are."""
+    keys = [
+        html.key("border-top:8px solid var(--band)", "planned"),
+        html.key("border-top:2px solid var(--flown)", "flown"),
+    ]
+    for keep_in, name in ((True, "fence"), (False, "no entry")):
+        if any(zone.keep_in is keep_in for zone in run.fence):
+            kind = "dashed" if keep_in else "solid"
+            keys.append(html.key(f"border-top:2px {kind} var(--fence)", name))
+    return keys
+
+
+class MapFrame:
     """From area metres to SVG units: a unit is a metre, scaled to 800 units across."""
 
     def __init__(self, run: FlightData) -> None:
-        size = np.array(run.area.size_m)
-        points = np.vstack((run.truth.pos_m[:, :2], *(plan.waypoints_m for plan in run.plans)))
-        margin = _MARGIN * float(size.max())
-        low = np.minimum(points.min(axis=0), 0.0) - margin
-        high = np.maximum(points.max(axis=0), size) + margin
+        low, high = extent(run, margin=_MARGIN)
+        # Room for the numbers of the vertical axis, which no device may hide.
+        low[0] -= _AXIS * float(high[0] - low[0])
         self.low, self.scale = low, 800.0 / float(high[0] - low[0])
         self.width, self.height = (float(v) for v in (high - low) * self.scale)
 
     def at(self, xy: Floats) -> tuple[float, float]:
+        """The SVG coordinates of a point (2,)."""
         x, y = (xy - self.low) * self.scale
         return float(x), self.height - float(y)
 
     def line(self, points_m: Floats) -> str:
+        """SVG path data of points (n, 2)."""
         return path([self.at(point) for point in points_m])
 
 
@@ -67,7 +87,7 @@ def thin(points: Floats, tolerance: float) -> Floats:
     return points[keep]
 
 
-def _ground(run: FlightData, frame: _Frame) -> str:
+def _ground(run: FlightData, frame: MapFrame) -> str:
     width, height = run.area.size_m
     x0, y1 = frame.at(np.array([0.0, 0.0]))
     x1, y0 = frame.at(np.array([width, height]))
@@ -83,7 +103,12 @@ def _ground(run: FlightData, frame: _Frame) -> str:
         )
     for value in ticks(0.0, height)[1:]:
         _, y = frame.at(np.array([0.0, value]))
-        parts.append(f'<text class="tick big" x="{x0 + 6:.1f}" y="{y - 5:.1f}">{value:.0f}</text>')
+        parts.append(f'<text class="tick big" x="4" y="{y + 6:.1f}">{value:.0f}</text>')
+    for zone in run.fence:
+        kind, name = ("fence", "fence") if zone.keep_in else ("fence out", "no entry")
+        parts.append(
+            f'<path class="{kind}" d="{frame.line(zone.outline_m)}Z"><title>{name}</title></path>'
+        )
     hx, hy = frame.at(np.array(run.area.home_m))
     parts.append(
         f'<rect class="home" x="{hx - 7:.1f}" y="{hy - 7:.1f}" width="14" height="14">'
@@ -92,13 +117,13 @@ def _ground(run: FlightData, frame: _Frame) -> str:
     return "".join(parts)
 
 
-def _round(run: FlightData, frame: _Frame, plan: PlanRecord) -> str:
+def _round(run: FlightData, frame: MapFrame, plan: PlanRecord) -> str:
     record = next((r for r in run.rounds if r.round == plan.round), None)
-    parts = []
+    parts = [f'<path class="planned" d="{frame.line(plan.waypoints_m)}"/>']
     if record is not None:
+        parts += _links(run, frame, plan.round)
         track = thin(flown(run, record).pos_m[:, :2], _TOLERANCE_M)
         parts.append(f'<path class="flown" d="{frame.line(track)}"/>')
-    parts.append(f'<path class="planned" d="{frame.line(plan.waypoints_m)}"/>')
     for step, point in enumerate(plan.waypoints_m):
         x, y = frame.at(point)
         parts.append(
@@ -113,8 +138,22 @@ def _round(run: FlightData, frame: _Frame, plan: PlanRecord) -> str:
     return f'<g class="round" data-round="{plan.round}">{"".join(parts)}</g>'
 
 
+def _links(run: FlightData, frame: MapFrame, number: int) -> list[str]:
+    """From where each transmission was met to its device, coloured by the true PER."""
+    parts = []
+    for uplink in run.uplinks:
+        if uplink.round == number and math.isfinite(uplink.slot_t_s):
+            x1, y1 = frame.at(np.array([uplink.true_x_m, uplink.true_y_m]))
+            x2, y2 = frame.at(run.devices.pos_m[uplink.device])
+            parts.append(
+                f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" '
+                f'stroke="{css_colour(per_colour(uplink.true_per))}" stroke-width="2"/>'
+            )
+    return parts
+
+
 def _devices(
-    run: FlightData, frame: _Frame, plan: PlanRecord, record: RoundRecord | None
+    run: FlightData, frame: MapFrame, plan: PlanRecord, record: RoundRecord | None
 ) -> list[str]:
     served: dict[int, UplinkRecord] = {}
     if record is not None:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -11,36 +10,37 @@ from typing import Any
 from mission.compare import Comparison, RunComparison, compare_run
 from mission.errors import InputError
 from mission.log.values import FlightData
-from mission.palette import community_colour
+from mission.palette import community_colour, css_colour, per_colour
+from mission.plancompare import is_plan_flight, plan_flight
 from mission.report import html
-from mission.report.charts import flight_cards, learning_cards, radio_cards, time_card
+from mission.report.about import about_cards
+from mission.report.charts import flight_cards, learning_cards, radio_cards
 from mission.report.conditions import condition_cards, estimator_cards
-from mission.report.maps import map_svg
-from mission.rundata import load_run
+from mission.report.flight_page import flight_html
+from mission.report.maps import map_legend, map_svg
+from mission.rundata import LoadedRun, load_run
 
 REPORT_NAME = "report.html"
 
 
-def write_report(run: Path, target: Path | None = None) -> Path:
-    """Write the report of a run's folder (or bare log) to `target`; returns the file.
+def write_report(path: Path, target: Path | None = None) -> Path:
+    """Write the report of a run, or of a flight of a plan file, to `target`; returns the file.
 
-    Default target: `report.html` in the folder, or beside the log.
+    `path` is its folder, or its bare log. Default target: `report.html` in the folder, or beside
+    the log. Of a run that was interrupted or killed, what is there is reported.
 
     Raises:
-        InputError: not a run, damaged, without a finished round, or `target` cannot be written.
+        InputError: neither, damaged, without a finished round, or `target` cannot be written.
     """
-    data = load_run(run)
-    if not data.rounds:
-        raise InputError(f"{run}: no round was finished, so there is nothing to report")
-    folder = run if run.is_dir() else None
-    target = target or (run / REPORT_NAME if folder else run.with_suffix(".html"))
-    page = report_html(
-        data,
-        comparison=compare_run(run) if data.plans else None,
-        summary=_summary(folder),
-        config=_config(folder, data),
-        source=run,
-    )
+    run = load_run(path)
+    if is_plan_flight(run):
+        page = flight_html(plan_flight(run))
+    elif run.data.rounds:
+        page = report_html(run)
+    else:
+        why = f": {run.notice}" if run.notice else ""
+        raise InputError(f"{path}: no round was finished, so there is nothing to report{why}")
+    target = target or (path / REPORT_NAME if path.is_dir() else path.with_suffix(".html"))
     try:
         target.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -48,17 +48,12 @@ def write_report(run: Path, target: Path | None = None) -> Path:
     return target
 
 
-def report_html(
-    run: FlightData,
-    *,
-    comparison: RunComparison | None,
-    summary: Mapping[str, Any],
-    config: str,
-    source: Path,
-) -> str:
-    """The page. `summary` may be empty; without a comparison (nothing flown) flight is left out."""
-    title = str(summary.get("name", source.stem))
-    sections = [_head(title, run, summary), _tiles(run, comparison, summary)]
+def report_html(loaded: LoadedRun) -> str:
+    """The page of a run; where nothing was flown, flight and radio are left out."""
+    run, summary = loaded.data, loaded.summary
+    comparison = compare_run(loaded) if run.plans else None
+    title = str(summary.get("name", loaded.path.stem))
+    sections = [_head(title, loaded), _tiles(run, comparison, summary)]
     if comparison is not None:
         sections += [
             _flight(run, comparison),
@@ -69,19 +64,22 @@ def report_html(
     if comparison is not None:
         sections.append(_round_table(comparison))
     sections.append(html.cards("Estimator", estimator_cards(run)))
-    sections.append(html.cards("The run", [*condition_cards(run), *_about(summary, config)]))
+    sections.append(html.cards("The run", [*condition_cards(run), *about_cards(loaded)]))
     footer = "Aerofed report. Positions are metres in the area: x east, y north."
     return html.document(title, sections, footer=footer)
 
 
-def _head(title: str, run: FlightData, summary: Mapping[str, Any]) -> str:
+def _head(title: str, loaded: LoadedRun) -> str:
+    run, summary = loaded.data, loaded.summary
     facts = [f"{len(run.devices.community)} devices of {len(run.devices.communities)} communities"]
     if "strategy" in summary:
         facts.insert(0, f"strategy {summary['strategy']}")
     if "seed" in summary:
         facts.append(f"seed {summary['seed']}")
     status = str(summary.get("status", ""))
-    return html.heading(title, badge=status, good=status == "finished", facts=facts)
+    return html.heading(
+        title, badge=status, good=status == "finished", facts=facts, notice=loaded.notice
+    )
 
 
 def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]) -> str:
@@ -106,18 +104,21 @@ def _tiles(run: FlightData, comparison: RunComparison | None, summary: Mapping[s
 
 
 def _flight(run: FlightData, comparison: RunComparison) -> str:
-    rounds = [plan.round for plan in run.plans]
+    rounds = [item.round for item in comparison.rounds]
     legend = [
-        '<span class="key"><i style="border-top:3px dashed var(--accent)"></i>planned</span>',
-        '<span class="key"><i style="border-top:3px solid var(--flown)"></i>flown</span>',
+        *map_legend(run),
+        *(
+            html.key(f"background:{community_colour(index)}", name, dot=True)
+            for index, name in enumerate(run.devices.communities)
+        ),
+        *(
+            html.key(f"border-top:3px solid {css_colour(per_colour(per))}", f"link, PER {per:g}")
+            for per in (0.0, 0.5, 1.0)
+        ),
+        "<span>crossed: lost · faint: not served · size: importance</span>",
     ]
-    legend += [
-        f'<span class="key"><i class="dot" style="background:{community_colour(index)}"></i>'
-        f"{escape(name)}</span>"
-        for index, name in enumerate(run.devices.communities)
-    ]
-    legend.append("<span>crossed: lost · faint: not served · size: importance</span>")
     facts = "".join(_facts(item) for item in comparison.rounds)
+    facts = facts.replace("<div data-round", '<div class="on" data-round', 1)
     return (
         '<h2>Planned and flown</h2><div class="flight"><section class="card">'
         '<div class="control"><button id="previous" aria-label="previous round">‹</button>'
@@ -171,56 +172,6 @@ def _round_table(comparison: RunComparison) -> str:
 
     rows = [row(item) for item in (*comparison.rounds, comparison.total)]
     return html.table("Every round", heads, rows)
-
-
-def _about(summary: Mapping[str, Any], config: str) -> list[str]:
-    cards = []
-    if isinstance(summary.get("wall_s"), dict):
-        cards.append(time_card(summary["wall_s"]))
-    facts = [*_wind(config)]
-    facts += [(k, str(summary[k])) for k in ("python", "platform", "cpus") if k in summary]
-    libraries = summary.get("libraries")
-    if isinstance(libraries, dict):
-        facts += [(str(name), str(version)) for name, version in libraries.items()]
-    if facts:
-        rows = "".join(
-            f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts
-        )
-        cards.append(f'<section class="card"><h3>Conditions</h3><table>{rows}</table></section>')
-    if config:
-        cards.append(html.folded("Configuration", config))
-    return cards
-
-
-def _wind(config: str) -> list[tuple[str, str]]:
-    try:
-        aircraft = tomllib.loads(config).get("vehicle", {}).get("aircraft", {})
-    except tomllib.TOMLDecodeError:
-        return []
-    wind = aircraft.get("wind")
-    if not isinstance(wind, dict):
-        return []
-    return [("wind", ", ".join(f"{key} {value}" for key, value in wind.items()))]
-
-
-def _summary(folder: Path | None) -> Mapping[str, Any]:
-    path = folder / "summary.json" if folder else None
-    if path is None or not path.is_file():
-        return {}
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: not a run's summary")
-    return values
-
-
-def _config(folder: Path | None, run: FlightData) -> str:
-    path = folder / "config.toml" if folder else None
-    if path is not None and path.is_file():
-        return path.read_text(encoding="utf-8")
-    return run.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
 
 
 def _number(value: float, digits: int = 2) -> str:

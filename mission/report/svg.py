@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from html import escape
 
 WIDTH = 440.0
-LEFT, RIGHT, TOP, BOTTOM = 46.0, 12.0, 12.0, 36.0
+LEFT, RIGHT, TOP, BOTTOM = 46.0, 12.0, 24.0, 36.0
 _TICKS = 5
 
 
@@ -170,6 +170,8 @@ class Chart:
             f'<text class="label" x="{right}" y="{self.height - 5}" text-anchor="end">'
             f"{escape(self.x_label)}</text>"
         )
+        if self.y_label:
+            parts.append(f'<text class="label" x="2" y="12">{escape(self.y_label)}</text>')
         return "".join(parts)
 
 

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 AREA = Area((800.0, 800.0), (400.0, 300.0), GeodeticPoint(43.6145, 7.0715, 130.0))
 CHANNEL = CHANNEL_PRESETS["suburban"]
 SPEED_MPS = 20.0
+CONFIG = b"seed = 1\n[vehicle.aircraft.wind]\nspeed_mps = 4.5\n"
 DT_NS = 100_000_000
 
 
@@ -134,7 +135,7 @@ def fly(folder: Path, *, rounds: int = 3, seed: int = 1, mirrors: Sequence[Sink]
         UplinkTable(folder / "uplinks.csv") as uplink_table,
     ):
         log.metadata("run", {"seed": str(seed)})
-        log.attach("config.toml", "application/toml", b"seed = 1\n")
+        log.attach("config.toml", "application/toml", CONFIG)
         log.note("take-off")
         for sample in _climb(drone):
             made.samples.append(sample)

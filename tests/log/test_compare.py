@@ -18,6 +18,7 @@ from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
+from mission.rundata import load_run
 from sitl.observer import VehicleSample
 
 SPEED = 20.0
@@ -59,7 +60,7 @@ def right_angle(
             ]
         )
         log.round(record())
-    return compare_run(path)
+    return compare_run(load_run(path))
 
 
 def vehicle(t_ns: int, true_ned: np.ndarray, est_ned: np.ndarray) -> VehicleSample:
@@ -143,7 +144,7 @@ def test_cutting_a_corner_counts_there_and_not_on_the_straights(tmp_path: Path) 
             ned = np.array([y - AREA.home_m[1], x - AREA.home_m[0], -60.0])
             log.sampled(vehicle(index * 100_000_000, ned, ned))
         log.round(record(start_t_s=0.0, duration_s=(len(track) - 1) / 10, scheduled=0, delivered=0))
-    total = compare_run(tmp_path / "a.mcap").total
+    total = compare_run(load_run(tmp_path / "a.mcap")).total
     assert total.corner_cut_max_m == pytest.approx(10 / math.sqrt(2), abs=1e-3)
     assert total.straight_max_m == pytest.approx(0.0, abs=1e-3)
     assert total.cross_track_max_m == pytest.approx(5.0, abs=1e-3)
@@ -152,7 +153,7 @@ def test_cutting_a_corner_counts_there_and_not_on_the_straights(tmp_path: Path) 
 
 def test_folder_and_bare_log_agree_and_json_is_plain(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=2)
-    folder, bare = compare_run(tmp_path), compare_run(made.log)
+    folder, bare = compare_run(load_run(tmp_path)), compare_run(load_run(made.log))
     assert folder.rounds == bare.rounds
     assert folder.total == bare.total
     text = json.dumps(folder.to_json(), allow_nan=False)
@@ -161,7 +162,7 @@ def test_folder_and_bare_log_agree_and_json_is_plain(tmp_path: Path) -> None:
 
 def test_the_total_pools_samples_and_slots(tmp_path: Path) -> None:
     fly(tmp_path, rounds=3)
-    result = compare_run(tmp_path)
+    result = compare_run(load_run(tmp_path))
     assert result.total.duration_s == pytest.approx(sum(r.duration_s for r in result.rounds))
     assert result.total.cross_track_max_m == max(r.cross_track_max_m for r in result.rounds)
     assert result.total.slot_late_mean_s == pytest.approx(
@@ -173,7 +174,7 @@ def test_the_total_pools_samples_and_slots(tmp_path: Path) -> None:
 
 def test_tables_fit_eighty_columns(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
-    result = compare_run(tmp_path)
+    result = compare_run(load_run(tmp_path))
     console = Console(width=80, record=True, force_terminal=False)
     with console.capture() as captured:
         for table in tables(result):
@@ -188,10 +189,10 @@ def test_tables_fit_eighty_columns(tmp_path: Path) -> None:
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such run folder or log file"):
-        compare_run(tmp_path / "gone")
+        compare_run(load_run(tmp_path / "gone"))
     with pytest.raises(InputError, match=r"it has no flight\.mcap"):
-        compare_run(tmp_path)
+        compare_run(load_run(tmp_path))
     with FlightLog(tmp_path / "e.mcap", area=AREA, devices=WORLD):
         pass
     with pytest.raises(InputError, match="no round was flown"):
-        compare_run(tmp_path / "e.mcap")
+        compare_run(load_run(tmp_path / "e.mcap"))

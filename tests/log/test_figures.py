@@ -32,7 +32,7 @@ def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
 
 def test_maps_show_the_planned_and_the_true_path_with_equal_axes(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
-    run = load_run(tmp_path)
+    run = load_run(tmp_path).data
     for figure in (overview(run), round_maps(run)):
         axes = figure.axes[0]
         assert axes.get_aspect() == 1.0
@@ -44,7 +44,7 @@ def test_maps_show_the_planned_and_the_true_path_with_equal_axes(tmp_path: Path)
 
 def test_many_rounds_are_thinned_to_twelve_maps_with_first_and_last(tmp_path: Path) -> None:
     fly(tmp_path, rounds=15)
-    shown = [axes for axes in round_maps(load_run(tmp_path)).axes if axes.get_visible()]
+    shown = [axes for axes in round_maps(load_run(tmp_path).data).axes if axes.get_visible()]
     titles = [axes.get_title(loc="left") for axes in shown]
     assert len(titles) == 12
     assert titles[0].startswith("round 1 ")
@@ -65,7 +65,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
     for name, seed in (("one", 1), ("two", 2)):
         (tmp_path / name).mkdir()
         fly(tmp_path / name, rounds=2, seed=seed)
-        runs.append(compare_run(tmp_path / name))
+        runs.append(compare_run(load_run(tmp_path / name)))
     figure = comparison_figure(runs)
     for run, line in zip(runs, figure.axes[2].lines, strict=True):
         np.testing.assert_allclose(line.get_ydata(), [r.true_objective for r in run.rounds])

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
-from synthetic_flight import AREA, Fixed, devices, fly
+from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
@@ -88,7 +88,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
         assert record.value == plan.value
         legs = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
         np.testing.assert_allclose(record.ideal_slot_s[1:], np.cumsum(legs) / 20.0)
-    assert data.attachments["config.toml"] == b"seed = 1\n"
+    assert data.attachments["config.toml"] == CONFIG
     assert data.metadata["run"] == {"seed": "1"}
     assert [item.community for item in data.learning] == ["digits", "colour-shapes"] * 2
     assert data.battery.remaining[0] == 1.0

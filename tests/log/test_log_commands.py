@@ -10,7 +10,7 @@ import pymap3d
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import Writer
-from synthetic_flight import AREA, Fixed, fly
+from synthetic_flight import AREA, CONFIG, Fixed, fly
 
 from mission.commands import log, report
 from mission.errors import InputError
@@ -52,7 +52,7 @@ def test_info_counts_what_is_there(made: Fixed, capsys: pytest.CaptureFixture[st
     assert log.info(made.log) == 0
     text = capsys.readouterr().out
     assert "foxglove.PoseInFrame" in text
-    assert "attachment config.toml: 9 bytes" in text
+    assert f"attachment config.toml: {len(CONFIG)} bytes" in text
     assert "attachment foxglove-layout.json" in text
 
 
@@ -149,7 +149,7 @@ def test_kml_puts_the_track_where_it_was(made: Fixed, tmp_path: Path) -> None:
 
 def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> None:
     assert log.export(made.log, tmp_path / "a", to="attachments") == 0
-    assert (tmp_path / "a" / "config.toml").read_bytes() == b"seed = 1\n"
+    assert (tmp_path / "a" / "config.toml").read_bytes() == CONFIG
     assert (tmp_path / "a" / "foxglove-layout.json").stat().st_size > 1000
 
 

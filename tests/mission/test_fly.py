@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.cli import call
+from mission.log.reader import read_log
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
@@ -150,9 +151,31 @@ def test_a_fence_of_the_plan_holds(tmp_path: Path, capsys: pytest.CaptureFixture
     ]
     plan = tmp_path / "fenced.plan"
     plan.write_text(json.dumps(document))
-    assert call(["fly", str(plan), "--out", str(tmp_path / "out"), "--quiet"]) == 4
+    out = tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
     assert "fence" in capsys.readouterr().err.lower()
-    assert summary(tmp_path / "out")["status"] == "failed"
+    assert summary(out)["status"] == "failed"
+    # It is in the log: 100 m about home, whose place on the map is 50 m from the corner.
+    (zone,) = read_log(out / "flight.mcap").fence
+    assert zone.keep_in
+    away = np.linalg.norm(zone.outline_m - np.array([50.0, 50.0]), axis=1)
+    np.testing.assert_allclose(away, 100.0, atol=0.01)
+    # It never left the ground.
+    assert call(["report", str(out)]) == 2
+    assert "nothing was flown: failed" in capsys.readouterr().err
+
+
+def test_a_fence_that_is_none_is_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
+    corners = [[47.39, 8.49], [47.41, 8.49]]
+    document["geoFence"]["polygons"] = [{"inclusion": True, "version": 1, "polygon": corners}]
+    plan = tmp_path / "flat.plan"
+    plan.write_text(json.dumps(document))
+    assert call(["fly", str(plan), "--out", str(tmp_path / "out")]) == 2
+    assert "fence" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -164,29 +187,49 @@ def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert {path.name for path in out.iterdir()} == {"mine"}
 
 
-def test_its_folder_can_be_compared_again(
+def test_its_folder_has_the_after_care_of_a_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan = written(tmp_path, TAKE_OFF, *CORNERS, RETURN)
-    first, second = str(tmp_path / "a"), str(tmp_path / "b")
+    first, second = tmp_path / "a", tmp_path / "b"
     for out in (first, second):
-        assert call(["fly", str(plan), "--out", out]) == 0
+        assert call(["fly", str(plan), "--out", str(out)]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert call(["compare", first]) == 0
-    assert capsys.readouterr().out.splitlines() == printed[:5]
-    assert call(["compare", first, second, "--as-json"]) == 0
+    assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
+    assert call(["compare", str(first)]) == 0
+    assert capsys.readouterr().out.splitlines() == printed[:6]
+    assert call(["compare", str(first), str(second / "flight.mcap"), "--as-json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [item.pop("source") for item in found] == [first, second]
-    assert found[0] == summary(Path(first))["planned_and_flown"]
-    # What it is not, is said.
-    assert call(["compare", first, str(tmp_path)]) == 2
-    assert call(["report", first]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert "not a folder of aerofed fly" in errors[0]
-    assert f"aerofed compare {first}" in errors[1]
-    summary_file = tmp_path / "a" / "summary.json"
-    unfinished = summary(tmp_path / "a") | {"status": "failed"}
-    del unfinished["planned_and_flown"]
-    summary_file.write_text(json.dumps(unfinished))
-    assert call(["compare", first]) == 2
-    assert "not finished (status failed)" in capsys.readouterr().err
+    assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
+    assert found[0] == found[1] == summary(first)["planned_and_flown"]
+    profile = tmp_path / "both.svg"
+    assert call(["compare", str(first), str(second), "--figure", str(profile)]) == 0
+    assert "Flights side by side" in capsys.readouterr().out
+    assert profile.stat().st_size > 10_000
+    assert call(["report", str(first)]) == 0
+    page = (first / "report.html").read_text(encoding="utf-8")
+    for words in ("4 / 4</b>", "Height above home", "Ground speed", "Wall time", "Places</h2>"):
+        assert words in page
+    assert call(["compare", str(first), str(tmp_path)]) == 2
+    assert "no flight.mcap" in capsys.readouterr().err
+
+
+def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    # As a kill in mid-flight leaves it.
+    log = out / "flight.mcap"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    killed = {key: value for key, value in summary(out).items() if key != "planned_and_flown"}
+    (out / "summary.json").write_text(json.dumps(killed | {"status": "running"}))
+    assert call(["compare", str(out), "--as-json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert 0 < found["places_reached"] < found["places"] == 4
+    assert 0 < found["cross_track_rms_m"] < 1.5
+    assert "killed, or is still under way; this is what was flown" in printed.err
+    assert call(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("not reached</td>") == 4 - found["places_reached"]
