@@ -43,6 +43,9 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `checkpoint/` | what `aerofed run --resume` goes on from; in `interrupted/` the old log and \
 tables until the new ones have caught up |
 
+`aerofed fly` leaves `config.toml`, the plan file, `flight.mcap`, `track.csv` (a row a sample: true
+and believed position), `figures/` (map; height, error and speed along the plan) and `summary.json`.
+
 CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
 there is no value. The same configuration and seed give the same bytes.
 """
