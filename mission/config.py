@@ -70,7 +70,10 @@ class MissionConfig(BaseModel):
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
     path_budget_m: float = Field(800.0, ge=0, le=20_000, description="L_max, metres a round")
     total_budget_m: float = Field(
-        40_000.0, gt=0, le=1e7, description="L_total, metres flown in rounds before the run ends"
+        40_000.0,
+        gt=0,
+        le=1e7,
+        description="L_total, metres to fly in rounds; a run ends when the rest pays for no more",
     )
     steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
     devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")

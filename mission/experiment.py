@@ -93,13 +93,18 @@ class Experiment:
 
     @property
     def finished(self) -> bool:
-        """Whether the rounds or the path budget are spent."""
+        """Whether the rounds or the path budget are spent.
+
+        What is left of the budget must pay for a whole round: a stub of one would end the run on
+        models that few devices had a part in. Only the first round may be shorter.
+        """
         mission = self.world.config.mission
         if self.rounds_done >= mission.rounds:
             return True
-        cost = mission.hover_cost_m if mission.strategy == "barycenter" else 0.0
+        barycenter = mission.strategy == "barycenter"
+        cost = mission.hover_cost_m if barycenter else mission.path_budget_m
         left = mission.total_budget_m - self.budget_used_m
-        return left < cost or left <= 0.0
+        return left < min(cost, mission.total_budget_m) or left <= 0.0
 
     async def run(self) -> None:
         """All rounds, from take-off to landing; `ideal` needs no flight.
