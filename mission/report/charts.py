@@ -116,7 +116,7 @@ def along_card(run: FlightData, *, note: str) -> str:
         lines.append((plan.round, fit))
         longest, widest = max(longest, fit.length_m), max(widest, float(fit.cross_m.max()))
     chart = Chart(
-        "Distance from the planned path, along it", "m along the path", "m away",
+        "Distance from the path, along it", "m along the path", "m away",
         (0.0, max(longest, 1.0)), svg.padded([widest]),
     )  # fmt: skip
     for number, fit in lines:
@@ -169,6 +169,7 @@ def _per_card(comparison: RunComparison) -> str:
             if math.isfinite(value):
                 tip = f"device {device.device} ({device.community}), {label}: {value:.4f}"
                 chart.dot((across.at(value), y), colour, tip, radius=radius)
+    chart.dot_legend = True
     chart.legend = [("planned", "var(--planned)", False), ("believed", WARM, False),
                     ("true", GOOD, False)]  # fmt: skip
     body = (

@@ -158,7 +158,8 @@ def _facts(item: Comparison) -> str:
 
 def _round_table(comparison: RunComparison) -> str:
     heads = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
-             "PER planned", "PER true", "objective planned", "true", "arrived")  # fmt: skip
+             "PER planned", "PER true", "objective planned", "true",
+             "lost %", "arrived")  # fmt: skip
 
     def row(item: Comparison) -> list[str]:
         return [
@@ -167,6 +168,8 @@ def _round_table(comparison: RunComparison) -> str:
             _number(item.corner_cut_max_m), _number(item.slot_late_mean_s),
             _number(item.plan_per_mean, 4), _number(item.true_per_mean, 4),
             _number(item.plan_objective, 3), _number(item.true_objective, 3),
+            _number(100 * (1 - item.true_objective / item.plan_objective), 2)
+            if item.plan_objective > 0 else "–",
             f"{item.delivered}/{item.scheduled}",
         ]  # fmt: skip
 

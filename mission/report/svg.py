@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 
+from mission.report import html
+
 WIDTH = 440.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 12.0, 24.0, 36.0
 _TICKS = 5
@@ -55,6 +57,7 @@ class Chart:
     height: float = 250.0
     whole_x: bool = False  # ticks at whole numbers only
     percent: bool = False
+    dot_legend: bool = False  # of dots, not of lines
     parts: list[str] = field(default_factory=list)
     legend: list[tuple[str, str, bool]] = field(default_factory=list)
 
@@ -139,8 +142,9 @@ class Chart:
         """The legend, for a place that wraps on narrow screens."""
         keys = dict.fromkeys(self.legend)
         items = (
-            f'<span class="key"><i style="border-top:3px {"dashed" if dashed else "solid"} '
-            f'{colour}"></i>{escape(label)}</span>'
+            html.key(f"background:{colour}", label, dot=True)
+            if self.dot_legend
+            else html.key(f"border-top:3px {'dashed' if dashed else 'solid'} {colour}", label)
             for label, colour, dashed in keys
         )
         return f'<div class="legend">{"".join(items)}</div>'
