@@ -151,11 +151,11 @@ def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
 
 def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
     out = tmp_path / "budget"
-    assert fly(out, "--set", "mission.total_budget_m=500", rounds=9) == 0
+    assert fly(out, "--set", "mission.total_budget_m=650", rounds=9) == 0
     rounds = rows(out / "rounds.csv")
-    # Of 200 m each; the 100 m that are left pay for no third one.
+    # Of 300 m each; the 50 m that are left pay for no third one.
     assert len(rounds) == 2
-    assert 380 <= float(rounds[-1]["budget_used_m"]) <= 408
+    assert 570 <= float(rounds[-1]["budget_used_m"]) <= 612
 
 
 def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
