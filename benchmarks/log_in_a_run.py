@@ -33,7 +33,8 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     """One run in this process; its times in seconds."""
     from rich.console import Console
 
-    from mission import session
+    from mission import recorder, session
+    from mission.audience import Audience
     from mission.config import builtin_config, load_config
     from mission.log.writer import FlightLog
     from mission.stopwatch import Stopwatch
@@ -66,11 +67,14 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     config = load_config(builtin_config("quickstart.toml"), SETTINGS)
     writer = Silent if kind == KINDS[0] else FlightLog
     with (
-        mock.patch.object(session, "FlightLog", writer),
+        mock.patch.object(recorder, "FlightLog", writer),
         mock.patch.object(session, "Stopwatch", CpuToo),
     ):
         session.fly_session(
-            config, folder, data_dir=None, console=Console(quiet=True), quiet=True, live_port=port
+            config,
+            folder,
+            data_dir=None,
+            audience=Audience(Console(quiet=True), quiet=True, live_port=port),
         )
     summary = json.loads((folder / "summary.json").read_text())
     return {

@@ -19,12 +19,11 @@ from fl.checkpoint import from_bytes, to_bytes
 from fl.errors import CheckpointError
 from fl.federation import Federation, FederationState
 from mission.errors import InputError
-from mission.folder import environment, write_atomically
+from mission.folder import write_atomically
 from mission.planner.problem import RoundPlan
 from mission.records import Learnt
+from mission.resumable import ROUNDS, header
 from mission.strategies import Sortie
-
-FORMAT = 1
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,6 @@ class RoundMemory:
 class Checkpoint:
     """A run after its last finished round."""
 
-    data_dir: Path | None
     rounds: tuple[RoundMemory, ...]
     state: FederationState
 
@@ -51,12 +49,7 @@ class CheckpointFolder:
 
     def __init__(self, path: Path, *, config_toml: str, data_dir: Path | None) -> None:
         self.path = path
-        self._header = {
-            "format": FORMAT,
-            "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
-            "data_dir": str(data_dir.resolve()) if data_dir else None,
-            "libraries": environment()["libraries"],
-        }
+        self._header = header(config_toml, data_dir)
         self._rounds: list[dict[str, Any]] = []
 
     def save(
@@ -78,30 +71,19 @@ class CheckpointFolder:
             "learning_sha256": hashlib.sha256(data).hexdigest(),
             "rounds": self._rounds,
         }
-        write_atomically(self.path / "rounds.json", json.dumps(values).encode())
+        write_atomically(self.path / ROUNDS, json.dumps(values).encode())
         for old in self.path.glob("learning-*.bin"):
             if old.name != name:
                 old.unlink()
 
-    def load(self, federation: Federation) -> Checkpoint:
-        """Read the checkpoint, check that it belongs to this run, and go on from it.
+    def load(self, federation: Federation, values: dict[str, Any]) -> Checkpoint:
+        """Go on from the checkpoint whose `values` `read_checkpoint` has found.
 
         Raises:
-            InputError: damaged, or of another configuration, version or data.
+            InputError: damaged, or of other data.
         """
-        values = _read(self.path)
-        for key, what in (
-            ("format", "version of the checkpoint's format"),
-            ("config_sha256", "config.toml (it was changed)"),
-            ("libraries", "versions of the libraries"),
-        ):
-            if values.get(key) != self._header[key]:
-                raise InputError(
-                    f"{self.path}: cannot resume with another {what}: the run would not be the "
-                    "same; start a new one"
-                )
-        path = self.path / str(values["learning"])
         try:
+            path = self.path / str(values["learning"])
             data = path.read_bytes()
             if hashlib.sha256(data).hexdigest() != values["learning_sha256"]:
                 raise InputError(f"{path}: damaged: its checksum differs")
@@ -113,33 +95,8 @@ class CheckpointFolder:
         except CheckpointError as error:
             raise InputError(f"{path}: {error}") from None
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(f"{self.path / 'rounds.json'}: damaged: {error!r}") from None
-        return Checkpoint(_data_dir(values), rounds, state)
-
-
-def remembered_data_dir(path: Path) -> Path | None:
-    """The data folder that the run in whose checkpoint folder `path` is was started with."""
-    return _data_dir(_read(path))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    file = path / "rounds.json"
-    try:
-        values = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path.parent}: not a run that can be resumed: no {file}") from None
-    except OSError as error:
-        raise InputError(f"{file}: cannot read: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{file}: damaged: {error}") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{file}: damaged: not a table")
-    return values
-
-
-def _data_dir(values: dict[str, Any]) -> Path | None:
-    name = values.get("data_dir")
-    return Path(name) if name else None
+            raise InputError(f"{self.path / ROUNDS}: damaged: {error!r}") from None
+        return Checkpoint(rounds, state)
 
 
 def _plain(memory: RoundMemory) -> dict[str, Any]:

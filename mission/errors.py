@@ -25,6 +25,12 @@ class FlightError(AerofedError):
     exit_code = 4
 
 
+class TrainingError(AerofedError):
+    """Training went wrong on the way: no retry helps, another setting may."""
+
+    exit_code = 4
+
+
 class LinkLostError(AerofedError):
     """The link could not be opened, or the vehicle fell silent."""
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl import federation as learning
-from fl.errors import DivergedError
 from mission.checkpoint import RoundMemory
 from mission.custom import Known, Weighing
-from mission.errors import FlightError, InputError, LinkLostError
+from mission.errors import FlightError, LinkLostError
 from mission.flightplan import FlightPlan, stops_of
 from mission.flyer import Flyer, Tap
 from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
+from mission.lessons import learn
 from mission.pilot.items import stop_sequence
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import Learnt, RoundRecord, UplinkRecord
@@ -28,6 +28,7 @@ from mission.world import World
 from sitl.observer import VehicleObserver
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class Experiment:
         recalled = self._recalled()
         with self.stopwatch("fly"):
             self.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
-        self.recorder.phase("flying again" if recalled else "planning")
+        self._show("flying again" if recalled else "planning")
         start = flyer.here()
         problem = self._problem(start, strategy, recalled)
         if recalled is not None and recalled.sortie is not None:
@@ -165,7 +166,7 @@ class Experiment:
         self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
 
         if recalled is None:
-            self.recorder.phase("flight")
+            self._show("flying")
         with self.stopwatch("fly"):
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
@@ -260,33 +261,24 @@ class Experiment:
         memory = RoundMemory(importance, None, learnt, total)
         self._finish(record, (), memory, remembered=recalled is not None)
 
-    async def _learn(self, scheduled: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> Learnt:
-        self.recorder.phase("training")
-        federation = self.world.federation
+    async def _learn(self, scheduled: Bools, delivered: Bools) -> Learnt:
+        self._show("training")
         with self.stopwatch("learn"):
-            try:
-                self.state, learnt = await asyncio.to_thread(
-                    learning.play_round,
-                    federation,
-                    self.state,
-                    scheduled=scheduled,
-                    delivered=delivered,
-                    workers=self.workers,
-                )
-            except DivergedError as error:
-                raise InputError(f"learning diverged: {error}") from None
-        losses = (learnt.local_loss[federation.members(c)] for c in range(len(federation.names)))
-        trained = (loss[np.isfinite(loss)] for loss in losses)
-        return Learnt(
-            learnt.accuracy,
-            learnt.cov,
-            {
-                name: float(loss.mean()) if loss.size else math.nan
-                for name, loss in zip(federation.names, trained, strict=True)
-            },
-            learnt.device_accuracy.tolist(),
-            learnt.local_loss.tolist(),
-        )
+            # In a thread, so that heartbeats go on; simulated time stands still.
+            self.state, learnt = await asyncio.to_thread(
+                learn,
+                self.world.federation,
+                self.state,
+                scheduled=scheduled,
+                delivered=delivered,
+                workers=self.workers,
+            )
+        return learnt
+
+    def _show(self, what: str) -> None:
+        """Tell people what this round is about to do."""
+        rounds = self.world.config.mission.rounds
+        self.recorder.phase(f"round {self.rounds_done + 1}/{rounds}: {what}")
 
     def _finish(
         self,

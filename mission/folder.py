@@ -1,5 +1,6 @@
 """A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
 
+import fcntl
 import json
 import os
 import platform
@@ -33,12 +34,9 @@ class RunFolder:
         Raises:
             InputError: it exists and holds something, is a file, or cannot be written.
         """
+        cls.check(path)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                raise InputError(
-                    f"{path}: the output folder is already used; give a new or empty one by --out"
-                )
             with tempfile.TemporaryFile(dir=path):
                 pass
         except (FileExistsError, NotADirectoryError):
@@ -46,6 +44,23 @@ class RunFolder:
         except OSError as error:
             raise InputError(f"{path}: cannot write the output folder: {error.strerror}") from None
         return cls(path)
+
+    @staticmethod
+    def check(path: Path) -> None:
+        """Refuse what `create` would, without making anything.
+
+        Raises:
+            InputError: it exists and holds something, or is a file, or cannot be looked into.
+        """
+        try:
+            if path.exists() and any(path.iterdir()):
+                raise InputError(
+                    f"{path}: the output folder is already used; give a new or empty one by --out"
+                )
+        except NotADirectoryError:
+            raise InputError(f"{path}: the output folder is not a folder") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
 
     @contextmanager
     def unless_refused(self) -> Iterator[None]:
@@ -56,6 +71,27 @@ class RunFolder:
             with suppress(OSError):  # not empty: somebody else's
                 self.path.rmdir()
             raise
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Keep other processes from flying into this folder while the block runs.
+
+        Raises:
+            InputError: one does already, or the folder cannot be written.
+        """
+        try:
+            self.checkpoint.mkdir(exist_ok=True)
+            file = (self.checkpoint / ".lock").open("a")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot write: {error.strerror}") from None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"{self.path}: another aerofed run is at work in this folder"
+                ) from None
+            yield
 
     @property
     def config(self) -> Path:

@@ -6,9 +6,11 @@ that a slip is answered at once. The homes of each check it again, and more, whe
 
 from collections.abc import Iterator
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from fl.errors import SettingError
+from fl.datasets import load
+from fl.errors import LearningInputError, SettingError
 from fl.partition import check_owners
 from mission.errors import InputError
 from mission.importing import check_found, is_import_path
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from sitl.config import VehicleConfig
 
 NETWORKS = ("lenet", "mcmahan")
+_BUNDLED = ("digits", "colour-shapes")  # these need no files
 # Of every task but npz, whose file must be read.
 _CLASSES = 10
 
@@ -43,6 +46,20 @@ def faults(config: "RunConfig") -> Iterator[Fault]:
         yield from _code("mission.strategy", config.mission.strategy)
     if config.planner.factory is not None:
         yield from _code("planner.factory", config.planner.factory)
+
+
+def load_data(config: "RunConfig", data_dir: Path | None) -> None:
+    """Read the data sets that are files; the run finds them read.
+
+    Raises:
+        InputError: one is missing or damaged.
+    """
+    for community in config.communities:
+        if community.task not in _BUNDLED:
+            try:
+                load(community.task, data_dir=data_dir, data_file=community.data_file)
+            except LearningInputError as error:
+                raise InputError(str(error)) from None
 
 
 def _parameters(vehicle: "VehicleConfig") -> Iterator[Fault]:

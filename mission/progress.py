@@ -1,8 +1,9 @@
-"""What a person sees of a run: a live line on a terminal, plain lines elsewhere, or nothing."""
+"""What a person sees of a run: a live table on a terminal, plain lines elsewhere, or nothing."""
 
+import time
 from typing import Protocol
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -17,7 +18,7 @@ class Progress(Protocol):
         """What is going on now."""
         ...
 
-    def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         """A round is over."""
         ...
 
@@ -37,7 +38,7 @@ class Quiet:
 
     def phase(self, name: str) -> None: ...
 
-    def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None: ...
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None: ...
 
     def close(self) -> None: ...
 
@@ -45,8 +46,8 @@ class Quiet:
 class PlainLines:
     """A line a round, for pipes and logs."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console, *, rounds: int) -> None:
+        self._console, self._rounds = console, rounds
 
     def phase(self, name: str) -> None:
         """Phases would only be noise in a file."""
@@ -54,79 +55,100 @@ class PlainLines:
     def notice(self, text: str) -> None:
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
-    def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
-        self._console.print(
-            f"round {record.round}/{rounds}: t {record.start_t_s + record.duration_s:.0f} s, "
-            f"{real_time_factor:.0f}x, objective planned {record.plan_objective:.3f} flown "
-            f"{record.true_objective:.3f} ({_lost(record)} lost), "
-            f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}",
-            soft_wrap=True, highlight=False, markup=False,
-        )  # fmt: skip
+        flight = (
+            f"t {record.start_t_s + record.duration_s:.0f} s, {real_time_factor:.0f}x, "
+            f"objective {record.true_objective:.3f} flown, {record.plan_objective:.3f} planned "
+            f"({_change(record)})"
+            if _is_flown(record)
+            else "nothing flown"
+        )
+        self.notice(
+            f"round {record.round}/{self._rounds}: {flight}, "
+            f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}"
+        )
 
     def close(self) -> None: ...
 
 
 class LiveTable:
-    """A table that grows by a row a round, with the present phase under it."""
+    """A table that grows by a row a round; under it what is going on, and for how long."""
 
     ROWS = 12  # of the newest rounds; a terminal has no room for hundreds
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, *, rounds: int) -> None:
+        self._rounds = rounds
         self._records: list[RoundRecord] = []
-        self._rounds = 0
         self._factor = 0.0
-        self._phase = "starting"
-        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=8)
+        self._phase, self._since_s = "starting", time.monotonic()
+        self._live = Live(self, console=console, refresh_per_second=8)
         self._live.start()
 
     def phase(self, name: str) -> None:
-        self._phase = name
+        self._phase, self._since_s = name, time.monotonic()
 
     def notice(self, text: str) -> None:
         self._live.console.print(text, highlight=False, markup=False)
 
-    def round_done(self, record: RoundRecord, *, rounds: int, real_time_factor: float) -> None:
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         self._records.append(record)
-        self._rounds, self._factor = rounds, real_time_factor
+        self._factor = real_time_factor
 
     def close(self) -> None:
         self._phase = ""
         self._live.stop()
 
-    def _render(self) -> Table:
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The rounds so far, and the present phase."""
+        if self._records:
+            yield self._table()
+        if self._phase:
+            seconds = time.monotonic() - self._since_s
+            # So many that a person wonders whether it still lives.
+            waited = f", {seconds:.0f} s" if seconds >= 2.0 else ""
+            yield Text(f"{self._phase} ...{waited}", style="dim")
+
+    def _table(self) -> Table:
+        newest = self._records[-self.ROWS :]
+        flown = _is_flown(newest[-1])
         table = Table(box=None, pad_edge=False, header_style="bold")
-        for name in ("round", "sim time", "speed", "planned", "flown", "lost", "delivered"):
+        flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
+        communities = list(newest[-1].accuracy)
+        for name in ("round", *flight, "delivered", *(f"{name} accuracy" for name in communities)):
             table.add_column(name, justify="right")
-        communities = list(self._records[-1].accuracy) if self._records else []
-        for name in communities:
-            table.add_column(f"{name} accuracy", justify="right")
-        for record in self._records[-self.ROWS :]:
-            table.add_row(
-                f"{record.round}/{self._rounds}",
+        for record in newest:
+            cells = (
                 f"{record.start_t_s + record.duration_s:.0f} s",
                 f"{self._factor:.0f}x",
                 f"{record.plan_objective:.3f}",
                 f"{record.true_objective:.3f}",
-                _lost(record),
+                _change(record),
+            )
+            table.add_row(
+                f"{record.round}/{self._rounds}",
+                *(cells if flown else ()),
                 f"{record.delivered}/{record.scheduled}",
                 *(f"{record.accuracy[name]:.3f}" for name in communities),
             )
-        if self._phase:
-            table.caption = Text(f"{self._phase} ...", style="dim")
-            table.caption_justify = "left"
         return table
 
 
-def _lost(record: RoundRecord) -> str:
-    """What of the planned objective the flight did not bring."""
+def _is_flown(record: RoundRecord) -> bool:
+    """Whether the round was flown: a hover takes time, `ideal` takes none."""
+    return record.duration_s > 0.0
+
+
+def _change(record: RoundRecord) -> str:
+    """What the flight made of the planned objective."""
     if record.plan_objective == 0.0:
         return "0.0 %"
-    return f"{100 * (1 - record.true_objective / record.plan_objective):.1f} %"
+    return f"{100 * (record.true_objective / record.plan_objective - 1):+.1f} %"
 
 
-def make_progress(console: Console, *, quiet: bool) -> Progress:
-    """The progress that fits where it goes."""
+def make_progress(console: Console, *, rounds: int, quiet: bool) -> Progress:
+    """The progress that fits where it goes; at most `rounds` are to come."""
     if quiet:
         return Quiet()
-    return LiveTable(console) if console.is_terminal else PlainLines(console)
+    kind = LiveTable if console.is_terminal else PlainLines
+    return kind(console, rounds=rounds)

@@ -1,12 +1,16 @@
 """`aerofed run`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from mission.errors import InputError
 from mission.terminal import Terminal
+
+if TYPE_CHECKING:
+    from mission.audience import Audience
+    from mission.stopwatch import Stopwatch
 
 RUNS = Path("runs")
 
@@ -68,21 +72,19 @@ def run(
     """
     if not 0 <= live_port <= 65535:
         raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
+    from mission.audience import Audience
+    from mission.stopwatch import Stopwatch
+
+    stopwatch = Stopwatch()
+    audience = Audience(Terminal(), quiet, live_port if live else None, log_mavlink)
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
-        from mission.session import resume_session
-
-        return resume_session(
-            resume,
-            console=Terminal(),
-            quiet=quiet,
-            live_port=live_port if live else None,
-            log_mavlink=log_mavlink,
-        )
+        return _resume(resume, audience, stopwatch)
     from mission.config import builtin_config, load_config, parse_override
-    from mission.folder import free_folder
+    from mission.folder import RunFolder, free_folder
+    from mission.precheck import load_data
 
     path = config or builtin_config("quickstart.toml")
     overrides = dict(parse_override(text) for text in set_)
@@ -101,18 +103,23 @@ def run(
         )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
-    # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
-    from mission.session import fly_session
-
     folder = out or free_folder(
         RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
     )
-    return fly_session(
-        resolved,
-        folder,
-        data_dir=data_dir,
-        console=Terminal(),
-        quiet=quiet,
-        live_port=live_port if live else None,
-        log_mavlink=log_mavlink,
-    )
+    RunFolder.check(folder)
+    with stopwatch("setup"), audience.waiting("loading"):
+        load_data(resolved, data_dir)
+        # Only now, so that wrong input is answered at once: torch and cvxpy take seconds.
+        from mission.session import fly_session
+    return fly_session(resolved, folder, data_dir=data_dir, audience=audience, stopwatch=stopwatch)
+
+
+def _resume(path: Path, audience: "Audience", stopwatch: "Stopwatch") -> int:
+    from mission.folder import RunFolder
+    from mission.resumable import read_checkpoint
+
+    if RunFolder(path).status() != "finished":
+        read_checkpoint(path)  # refuses what cannot be resumed, before torch is imported
+    with stopwatch("setup"), audience.waiting("loading"):
+        from mission.session import resume_session
+    return resume_session(path, audience=audience, stopwatch=stopwatch)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from mission.audience import Audience
 from mission.config import RunConfig
 from mission.errors import AerofedError
 
@@ -55,8 +56,7 @@ def execute(order: RunOrder) -> RunEnd:
             order.config,
             order.folder,
             data_dir=order.data_dir,
-            console=Console(quiet=True),
-            quiet=True,
+            audience=Audience(Console(quiet=True), quiet=True),
             workers=1,
         )
     except AerofedError as error:

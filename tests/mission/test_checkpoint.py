@@ -13,6 +13,7 @@ import pytest
 from test_run import SMALL, digests, fly, refused, rows
 
 from mission.cli import call
+from mission.folder import RunFolder
 
 ROUNDS = 3
 
@@ -89,7 +90,7 @@ def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixt
     values["libraries"]["jsbsim"] = "0.9"
     path.write_text(json.dumps(values))
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, "versions of the libraries")
+    refused(capsys, "versions of libraries differ: jsbsim was 0.9, is ")
 
 
 def test_resume_says_when_a_round_cannot_be_flown_again_alike(
@@ -103,9 +104,53 @@ def test_resume_says_when_a_round_cannot_be_flown_again_alike(
     refused(capsys, "round 1, t ", "flown again, the round differs")
 
 
-def test_resume_of_what_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["run", "--resume", str(tmp_path)]) == 2
-    refused(capsys, "not a run that can be resumed")
+def test_resume_refuses_another_format(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = json.loads(path.read_text())
+    values["format"], values["libraries"]["aerofed"] = 9, "7.0"
+    path.write_text(json.dumps(values))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 1")
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", "{", '{"libraries": {}}'])
+def test_resume_refuses_another_file(
+    stopped: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    (stopped / "checkpoint" / "rounds.json").write_text(content)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged")
+
+
+@pytest.mark.parametrize(
+    ("made", "given", "words"),
+    [
+        (
+            "run/x.txt",
+            "run",
+            "not a folder that aerofed run left: it has no checkpoint/rounds.json",
+        ),
+        ("run/sweep.json", "run", "it holds a sweep"),
+        ("run/checkpoint/rounds.json", "run/checkpoint", "it is the checkpoint itself; give "),
+        ("run/x.txt", "run/x.txt", "a file; give the folder that aerofed run left"),
+        ("run/x.txt", "other", "no such folder"),
+    ],
+)
+def test_resume_of_what_is_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], made: str, given: str, words: str
+) -> None:
+    (tmp_path / made).parent.mkdir(parents=True)
+    (tmp_path / made).touch()
+    assert call(["run", "--resume", str(tmp_path / given)]) == 2
+    refused(capsys, f"--resume {tmp_path / given}", words)
+
+
+def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = digests(stopped)
+    with RunFolder(stopped).lock():
+        assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, str(stopped), "another aerofed run is at work")
+    assert digests(stopped) == before
 
 
 def test_resume_takes_no_other_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from mission.cli import call
 from mission.custom import Known
 from mission.errors import FlightError
 from mission.experiment import RoundResult
-from mission.session import SessionRecorder
+from mission.recorder import FolderRecorder
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
@@ -96,15 +96,15 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     more = ("mission.strategy=examples.staleness:make",)
     assert fly(whole, *more, rounds=3) == 0
-    finished = SessionRecorder.finished
+    finished = FolderRecorder.finished
 
-    def cut_after_two(self: SessionRecorder, result: RoundResult) -> None:
+    def cut_after_two(self: FolderRecorder, result: RoundResult) -> None:
         finished(self, result)
         if result.record.round == 2:
             raise FlightError("cut")
 
     with monkeypatch.context() as patch:
-        patch.setattr(SessionRecorder, "finished", cut_after_two)
+        patch.setattr(FolderRecorder, "finished", cut_after_two)
         assert fly(cut, *more, rounds=3) == FlightError.exit_code
     assert call(["run", "--resume", str(cut), "--quiet"]) == 0
     for name in ("rounds.csv", "uplinks.csv"):

@@ -293,6 +293,17 @@ def test_a_vehicle_setting_that_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+def test_training_that_diverges_is_a_run_that_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert fly(out, "--set", "learning.learning_rate=10") == 4
+    refused(capsys, "learning diverged", "round ", "smaller learning rate", str(out))
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["rounds"]) == ("failed", len(rows(out / "rounds.csv")))
+    assert "learning diverged" in summary["error"]
+
+
 def test_a_live_view_changes_no_byte(run: Path, tmp_path: Path) -> None:
     assert fly(tmp_path / "live", "--live", "--live-port", "0") == 0
     assert digests(tmp_path / "live") == digests(run)

@@ -1,0 +1,57 @@
+"""`summary.json` of a run: what it is, how it ended, what it added up to."""
+
+from typing import Any, Literal
+
+from mission.experiment import Experiment
+from mission.flyers import position_source
+from mission.folder import RunFolder, environment
+from mission.stopwatch import Stopwatch
+from mission.world import World
+
+Status = Literal["running", "finished", "interrupted", "failed"]
+
+
+class Summary:
+    """Written whole each time; "finished" last of all, so that such a folder has everything."""
+
+    def __init__(self, folder: RunFolder, world: World, *, remembered: int) -> None:
+        config = world.config
+        self._folder = folder
+        self._about = {
+            "name": config.name,
+            "strategy": config.mission.strategy,
+            "seed": config.seed,
+            "resumed_after_round": remembered or None,
+            "position_source": position_source(config.link),
+            "data": world.data_sources(),
+            **environment(),
+        }
+
+    def started(self) -> None:
+        """Nothing has happened yet."""
+        self._folder.write_summary({"status": "running", **self._about})
+
+    def ended(
+        self, status: Status, experiment: Experiment, stopwatch: Stopwatch, *, error: str | None
+    ) -> None:
+        """How far it came."""
+        why = {} if error is None else {"error": error}
+        self._folder.write_summary(
+            {"status": status, **self._about, **why, **_totals(experiment, stopwatch)}
+        )
+
+
+def _totals(experiment: Experiment, stopwatch: Stopwatch) -> dict[str, Any]:
+    flight_s = stopwatch.wall_s.get("fly", 0.0)
+    return {
+        "rounds": experiment.rounds_done,
+        "flown_in_rounds_m": experiment.flown_m,
+        "budget_used_m": experiment.budget_used_m,
+        "simulated_s": experiment.sim_s,
+        "real_time_factor": experiment.sim_s / flight_s if flight_s > 0.0 else 0.0,
+        "battery_changes": experiment.battery_changes,
+        "delivered": experiment.delivered,
+        "scheduled": experiment.scheduled,
+        "accuracy": experiment.accuracy,
+        "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
+    }
