@@ -130,9 +130,10 @@ def _height() -> fl.PlotPanel:
     series = [
         fl.PlotSeries(value="/true/pose.pose.position.z", label="true height (m)", color=FLOWN),
         fl.PlotSeries(value="/est/pose.pose.position.z", label="believed", color="#D55E00"),
-        fl.PlotSeries(value="/true/velocity.@norm", label="speed (m/s)", color="#0072B2"),
+        fl.PlotSeries(value="/true/velocity.x", label="eastward (m/s)", color="#0072B2"),
+        fl.PlotSeries(value="/true/velocity.y", label="northward (m/s)", color="#56B4E9"),
     ]
-    return _plot("Height and speed", series)
+    return _plot("Height and velocity", series)
 
 
 def _estimator() -> fl.PlotPanel:

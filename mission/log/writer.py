@@ -12,6 +12,8 @@ import numpy as np
 from flightdyn.state import Innovation
 from mission.area import Area
 from mission.log import messages, scene, topics
+from mission.log.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
+from mission.log.classic_layout import classic
 from mission.log.layout import ATTACHMENT as LAYOUT
 from mission.log.layout import layout
 from mission.log.rates import Every, LogRates
@@ -79,7 +81,9 @@ class FlightLog:
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area, self._fence))
         self._write_world(0)
-        self.attach(LAYOUT, "application/json", layout(area, devices.communities))
+        look = layout(area, devices.communities)
+        self.attach(LAYOUT, "application/json", look)
+        self.attach(CLASSIC_LAYOUT, "application/json", classic(look))
 
     def sampled(self, sample: VehicleSample) -> None:
         """Write one sample of the vehicle."""

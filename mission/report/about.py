@@ -27,8 +27,9 @@ def about_cards(run: LoadedRun) -> list[str]:
     ]
     if facts:
         cards.append(f'<section class="card"><h3>Conditions</h3>{_rows(facts)}</section>')
-    versions = [(key, str(run.summary[key])) for key in ("python", "platform", "cpus")
-                if key in run.summary]  # fmt: skip
+    versions: list[tuple[str, str]] = []
+    machine = ("python", "platform", "cpus")
+    versions += [(key, str(run.summary[key])) for key in machine if key in run.summary]
     libraries = run.summary.get("libraries")
     if isinstance(libraries, dict):
         versions += [(str(name), str(version)) for name, version in libraries.items()]

@@ -74,7 +74,7 @@ def test_a_complete_log_comes_out_as_it_went_in(tmp_path: Path, made: Fixed) -> 
     saved = recover(made.log, tmp_path / "out.mcap")
     assert (tmp_path / "out.mcap").read_bytes() == made.log.read_bytes()
     assert saved.losses == ()
-    assert saved.attachments == 2
+    assert saved.attachments == 3
 
 
 def test_cut_at_every_kind_of_place_keeps_every_whole_chunk(tmp_path: Path, small: bytes) -> None:
