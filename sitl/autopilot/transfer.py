@@ -2,19 +2,32 @@
 
 The MAVLink mission protocol from the vehicle's side. It asks for every item itself and asks
 again when none comes, so it survives loss, duplication and reordering; a list is replaced only
-once the new one is complete.
+once the new one is complete. Where messages are seen to get lost, answers are echoed.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from sitl.autopilot import messages as m
+from sitl.autopilot.echo import Echoes
 from sitl.autopilot.enums import MissionResult, MissionType, Severity
 
-REQUEST_AGAIN_S = 0.25
+# MAVSDK counts one of its five tries for every 0.5 s without a request: ask more than twice in that
+# time, but not so often that requests overtake the answers of a slow link.
+REQUEST_AGAIN_S = 0.2
 REQUESTS_PER_ITEM = 16
 DOWNLOAD_KEPT_S = 10.0
 MAX_ITEMS = 5000
+
+_OURS = (
+    m.MissionCount,
+    m.MissionItem,
+    m.MissionRequestList,
+    m.MissionRequest,
+    m.MissionClearAll,
+    m.MissionAck,
+    m.MissionPartialList,
+)
 
 Check = Callable[[m.MissionItem], MissionResult]
 Store = Callable[[MissionType, tuple[m.MissionItem, ...]], MissionResult]
@@ -28,6 +41,7 @@ class _Upload:
     deadline: float
     asked: int = 1
     items: list[m.MissionItem] = field(default_factory=list)
+    lossy: bool = False  # something had to be asked for again
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +56,8 @@ class _Completed:
 class _Download:
     items: tuple[m.MissionItem, ...]
     until: float
+    asked: int | None = None  # the item asked for last
+    lossy: bool = False  # something was asked for again
 
 
 class MissionTransfer:
@@ -60,6 +76,7 @@ class MissionTransfer:
         self._upload: _Upload | None = None
         self._downloads: dict[tuple[m.Peer, MissionType], _Download] = {}
         self._completed: _Completed | None = None
+        self._echoes = Echoes(outbox)
 
     @property
     def lists(self) -> Mapping[MissionType, tuple[m.MissionItem, ...]]:
@@ -73,6 +90,9 @@ class MissionTransfer:
 
     def receive(self, peer: m.Peer, message: m.Incoming, now: float) -> bool:
         """Handle a message of the mission protocol; False for one that is none."""
+        if not isinstance(message, _OURS):
+            return False
+        self._echoes.heard(peer)
         match message:
             case m.MissionCount():
                 self._count(peer, message, now)
@@ -88,8 +108,6 @@ class MissionTransfer:
                 self._downloads.pop((peer, message.mission_type), None)
             case m.MissionPartialList():
                 self._refuse_partial(peer, message)
-            case _:
-                return False
         return True
 
     def poll(self, now: float) -> None:
@@ -100,14 +118,17 @@ class MissionTransfer:
                 self._finish(upload, MissionResult.OPERATION_CANCELLED)
             else:
                 upload.asked += 1
+                upload.lossy = True
                 self._ask(upload, now)
+        self._echoes.poll(now)
         for key, download in list(self._downloads.items()):
             if now >= download.until:
                 del self._downloads[key]
 
     def due(self) -> float | None:
         """When `poll` has something to do; None for never."""
-        return None if self._upload is None else self._upload.deadline
+        timers = (None if self._upload is None else self._upload.deadline, self._echoes.due())
+        return min((timer for timer in timers if timer is not None), default=None)
 
     def _count(self, peer: m.Peer, message: m.MissionCount, now: float) -> None:
         kind = message.mission_type
@@ -146,6 +167,8 @@ class MissionTransfer:
             return
         verdict = self._take(upload.kind, tuple(upload.items))
         self._finish(upload, verdict)
+        if upload.lossy:
+            self._echoes.repeat(peer, m.MissionAck(verdict, upload.kind), now)
         if verdict is MissionResult.ACCEPTED:
             self._completed = _Completed(peer, upload.kind, upload.count, now)
 
@@ -177,10 +200,15 @@ class MissionTransfer:
             items = download.items
         else:
             items = self._lists.get(message.mission_type, ())
-        if message.seq < len(items):
-            self._send(peer, items[message.seq])
-        else:
+        if message.seq >= len(items):
             self._ack(peer, message.mission_type, MissionResult.INVALID_SEQUENCE)
+            return
+        self._send(peer, items[message.seq])
+        if download is not None:
+            download.lossy = download.lossy or message.seq == download.asked
+            download.asked = message.seq
+            if download.lossy:
+                self._echoes.repeat(peer, items[message.seq], now)
 
     def _clear(self, peer: m.Peer, message: m.MissionClearAll) -> None:
         every = message.mission_type is MissionType.ALL
