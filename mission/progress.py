@@ -112,11 +112,12 @@ class LiveTable:
     def _table(self) -> Table:
         newest = self._records[-self.ROWS :]
         flown = _is_flown(newest[-1])
-        table = Table(box=None, pad_edge=False, header_style="bold")
+        # Narrow enough for two communities in 80 columns.
+        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
         communities = list(newest[-1].accuracy)
-        for name in ("round", *flight, "delivered", *(f"{name} accuracy" for name in communities)):
-            table.add_column(name, justify="right")
+        for name in ("round", *flight, "delivered", *(f"accuracy\n{name}" for name in communities)):
+            table.add_column(name, justify="right", vertical="bottom")
         for record in newest:
             cells = (
                 f"{record.start_t_s + record.duration_s:.0f} s",

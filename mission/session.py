@@ -164,7 +164,7 @@ def _fly(
     if status == "finished":
         SetAside(folder).discard()
     # The figures read the finished log and tables.
-    with stopwatch("figures"):
+    with stopwatch("figures"), audience.waiting("drawing figures"):
         figures.draw_run(folder.path)
     # Last of all: a folder that says "finished" has everything.
     summary.ended(status, experiment, stopwatch, error=why)
