@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mission.planner.kernels.exploration import Lists
+from mission.planner.kernels.insertion import Lists
 from mission.planner.kernels.instance import Devices, Limits, Relaxation
 from mission.planner.problem import Floats, RoundProblem
 from mission.planner.reward import conjugates, reward_table

@@ -13,6 +13,7 @@ from mission.planner.problem import RoundPlan, RoundProblem
 MAX_DEVICES = 40
 MAX_OPEN = 50_000
 MAX_TRIES, MIN_TRIES = 100, 16
+STARTS = 32
 
 
 class CertifiedPlanner:
@@ -45,7 +46,7 @@ class CertifiedPlanner:
         relaxation = relax(problem, devices)
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
         lists = neighbour_lists(devices)
-        value = explore(devices, limits, lists, tries(count), way, assigned)
+        value = explore(devices, limits, lists, STARTS, tries(count), way, assigned)
         bound = root_bound(relaxation.promise[:, 0], limits)
         nodes = self._max_nodes if count <= MAX_DEVICES else 0
         if nodes > 0 and 0.0 < value < (1.0 - self._gap) * bound:

@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from mission.planner.arrays import instance, neighbour_lists
-from mission.planner.certified import tries
+from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
     check_problem,
@@ -56,7 +56,8 @@ class SqpPlanner:
         tries: how often the first plan is cut and mended; by default fewer for more devices.
     """
 
-    def __init__(self, *, tries: int | None = None) -> None:
+    def __init__(self, *, starts: int = STARTS, tries: int | None = None) -> None:
+        self._starts = starts
         self._tries = tries
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
@@ -73,7 +74,8 @@ class SqpPlanner:
         count = len(devices.delta)
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
         attempts = tries(count) if self._tries is None else self._tries
-        explore(devices, limits, neighbour_lists(devices), attempts, way, assigned)
+        lists = neighbour_lists(devices)
+        explore(devices, limits, lists, self._starts, attempts, way, assigned)
         way = ascend(way, devices, limits)
         return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 

@@ -13,12 +13,14 @@ import numpy as np
 from mission.planner.kernels.chain import chain_length, fill_spare, merge_nearest, shrink
 from mission.planner.kernels.compiled import Indices, Matrix, compiled
 from mission.planner.kernels.instance import Devices, Limits
-from mission.planner.kernels.matching import copy_plan, earned, match, reward
+from mission.planner.kernels.matching import copy_plan, match
+from mission.planner.kernels.rewards import earned, reward
 
 SMOOTHING_M = 0.5  # a leg of length e counts as sqrt(e^2 + smoothing^2)
 MAX_ROUNDS = 12
 MAX_STEPS = 12
 RISE = 1e-6  # relative rise that is worth another step
+FINE = 1e-5  # and another turn of assignment and ascent
 
 
 @compiled
@@ -152,13 +154,15 @@ def polish(
     limits: Limits,
     devices: Devices,
     hopeless: float,
+    rise: float,
     way: Matrix,
     assigned: Indices,
 ) -> float:
     """The best plan near a path of `count` points (the first is the start); what it earns.
 
-    Points too many are merged, spare ones put to use, then assignment and ascent alternate; no
-    further if the first ascent ends under `hopeless`.
+    Points too many are merged, spare ones put to use, then assignment and ascent alternate until
+    a turn raises the value by less than the share `rise`; no further if an ascent ends under
+    `hopeless`.
     Writes `way` (N, 2) and `assigned` (K,).
     """
     steps = limits.steps
@@ -177,7 +181,7 @@ def polish(
         value = match(path, limits.per_step, devices, who)
         if value > best:
             copy_plan(path, who, way, assigned)
-        if value <= best * (1.0 + 10.0 * RISE):
+        if value <= best * (1.0 + rise):
             best = max(best, value)
             break
         best = value

@@ -6,7 +6,7 @@ import numpy as np
 
 from mission.planner.kernels.compiled import Matrix, compiled
 from mission.planner.kernels.instance import Devices
-from mission.planner.kernels.matching import reward
+from mission.planner.kernels.rewards import reward
 
 
 @compiled

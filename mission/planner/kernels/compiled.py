@@ -17,6 +17,7 @@ R = TypeVar("R")
 
 Vector = NDArray[np.float64]  # (n,)
 Matrix = NDArray[np.float64]  # (n, m)
+Cube = NDArray[np.float64]  # (n, m, l)
 Indices = NDArray[np.int64]
 Masks = NDArray[np.uint64]
 Flags = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from mission.planner.kernels.chain import distance_to
 from mission.planner.kernels.compiled import Matrix, Vector, compiled
 from mission.planner.kernels.instance import Problem
 from mission.planner.kernels.lagrangian import spline
-from mission.planner.kernels.matching import reward
+from mission.planner.kernels.rewards import reward
 from mission.planner.kernels.tree import PLACED, Node
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mission.planner.kernels.ascent import polish
+from mission.planner.kernels.ascent import FINE, polish
 from mission.planner.kernels.bounds import Goal, Solver, make_solver, rest_of, tighten
 from mission.planner.kernels.branching import (
     Family,
@@ -184,8 +184,9 @@ def _make(sources: str) -> Search:
             nodes += 1
             if recover(node, problem, path) > value:
                 better = polish(
-                    path.points, node.size[0] + 1, limits, devices, 0.0, other_way, other_assigned
-                )
+                    path.points, node.size[0] + 1, limits, devices, 0.0, FINE, other_way,
+                    other_assigned,
+                )  # fmt: skip
                 if better > value:
                     value = better
                     copy_plan(other_way, other_assigned, way, assigned)
