@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from plain_loop import PlainNet, arrays_of, load_arrays, random_loader, train_plainly
 
-from fl.models import ConvNet
+from fl.convnet import ConvNet
 
 ROUNDS = 5
 

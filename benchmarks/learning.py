@@ -5,9 +5,9 @@ one thread, in turns, so that a busy machine slows all alike; read the ratios.
 
     python benchmarks/learning.py [--seconds 4] [--devices 6] [--no-flower]
 
-plain     torch DataLoader, nn.Module, torch.optim.SGD, FedProx term by autograd, device by device
-alone     ours, device by device
-together  ours, the devices of a community side by side (what a run does with small networks)
+plain     torch DataLoader, nn.Module, torch.optim.SGD, FedProx term by autograd
+module    ours, with the same network as a torch module of the user
+ours      ours, with the built-in network: what a run does
 floor     the multiply-adds of forward and backward pass at the best speed this core shows
 
 Where `flwr[simulation]` is installed, whole rounds of Flower follow.
@@ -16,7 +16,6 @@ Where `flwr[simulation]` is installed, whole rounds of Flower follow.
 import argparse
 import importlib.util
 import itertools
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,15 +25,11 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, loader_of, plain_epoch
 
+from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.models import ConvNet, make_network, parameter_count
-from fl.training import (
-    SIDE_BY_SIDE_PARAMETERS,
-    LocalSettings,
-    LocalTask,
-    scaling_of,
-    train,
-)
+from fl.models import make_network
+from fl.modules import ModuleNetwork
+from fl.training import LocalSettings, LocalTask, Network, scaling_of
 
 BATCH = 16
 SAMPLES_PER_DEVICE = 320
@@ -44,6 +39,8 @@ CASES = (
     ("CIFAR-10 McMahan", "mcmahan", (32, 32, 3)),
     ("MNIST McMahan", "mcmahan", (28, 28, 1)),
 )
+# Of a round of everybody on all images of either task.
+PAPER_STEPS = {"CIFAR-10 LeNet": 50_000 // BATCH, "MNIST LeNet": 60_000 // BATCH}
 
 
 @dataclass(frozen=True)
@@ -53,8 +50,8 @@ class Jobs:
     net: ConvNet
     steps: int
     plain: Callable[[], None]
-    alone: Callable[[], None]
-    together: Callable[[], None]
+    module: Callable[[], None]
+    ours: Callable[[], None]
 
 
 def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: int) -> Jobs:
@@ -72,18 +69,19 @@ def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: 
     loaders = [loader_of(floats[share], labels[share], batch=BATCH) for share in shares]
     plain = PlainNet(net)
 
-    def ours(*, batched: bool) -> None:
-        settings = LocalSettings(LEARNING_RATE, MOMENTUM, MU, BATCH, 1, batched=batched)
-        streams = [np.random.Generator(np.random.PCG64(k)) for k in range(devices)]
-        tasks = [LocalTask(share, rng) for share, rng in zip(shares, streams, strict=True)]
-        train(net, split, model, tasks, scaling=scaling, settings=settings)
+    def ours(network: Network) -> None:
+        settings = LocalSettings(LEARNING_RATE, MOMENTUM, MU, BATCH, 1)
+        for device, share in enumerate(shares):
+            task = LocalTask(share, np.random.Generator(np.random.PCG64(device)))
+            network.train(split, model, task, scaling=scaling, settings=settings)
 
+    module = ModuleNetwork(lambda: PlainNet(net), name=name, classes=10)
     return Jobs(
         net=net,
         steps=sum(-(-share.size // BATCH) for share in shares),
         plain=lambda: plain_epoch(plain, loaders),
-        alone=lambda: ours(batched=False),
-        together=lambda: ours(batched=True),
+        module=lambda: ours(module),
+        ours=lambda: ours(net),
     )
 
 
@@ -142,9 +140,9 @@ def against_flower(title: str, jobs: Jobs, *, devices: int, samples: int) -> str
     """Flower's whole rounds against our epochs of the same size just before and after."""
     from flower_peer import flower_ms_per_step
 
-    ours = [in_turns({"ours": jobs.together}, seconds=2.0)["ours"]]
+    ours = [in_turns({"ours": jobs.ours}, seconds=2.0)["ours"]]
     flower = flower_ms_per_step(jobs.net, devices=devices, samples=samples, batch=BATCH)
-    ours.append(in_turns({"ours": jobs.together}, seconds=2.0)["ours"])
+    ours.append(in_turns({"ours": jobs.ours}, seconds=2.0)["ours"])
     mean = 1e3 * sum(ours) / 2 / jobs.steps
     return f"{title:<18} Flower {flower:6.2f}   ours {mean:6.2f}   {flower / mean:6.2f}x"
 
@@ -159,22 +157,21 @@ def main() -> None:
     devices: int = arguments.devices
     torch.set_num_threads(1)
     peak = peak_flops()
-    print(f"{'ms per device step':<18}   plain   alone  together   floor   plain/ours  ours/floor")
+    print(f"{'ms per device step':<18}   plain  module    ours   floor   plain/ours  ours/floor")
+    a_round = 0.0
     for title, name, shape in CASES:
         jobs = make_jobs(name, shape, devices=devices, samples=SAMPLES_PER_DEVICE)
-        ways = {"plain": jobs.plain, "alone": jobs.alone}
-        if parameter_count(jobs.net) <= SIDE_BY_SIDE_PARAMETERS:
-            ways["together"] = jobs.together
+        ways = {"plain": jobs.plain, "module": jobs.module, "ours": jobs.ours}
         taken = in_turns(ways, seconds=arguments.seconds)
         ms = {key: 1e3 * value / jobs.steps for key, value in taken.items()}
-        ours = ms.get("together", ms["alone"])
         floor = 1e3 * training_flops(jobs.net) / peak
+        a_round += 1e-3 * ms["ours"] * PAPER_STEPS.get(title, 0)
         print(
-            f"{title:<18} {ms['plain']:7.2f} {ms['alone']:7.2f}"
-            f" {ms.get('together', math.nan):9.2f} {floor:7.2f}"
-            f" {ms['plain'] / ours:11.2f}x {ours / floor:9.2f}x",
+            f"{title:<18} {ms['plain']:7.2f} {ms['module']:7.2f} {ms['ours']:7.2f} {floor:7.2f}"
+            f" {ms['plain'] / ms['ours']:11.2f}x {ms['ours'] / floor:9.2f}x",
             flush=True,
         )
+    print(f"a round of the paper's experiment, all twelve devices: {a_round:.1f} s of one core")
     if arguments.no_flower or importlib.util.find_spec("flwr") is None:
         return
     lines = []

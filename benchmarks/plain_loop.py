@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
-from fl.models import ConvNet
+from fl.convnet import ConvNet
 
 Loader = DataLoader[tuple[torch.Tensor, ...]]
 MU = 0.1
@@ -18,7 +18,7 @@ MOMENTUM = 0.9
 
 
 class PlainNet(nn.Module):
-    """The same network as `fl.models.ConvNet`."""
+    """The same network as `fl.convnet.ConvNet`."""
 
     def __init__(self, net: ConvNet) -> None:
         super().__init__()

@@ -15,8 +15,8 @@ from fl.algorithms import Algorithm, make_algorithm
 from fl.config import CommunityConfig, LearningConfig
 from fl.datasets import Dataset, load
 from fl.errors import SettingError
-from fl.models import Network, make_network
-from fl.training import Scaling, scaling_of
+from fl.models import make_network
+from fl.training import Network, Scaling, scaling_of
 
 logger = logging.getLogger(__name__)
 

@@ -134,6 +134,3 @@ class LearningConfig(_Frozen):
         le=1.0,
         description="least CoV that importance sees, so that a fair community still counts",
     )
-    batched: bool = Field(
-        True, description="train the devices of a community side by side in one network"
-    )

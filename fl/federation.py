@@ -16,8 +16,7 @@ from fl import fairness as fair
 from fl.algorithms import AlgorithmState, Update
 from fl.community import Community, Federation, build
 from fl.errors import DivergedError
-from fl.models import Vector
-from fl.training import LocalSettings, LocalTask, correct_per_class, in_parallel, train
+from fl.training import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
 
 __all__ = [
     "Community",
@@ -110,7 +109,7 @@ def play_round(
     """One communication round, given who was scheduled and whose update arrives, both (K,).
 
     Only devices whose update arrives are trained: nobody would ever see the others', and every
-    device draws from its own stream, so the result is the same. `workers` communities train at
+    device draws from its own stream, so the result is the same. Up to `workers` devices train at
     a time, one thread each, with the same result for any number. Raises `DivergedError` naming
     round, community and device.
     """
@@ -123,14 +122,22 @@ def play_round(
     # A device sends eps_k = mean over j = m-l .. m-1 of eps_k(theta_j) along with its update.
     sent = fair.windowed_accuracy(state.eps_history)
     eps_received = np.where(delivered, sent, state.eps_received)
-    # A user's module draws from torch's one generator: no two such communities at a time.
-    separable = all(community.network.side_by_side for community in federation.communities)
+    workers = workers if all(c.network.parallel for c in federation.communities) else 1
+    arrived = [
+        (index, int(device))
+        for index in range(len(federation.communities))
+        for device in np.flatnonzero(delivered[federation.members(index)])
+    ]
+    results = in_parallel(
+        [partial(_train, federation, state, index, device) for index, device in arrived],
+        workers=workers,
+    )
+    trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
+    for (index, device), result in zip(arrived, results, strict=True):
+        trained[index][device] = result
     lessons = in_parallel(
-        [
-            partial(_learn, federation, state, index, delivered=delivered)
-            for index in range(len(federation.communities))
-        ],
-        workers=workers if separable else 1,
+        [partial(_learn, federation, state, *each) for each in enumerate(trained)],
+        workers=workers,
     )
     correct = [lesson.correct for lesson in lessons]
     losses = np.concatenate([lesson.losses for lesson in lessons])
@@ -180,26 +187,18 @@ class _Lesson:
     correct: Indices  # (classes,)
 
 
-def _learn(
-    federation: Federation, state: FederationState, index: int, *, delivered: Bools
-) -> _Lesson:
-    """Train the devices of one community whose update arrives, aggregate, measure."""
+def _train(federation: Federation, state: FederationState, index: int, device: int) -> LocalResult:
+    """Local training of one device, which counts within its community."""
     community, learning = federation.communities[index], federation.learning
-    model, algorithm_state = state.models[index], state.algorithm[index]
     algorithm, number = federation.algorithm, state.rounds + 1
-    devices = np.flatnonzero(delivered[federation.members(index)])
-    results = train(
-        community.network,
+    result = community.network.train(
         community.dataset.train,
-        model,
-        [
-            LocalTask(
-                samples=community.shares[device],
-                rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-                correction=algorithm.correction(algorithm_state, int(device)),
-            )
-            for device in devices
-        ],
+        state.models[index],
+        LocalTask(
+            samples=community.shares[device],
+            rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
+            correction=algorithm.correction(state.algorithm[index], device),
+        ),
         scaling=community.scaling,
         settings=LocalSettings(
             learning_rate=learning.learning_rate,
@@ -207,30 +206,34 @@ def _learn(
             mu=algorithm.mu,
             batch_size=learning.batch_size,
             epochs=learning.local_epochs,
-            batched=learning.batched,
         ),
     )
+    if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
+        raise DivergedError(number, community.name, device, result.loss)
+    return result
+
+
+def _learn(
+    federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
+) -> _Lesson:
+    """Aggregate what arrived from one community's devices, and measure."""
+    community = federation.communities[index]
+    model, algorithm_state = state.models[index], state.algorithm[index]
     losses = np.full(len(community.shares), np.nan)
     updates = []
-    for device, result in zip(devices, results, strict=True):
-        if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
-            raise DivergedError(number, community.name, int(device), result.loss)
+    for device, result in trained.items():
         losses[device] = result.loss
-        updates.append(Update(int(device), float(community.p[device]), result.model, result.steps))
+        updates.append(Update(device, float(community.p[device]), result.model, result.steps))
     if not updates:
         return _Lesson(model, algorithm_state, losses, state.correct[index])
-    model, algorithm_state = algorithm.apply(algorithm_state, model, updates)
+    model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
     return _Lesson(model, algorithm_state, losses, _correct(community, model))
 
 
 def _correct(community: Community, model: Vector) -> Indices:
     return _frozen(
-        correct_per_class(
-            community.network,
-            community.dataset.validation,
-            model,
-            scaling=community.scaling,
-            classes=community.dataset.classes,
+        community.network.correct_per_class(
+            community.dataset.validation, model, scaling=community.scaling
         )
     )
 

@@ -7,11 +7,11 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import nn
 
-from fl.models import ConvNet
+from fl.convnet import ConvNet
 
 
 class PlainNet(nn.Module):
-    """Convolution, ReLU, pooling twice, dense layers: ordinary layout, ordinary order."""
+    """Convolution, ReLU, pooling twice, dense layers: in the order in which one writes them."""
 
     def __init__(self, net: ConvNet) -> None:
         super().__init__()
@@ -20,9 +20,8 @@ class PlainNet(nn.Module):
         self.conv1 = nn.Conv2d(depth, first, 5, padding=net.padding[0])
         self.conv2 = nn.Conv2d(first, second, 5, padding=net.padding[1])
         with torch.no_grad():
-            features = self.features(torch.zeros(1, depth, height, width))
-        self.map_shape = tuple(features.shape[1:])
-        widths = [features[0].numel(), *net.hidden, net.classes]
+            features = self.features(torch.zeros(1, depth, height, width)).numel()
+        widths = [features, *net.hidden, net.classes]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(widths))
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
@@ -35,43 +34,14 @@ class PlainNet(nn.Module):
             x = layer(F.relu(x) if index else x)
         return x
 
-    def _layers(self) -> list[nn.Module]:
-        return [self.conv1, self.conv2, *self.dense]
-
     def load(self, flat: np.ndarray) -> "PlainNet":
-        """Take over a flat vector of `ConvNet`: HWC features, (in, out) dense weights."""
-        rest = torch.from_numpy(flat.copy())
-        channels, height, width = self.map_shape
-        for index, layer in enumerate(self._layers()):
-            n = layer.weight.numel()
-            w, b, rest = rest[:n], rest[n : n + layer.bias.numel()], rest[n + layer.bias.numel() :]
-            if index < 2:
-                out, inside, k, _ = layer.weight.shape
-                w = w.view(out, k, k, inside).permute(0, 3, 1, 2)
-            else:
-                out, inside = layer.weight.shape
-                w = w.view(inside, out).t()
-                if index == 2:
-                    w = w.view(out, height, width, channels).permute(0, 3, 1, 2).reshape(out, -1)
-            layer.weight.data.copy_(w)
-            layer.bias.data.copy_(b)
+        """Take over a flat vector of `ConvNet`, which lies as torch's own parameters do."""
+        nn.utils.vector_to_parameters(torch.from_numpy(flat.copy()), self.parameters())
         return self
 
     def flat(self) -> np.ndarray:
         """The way back."""
-        channels, height, width = self.map_shape
-        parts = []
-        for index, layer in enumerate(self._layers()):
-            w = layer.weight.data
-            if index < 2:
-                w = w.permute(0, 2, 3, 1)
-            else:
-                if index == 2:
-                    out = w.shape[0]
-                    w = w.view(out, channels, height, width).permute(0, 2, 3, 1).reshape(out, -1)
-                w = w.t()
-            parts += [w.reshape(-1), layer.bias.data]
-        return torch.cat(parts).numpy()
+        return nn.utils.parameters_to_vector(self.parameters()).detach().numpy()
 
 
 def train_plainly(

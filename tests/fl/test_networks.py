@@ -5,14 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from reference_net import PlainNet
 from torch import nn
 
+from fl.convnet import ConvNet
 from fl.datasets import Split
 from fl.errors import NetworkError
 from fl.models import make_network, parameter_count
-from fl.training import LocalSettings, LocalTask, scaling_of, train
+from fl.training import LocalSettings, LocalTask, scaling_of
 
 SHAPE = (8, 8, 1)
+ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
 
 
 class Small(nn.Module):
@@ -85,7 +88,9 @@ def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
     def run(devices: list[int]) -> list[np.ndarray]:
         tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
         before = torch.random.get_rng_state()
-        results = train(net, split, model, tasks, scaling=scaling, settings=settings)
+        results = [
+            net.train(split, model, task, scaling=scaling, settings=settings) for task in tasks
+        ]
         assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
         assert results[0].loss < 2.0
         return [result.model for result in results]
@@ -93,6 +98,41 @@ def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
     both = run([0, 1])
     np.testing.assert_array_equal(both[1], run([1])[0])
     np.testing.assert_array_equal(both[0], run([0])[0])
+
+
+def lenet() -> nn.Module:
+    return PlainNet(built_in())
+
+
+def built_in() -> ConvNet:
+    net = make_network("lenet", image_shape=SHAPE, classes=10)
+    assert isinstance(net, ConvNet)
+    return net
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool) -> None:
+    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10)
+    net = built_in()
+    assert own.shapes == net.shapes
+    split = bright_spots(70)
+    model, scaling = net.initial(rng(3)), scaling_of(split)
+    shift = 0.01 * rng(4).standard_normal(model.size).astype(np.float32) if corrected else None
+    settings = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
+    mine, theirs = (
+        network.train(
+            split, model, LocalTask(np.arange(70), rng(1), shift),
+            scaling=scaling, settings=settings,
+        )
+        for network in (own, net)
+    )  # fmt: skip
+    assert (mine.steps, theirs.steps) == (10, 10)
+    assert mine.loss == pytest.approx(theirs.loss, rel=1e-4)
+    np.testing.assert_allclose(mine.model, theirs.model, rtol=2e-3, atol=2e-4)
+    counts = [
+        network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
+    ]
+    np.testing.assert_array_equal(*counts)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +177,14 @@ def test_images_too_small_for_the_built_in_networks() -> None:
     with pytest.raises(NetworkError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
     for size in range(4, 40):
+        split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):
             net = make_network(name, image_shape=(size, size, 1), classes=10)
-            weights = [torch.zeros(2, *shape) for shape in net.shapes]
-            assert net.logits(weights, torch.zeros(3, size, size, 2, 1)).shape == (2, 3, 10)
+            plain = PlainNet(net)
+            expected = tuple(tuple(value.shape) for value in plain.parameters())
+            assert net.shapes == expected
+            task = LocalTask(np.arange(3), rng(1))
+            result = net.train(
+                split, net.initial(rng(1)), task, scaling=scaling_of(split), settings=ONE
+            )
+            assert np.isfinite(result.model).all()

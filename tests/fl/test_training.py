@@ -1,5 +1,6 @@
-"""Local training against torch's own modules and optimiser, and side by side against alone."""
+"""Local training against torch's own modules, autograd and optimiser."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 import torch
 from reference_net import PlainNet, train_plainly
 
+from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.models import ConvNet, make_network, parameter_count
-from fl.training import LocalSettings, LocalTask, Scaling, correct_per_class, scaling_of, train
+from fl.models import make_network, parameter_count
+from fl.training import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
 
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
 # float32 sums in another order, over tens of steps; a larger rate would amplify it chaotically
@@ -52,32 +54,36 @@ CASES = [
     ("lenet", (32, 32, 3)),
     ("lenet", (8, 8, 1)),
     ("lenet", (16, 16, 3)),
+    ("lenet", (19, 26, 2)),  # nothing of it divides by two
     ("mcmahan", (8, 8, 1)),
+    ("mcmahan", (9, 14, 3)),
 ]
 
 
-@pytest.mark.parametrize(("name", "shape"), CASES)
-def test_training_is_textbook_fedprox(name: str, shape: tuple[int, int, int]) -> None:
-    split = random_split(shape, 150)
+def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
     net = make_network(name, image_shape=shape, classes=10)
     assert isinstance(net, ConvNet)
+    return net
+
+
+@pytest.mark.parametrize("batch_size", [5, 16, 40])
+@pytest.mark.parametrize(("name", "shape"), CASES)
+def test_training_is_textbook_fedprox(
+    name: str, shape: tuple[int, int, int], batch_size: int
+) -> None:
+    split = random_split(shape, 150)
+    net = conv_net(name, shape)
     scaling = scaling_of(split)
     model = net.initial(rng(1))
-    # Different amounts of data, none a multiple of the batch, one smaller than a batch.
-    samples = [np.arange(0, 70), np.arange(70, 79), np.arange(79, 150)]
-    results = train(
-        net,
-        split,
-        model,
-        [LocalTask(s, rng(10 + i)) for i, s in enumerate(samples)],
-        scaling=scaling,
-        settings=SETTINGS,
-    )
+    settings = replace(SETTINGS, batch_size=batch_size)
     images = floats(split, scaling)
-    for i, (s, result) in enumerate(zip(samples, results, strict=True)):
+    # No multiple of the batch, and less than a batch.
+    for samples in (np.arange(0, 72), np.arange(70, 74)):
+        result = net.train(
+            split, model, LocalTask(samples, rng(10)), scaling=scaling, settings=settings
+        )
         plain = PlainNet(net).load(model)
-        np.testing.assert_array_equal(plain.flat(), model)
-        batches = batches_of(s, 10 + i, SETTINGS)
+        batches = batches_of(samples, 10, settings)
         loss = train_plainly(
             plain, images, split.labels, batches, learning_rate=0.01, momentum=0.9, mu=0.1
         )
@@ -88,68 +94,52 @@ def test_training_is_textbook_fedprox(name: str, shape: tuple[int, int, int]) ->
         np.testing.assert_allclose(result.model, plain.flat(), **TOLERANCE)
 
 
-@pytest.mark.parametrize(("name", "shape"), CASES)
-def test_side_by_side_equals_one_by_one(name: str, shape: tuple[int, int, int]) -> None:
-    split = random_split(shape, 120)
-    net = make_network(name, image_shape=shape, classes=10)
-    scaling, model = scaling_of(split), net.initial(rng(2))
-    correction = 0.01 * rng(3).standard_normal(model.size).astype(np.float32)
-
-    def tasks() -> list[LocalTask]:
-        return [
-            LocalTask(np.arange(0, 20), rng(1)),
-            LocalTask(np.arange(20, 90), rng(2), correction),
-            LocalTask(np.arange(90, 120), rng(3)),
-        ]
-
-    together = train(net, split, model, tasks(), scaling=scaling, settings=SETTINGS)
-    alone = train(
-        net, split, model, tasks(), scaling=scaling, settings=replace(SETTINGS, batched=False)
-    )
-    for one, other in zip(together, alone, strict=True):
-        assert one.steps == other.steps
-        assert one.loss == pytest.approx(other.loss, rel=1e-4)
-        np.testing.assert_allclose(one.model, other.model, **TOLERANCE)
-    lone = train(net, split, model, tasks()[1:2], scaling=scaling, settings=SETTINGS)[0]
-    np.testing.assert_array_equal(lone.model, alone[1].model)
+def test_one_step_follows_the_gradient_to_rounding() -> None:
+    split = random_split((32, 32, 3), 16)
+    net = conv_net("lenet", (32, 32, 3))
+    model, scaling = net.initial(rng(1)), scaling_of(split)
+    step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
+    moved = net.train(
+        split, model, LocalTask(np.arange(16), rng(1)), scaling=scaling, settings=step
+    ).model
+    plain = PlainNet(net).load(model).double()
+    x = torch.from_numpy(floats(split, scaling).astype(np.float64)).permute(0, 3, 1, 2)
+    loss = torch.nn.functional.cross_entropy(plain(x), torch.from_numpy(split.labels.copy()))
+    slopes = torch.autograd.grad(loss, list(plain.parameters()))
+    exact = torch.cat([slope.reshape(-1) for slope in slopes]).numpy()
+    np.testing.assert_allclose(model - moved, exact, rtol=1e-4, atol=2e-7)
 
 
 def test_correction_is_added_to_every_gradient() -> None:
     split = random_split((8, 8, 1), 40)
-    net = make_network("lenet", image_shape=(8, 8, 1), classes=10)
+    net = conv_net("lenet", (8, 8, 1))
     model, scaling = net.initial(rng(2)), scaling_of(split)
     shift = rng(3).standard_normal(model.size).astype(np.float32)
     one_step = LocalSettings(learning_rate=0.1, momentum=0.9, mu=0.1, batch_size=40, epochs=1)
     plain, corrected = (
-        train(
-            net, split, model, [LocalTask(np.arange(40), rng(1), c)],
-            scaling=scaling, settings=one_step,
-        )[0].model
+        net.train(
+            split, model, LocalTask(np.arange(40), rng(1), c), scaling=scaling, settings=one_step
+        ).model
         for c in (None, shift)
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(plain - corrected, 0.1 * shift, atol=1e-6)
 
 
-def test_training_repeats_to_the_bit_whatever_the_thread_count() -> None:
+def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
     split = random_split((16, 16, 3), 80)
-    net = make_network("lenet", image_shape=(16, 16, 3), classes=10)
+    net = conv_net("lenet", (16, 16, 3))
     model, scaling = net.initial(rng(2)), scaling_of(split)
 
-    def once() -> np.ndarray:
-        tasks = [LocalTask(np.arange(i, 80, 3), rng(i)) for i in range(3)]
-        done = train(net, split, model, tasks, scaling=scaling, settings=SETTINGS)
-        return np.stack([result.model for result in done])
+    def train(k: int) -> LocalResult:
+        task = LocalTask(np.arange(k, 80, 3), rng(k))
+        return net.train(split, model, task, scaling=scaling, settings=SETTINGS)
 
-    before = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
-        first = once()
-        torch.set_num_threads(2)
-        second = once()
-        assert torch.get_num_threads() == 2  # given back as it was
-    finally:
-        torch.set_num_threads(before)
-    np.testing.assert_array_equal(first, second)
+    alone = [train(k) for k in range(3)]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(train, range(3)))
+    for one, other in zip(alone, together, strict=True):
+        assert one.loss == other.loss
+        np.testing.assert_array_equal(one.model, other.model)
 
 
 def test_lenet_is_lenet_and_mcmahan_is_mcmahans() -> None:
@@ -163,9 +153,9 @@ def test_lenet_is_lenet_and_mcmahan_is_mcmahans() -> None:
 
 
 def test_initial_parameters_are_torchs_default_distribution() -> None:
-    net = make_network("lenet", image_shape=(32, 32, 3), classes=10)
-    ours = PlainNet(net).load(net.initial(rng(1)))  # type: ignore[arg-type]  # it is a ConvNet
-    torch_own = PlainNet(net)  # type: ignore[arg-type]
+    net = conv_net("lenet", (32, 32, 3))
+    ours = PlainNet(net).load(net.initial(rng(1)))
+    torch_own = PlainNet(net)
     pairs = zip(ours.state_dict().values(), torch_own.state_dict().values(), strict=True)
     for mine, theirs in pairs:
         if mine.numel() > 500:
@@ -184,16 +174,16 @@ def test_scaling_gives_zero_mean_unit_variance_per_channel() -> None:
 
 def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     split = random_split((28, 28, 1), 330)
-    net = make_network("lenet", image_shape=(28, 28, 1), classes=10)
+    net = conv_net("lenet", (28, 28, 1))
     scaling, start = scaling_of(split), net.initial(rng(4))
-    model = train(
-        net, split, start, [LocalTask(np.arange(330), rng(1))], scaling=scaling, settings=SETTINGS
-    )[0].model
-    plain = PlainNet(net).load(model)  # type: ignore[arg-type]  # it is a ConvNet
+    model = net.train(
+        split, start, LocalTask(np.arange(330), rng(1)), scaling=scaling, settings=SETTINGS
+    ).model
+    plain = PlainNet(net).load(model)
     with torch.no_grad():
         x = torch.from_numpy(floats(split, scaling)).permute(0, 3, 1, 2)
         guess = plain(x).argmax(dim=1).numpy()
     expected = [int(((guess == c) & (split.labels == c)).sum()) for c in range(10)]
-    got = correct_per_class(net, split, model, scaling=scaling, classes=10)
+    got = net.correct_per_class(split, model, scaling=scaling)
     assert got.tolist() == expected
     assert got.sum() > 0
