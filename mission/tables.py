@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Self, TypeVar
 
 from mission.errors import InputError
 from mission.records import DeviceRecord, RoundRecord, UplinkRecord
 
 _BY_COMMUNITY = ("accuracy", "cov")
+Record = TypeVar("Record", UplinkRecord, DeviceRecord)
 
 
 class TableError(InputError):
@@ -87,11 +88,11 @@ class UplinkTable(_Table):
 
     def __init__(self, path: Path) -> None:
         """Start the table, replacing a file that is there; raises TableError if it cannot be."""
-        super().__init__(path, _uplink_columns())
+        super().__init__(path, _columns(UplinkRecord))
 
     def extend(self, records: Iterable[UplinkRecord]) -> None:
         """Write a round's rows and hand them to the operating system."""
-        names = _uplink_columns()
+        names = _columns(UplinkRecord)
         self._append([_text(getattr(record, name)) for name in names] for record in records)
 
 
@@ -100,7 +101,7 @@ class LearningTable(_Table):
 
     def __init__(self, path: Path) -> None:
         """Start the table, replacing a file that is there; raises TableError if it cannot be."""
-        super().__init__(path, [field.name for field in fields(DeviceRecord)])
+        super().__init__(path, _columns(DeviceRecord))
 
     def extend(self, records: Iterable[DeviceRecord]) -> None:
         """Write a round's rows and hand them to the operating system."""
@@ -137,11 +138,24 @@ def read_uplinks(path: Path) -> tuple[UplinkRecord, ...]:
     Raises:
         TableError: no such file, other columns, or a value that is not what its column holds.
     """
+    return _records(path, UplinkRecord)
+
+
+def read_learning(path: Path) -> tuple[DeviceRecord, ...]:
+    """The records of a `learning.csv`, equal to those that were written.
+
+    Raises:
+        TableError: no such file, other columns, or a value that is not what its column holds.
+    """
+    return _records(path, DeviceRecord)
+
+
+def _records(path: Path, record: type[Record]) -> tuple[Record, ...]:
     header, rows = _read(path)
-    _check_header(path, header, _uplink_columns())
-    kinds = [_KINDS[field.type] for field in fields(UplinkRecord)]
+    _check_header(path, header, _columns(record))
+    kinds = [_KINDS[field.type] for field in fields(record)]
     return tuple(
-        UplinkRecord(
+        record(
             **{
                 name: _parse(path, number, name, cell, kind)
                 for name, cell, kind in zip(header, row, kinds, strict=True)
@@ -161,8 +175,8 @@ def _round_columns(communities: Sequence[str]) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def _uplink_columns() -> tuple[str, ...]:
-    return tuple(field.name for field in fields(UplinkRecord))
+def _columns(record: type[UplinkRecord | DeviceRecord]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(record))
 
 
 def _text(value: float | int | bool | str) -> str:

@@ -21,8 +21,9 @@ def reproduction(sweep: Path, *, out: Path | None = None) -> int:
         A new file for the tables. Default: they are printed.
     """
     from mission.sweep.reproduction import reproduction as tables
+    from mission.sweep.state import read_sweep
 
-    text = tables(sweep)
+    text = tables(read_sweep(sweep))
     if out is None:
         print(text, end="")
         return 0

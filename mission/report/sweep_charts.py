@@ -39,7 +39,7 @@ def _curves(picture: Picture, panel: Panel) -> str:
                 c.mean.tolist(),
                 dots=len(c.x) <= _DOTTED,
                 dashed=not c.flown,
-            )  # fmt: skip
+            )
             for label, c in curves.items()
         ],
         x_label=picture.x_label,

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from mission.errors import InputError
 from mission.report import html
-from mission.report.sweep_charts import curve_cards, interval_card
-from mission.sweep.curves import communities_of, groups_of, pictures_of
-from mission.sweep.folder import read_manifest
-from mission.sweep.gains import GAIN_HEADS, METHOD, paired_gains
-from mission.sweep.results import FINAL_ROUNDS, RunResult, read_results
+from mission.report.sweep_charts import curve_cards, ends_card
+from mission.sweep.curves import communities_of, flies, groups_of, pictures_of
+from mission.sweep.ends import final_rows, gain_rows
+from mission.sweep.gains import METHOD, gain_table, paired_gains
+from mission.sweep.results import RunResult
+from mission.sweep.state import SweepState, read_sweep
 from mission.sweep.stats import Interval
-from mission.sweep.view import over_seeds, percent
+from mission.sweep.view import final_rounds, over_seeds, percent
 
 # Section of each picture.
 _SECTIONS = {
@@ -33,17 +34,7 @@ def write_sweep_report(folder: Path, target: Path) -> Path:
         InputError: not a sweep's folder, none of its runs is finished, or `target` cannot be
             written.
     """
-    manifest = read_manifest(folder)
-    results = read_results(folder)
-    if not results:
-        raise InputError(f"{folder}: no run of this sweep is finished")
-    planned = math.prod(len(values) for values in manifest["axes"].values())
-    page = sweep_html(
-        str(manifest["config"].get("name", folder.name)),
-        results,
-        planned=planned,
-        config=json.dumps(manifest["config"], indent=2),
-    )
+    page = sweep_html(read_sweep(folder))
     try:
         target.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -51,45 +42,86 @@ def write_sweep_report(folder: Path, target: Path) -> Path:
     return target
 
 
-def sweep_html(title: str, results: Sequence[RunResult], *, planned: int, config: str) -> str:
-    """The page about the finished runs of a sweep of `planned` runs."""
-    groups, communities = groups_of(results), communities_of(results)
-    seeds = len({result.keys["seed"] for result in results})
-    facts = [f"{len(groups)} strategies and settings", f"{seeds} seeds"]
-    done = len(results)
+def sweep_html(state: SweepState) -> str:
+    """The page about a sweep, finished or not."""
+    results = state.results
+    communities = communities_of(results)
+    title = str(state.config["name"])
+    seeds = len({result.point.seed for result in results})
+    settings = len({result.point.where for result in results})
+    facts = [
+        "sweep",
+        _count(len({result.point.strategy for result in results}), "strategy", "strategies"),
+        *([_count(settings, "setting", "settings")] if settings > 1 else []),
+        _count(seeds, "seed", "seeds"),
+    ]
+    done, planned = len(results), state.planned
     sections = [
         html.heading(
             title,
-            badge="finished" if done == planned else f"{done} of {planned} runs",
-            good=done == planned,
-            facts=["sweep", *facts],
+            badge="finished" if not state.missing else f"{done} of {planned} runs",
+            good=not state.missing,
+            facts=facts,
         ),
         html.tiles(_headline(results)),
-        _outcome(results),
-        html.cards("Final accuracy", [interval_card(results, name) for name in communities]),
+        _missing(state),
+        _outcome(state),
+        html.cards(
+            "Final accuracy",
+            [
+                ends_card(f"{name}: accuracy at the end", final_rows(results, name), x_label="%")
+                for name in communities
+            ],
+        ),
     ]
+    gains = paired_gains(results)
+    if gains:
+        cards = [
+            ends_card(f"{name}: {METHOD} less the other", ends, x_label="points", zero=True)
+            for name in communities
+            if (ends := gain_rows(results, name))
+        ]
+        note = "final accuracy; points: mean difference within a seed, ± 95 % interval"
+        heads, rows = gain_table(gains)
+        sections += [
+            html.cards(f"What {METHOD} gains", cards),
+            html.table("Seed by seed", heads, rows, text=len(heads) - 3, note=note),
+        ]
     curves: dict[str, list[str]] = {}
     for picture in pictures_of(results):
         curves.setdefault(_SECTIONS[picture.name], []).extend(curve_cards(picture))
     sections += [html.cards(name, cards) for name, cards in curves.items()]
-    gains = paired_gains(results)
-    if gains:
-        note = "final accuracy; points: mean difference within a seed, ± 95 % interval"
-        rows = [gain.cells for gain in gains]
-        sections.append(html.table(f"What {METHOD} gains", GAIN_HEADS, rows, text=3, note=note))
+    about = next(iter(pictures_of(results))).about
+    config = json.dumps(state.config, indent=2)
     sections += [_runs(results), html.cards("Conditions", [html.folded("Configuration", config)])]
-    footer = "Aerofed sweep report. Lines are means over seeds, areas their 95 % intervals."
+    footer = f"Aerofed sweep report. Lines: {about or 'one seed'}."
     return html.document(title, sections, footer=footer)
 
 
+def _count(number: int, one: str, several: str) -> str:
+    return f"{number} {one if number == 1 else several}"
+
+
+def _missing(state: SweepState) -> str:
+    """What is not there yet, and what that means for the rest of the page."""
+    if not state.missing:
+        return ""
+    note = (
+        f"{len(state.results)} of {state.planned} runs are done, and everything below is about "
+        "those. Rows that rest on different seeds are not comparable; seed by seed they are."
+    )
+    rows = [(item.run, item.why) for item in state.missing]
+    return html.table("Not done", ("run", "state"), rows, text=2, note=note)
+
+
 def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
-    tiles = [(str(len(results)), "runs")]
+    tiles = [(str(len(results)), "run" if len(results) == 1 else "runs")]
     for name in communities_of(results):
         column = f"final_accuracy_{name}"
         means = {
             label: over_seeds(runs, column).mean
             for label, runs in groups_of(results).items()
-            if any(float(run.summary["simulated_s"]) > 0 for run in runs)
+            if flies(runs)
         }
         known = {label: mean for label, mean in means.items() if not math.isnan(mean)}
         if known:
@@ -106,19 +138,21 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
     ]
 
 
-def _outcome(results: Sequence[RunResult]) -> str:
+def _outcome(state: SweepState) -> str:
+    results = state.results
     communities = communities_of(results)
     heads = ["strategy", "seeds", *(f"{name} %" for name in communities)]
-    heads += [*(f"CoV {name}" for name in communities), "Jain", "participation %", "delivered %"]
+    heads += [*(f"CoV {name}" for name in communities), "Jain"]
+    heads += [*(f"{name} arrived %" for name in communities), "scheduled arrived %"]
     heads += ["PER planned", "PER true", "rounds", "km flown"]
     rows = [
         [
             label,
-            str(len(runs)),
+            state.seeds(label),
             *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
             *(_number(over_seeds(runs, f"final_cov_{name}"), 2) for name in communities),
             _number(over_seeds(runs, "final_jain_communities"), 3),
-            percent(over_seeds(runs, "participation")),
+            *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
             percent(over_seeds(runs, "delivered_share")),
             _number(over_seeds(runs, "plan_per"), 3),
             _number(over_seeds(runs, "true_per"), 3),
@@ -128,8 +162,9 @@ def _outcome(results: Sequence[RunResult]) -> str:
         for label, runs in groups_of(results).items()
     ]
     note = (
-        f"accuracy, CoV and Jain index: mean of the last {FINAL_ROUNDS} rounds; "
-        "mean over seeds ± 95 % interval (Student's t)"
+        f"accuracy, CoV and Jain index: {final_rounds(results)}; arrived: devices whose update "
+        "arrived, of the community's, and of those scheduled; mean over seeds ± 95 % interval "
+        "(Student's t)"
     )
     return html.table("Outcome", heads, rows, text=1, note=note)
 
@@ -145,7 +180,7 @@ def _runs(results: Sequence[RunResult]) -> str:
         rows.append(
             [
                 str(of["run"]),
-                str(run.keys["seed"]),
+                str(run.point.seed),
                 *("-" if math.isnan(value) else f"{100 * value:.1f}" for value in finals),
                 str(of["rounds"]),
                 f"{float(of['flown_m']) / 1000:.1f}",

@@ -10,7 +10,7 @@ from typing import Any
 
 from mission.errors import InputError
 from mission.folder import RunFolder, write_atomically
-from mission.sweep.grid import Grid, SweepRun
+from mission.sweep.grid import Axis, Grid, Point, points
 
 _LOCK = ".lock"
 _MAX_NAMED = 8  # changes in one message
@@ -22,21 +22,17 @@ class SweepFolder:
 
     path: Path
 
-    def run(self, run: SweepRun) -> RunFolder:
+    def run(self, run: Point) -> RunFolder:
         """The folder of one run, as `aerofed run` leaves one."""
         return RunFolder(self.path / "runs" / run.name)
 
-    def done(self, run: SweepRun) -> bool:
+    def done(self, run: Point) -> bool:
         """Whether the run's summary, which is written last, says that it was finished."""
         return self.run(run).status() == "finished"
 
     @property
     def manifest(self) -> Path:
         return self.path / "sweep.json"
-
-    @property
-    def figures(self) -> Path:
-        return self.path / "figures"
 
     @contextmanager
     def lock(self) -> Iterator[None]:
@@ -99,6 +95,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return _read(SweepFolder(folder).manifest)
 
 
+def points_of(manifest: Mapping[str, Any]) -> tuple[Point, ...]:
+    """The runs that a sweep consists of, in the order of its tables."""
+    strategies, seeds, *axes = manifest["axes"].items()
+    return points(strategies[1], seeds[1], [Axis(key, tuple(values)) for key, values in axes])
+
+
 def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
     return {
         "format": 1,
@@ -119,9 +121,16 @@ def _read(path: Path) -> dict[str, Any]:
         raise InputError(f"{path.parent}: not a sweep's folder: it has no {path.name}") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot read what the sweep was started with: {error}") from None
-    if not isinstance(values, dict) or values.get("format") != 1:
+    axes = values.get("axes") if isinstance(values, dict) else None
+    if (
+        not isinstance(axes, dict)
+        or list(axes)[:2] != ["strategy", "seed"]
+        or not all(isinstance(item, list) for item in axes.values())
+        or values.get("format") != 1
+    ):
         raise InputError(f"{path}: not written by a sweep of this version")
-    return values
+    manifest: dict[str, Any] = values
+    return manifest
 
 
 def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

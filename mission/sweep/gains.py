@@ -14,7 +14,6 @@ from mission.sweep.stats import Interval, interval
 from mission.sweep.view import percent
 
 METHOD = "cov"
-GAIN_HEADS = (f"{METHOD} against", "settings", "community", "points", "relative", "seeds better")
 
 
 @dataclass(frozen=True)
@@ -24,51 +23,67 @@ class Gain:
     other: str
     settings: str
     community: str
-    difference: Interval
-    relative: float  # NaN where the other learnt nothing
-    better: int  # seeds
+    differences: tuple[float, ...]  # one a seed
+    relative: float  # of the means over seeds; NaN where the other learnt nothing
 
     @property
-    def cells(self) -> tuple[str, ...]:
-        """For a table under `GAIN_HEADS`."""
-        return (
-            self.other,
-            self.settings or "-",
-            self.community,
-            percent(self.difference),
-            "-" if math.isnan(self.relative) else f"{100 * self.relative:+z.1f} %",
-            f"{self.better} of {self.difference.count}",
-        )
+    def label(self) -> str:
+        """The other group: strategy and settings."""
+        return f"{self.other}, {self.settings}" if self.settings else self.other
+
+    @property
+    def interval(self) -> Interval:
+        """Mean difference within a seed."""
+        return interval(self.differences)
+
+    @property
+    def better(self) -> int:
+        """Seeds in which the method is ahead."""
+        return sum(difference > 0.0 for difference in self.differences)
+
+
+def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
+    """Heads and a row for each gain; settings have a column where there are any."""
+    where = any(gain.settings for gain in gains)
+    heads = [f"{METHOD} against", *(["settings"] if where else []), "community"]
+    rows = [
+        [
+            gain.other,
+            *([gain.settings] if where else []),
+            gain.community,
+            percent(gain.interval, signed=True),
+            "-" if math.isnan(gain.relative) else f"{100 * gain.relative:+z.1f} %",
+            f"{gain.better} of {len(gain.differences)}",
+        ]
+        for gain in gains
+    ]
+    return [*heads, "points", "relative", "seeds better"], rows
 
 
 def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
     """Every other strategy and setting of which the method has flown a seed too."""
-    accuracy = {
-        (result.keys["strategy"], result.settings, result.keys["seed"]): result.summary
-        for result in results
-    }
+    by_key = {(r.point.strategy, r.point.where, r.point.seed): r.summary for r in results}
     gains = []
-    for other, settings in dict.fromkeys((strategy, where) for strategy, where, _ in accuracy):
+    for other, where in dict.fromkeys((r.point.strategy, r.point.where) for r in results):
         for community in communities_of(results):
             column = f"final_accuracy_{community}"
             pairs = [
-                (float(accuracy[METHOD, settings, seed][column]), float(summary[column]))
-                for (strategy, where, seed), summary in accuracy.items()
-                if (strategy, where) == (other, settings)
-                and (METHOD, settings, seed) in accuracy
+                (float(by_key[METHOD, where, seed][column]), float(summary[column]))
+                for (strategy, place, seed), summary in by_key.items()
+                if (strategy, place) == (other, where)
+                and (METHOD, where, seed) in by_key
                 and column in summary
             ]
             if other == METHOD or not pairs:
                 continue
-            mine, theirs = (math.fsum(values) / len(pairs) for values in zip(*pairs, strict=True))
+            mine, theirs = (math.fsum(values) for values in zip(*pairs, strict=True))
             gains.append(
                 Gain(
-                    other=str(other),
-                    settings=", ".join(f"{key} = {value}" for key, value in settings),
-                    community=community,
-                    difference=interval([a - b for a, b in pairs]),
-                    relative=mine / theirs - 1 if theirs > 0.0 else math.nan,
-                    better=sum(a > b for a, b in pairs),
+                    other,
+                    where,
+                    community,
+                    tuple(a - b for a, b in pairs),
+                    mine / theirs - 1.0 if theirs > 0.0 else math.nan,
                 )
             )
     return tuple(gains)

@@ -27,23 +27,48 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class SweepRun:
-    """One run of a sweep."""
+class Point:
+    """What tells one run of a sweep from the others."""
 
-    name: str  # of its folder
     strategy: str
     seed: int
     settings: tuple[tuple[str, Any], ...]  # swept keys and this run's values
-    config: RunConfig
+
+    @property
+    def name(self) -> str:
+        """Of its folder: readable, and unique where it had to be changed for the file system."""
+        parts = [self.strategy, *(f"{k.rpartition('.')[2]}={v}" for k, v in self.settings)]
+        plain = "-".join([*parts, f"seed{self.seed}"])
+        name = re.sub(r"[^A-Za-z0-9._=+-]+", "-", plain)[:_NAME_LENGTH]
+        if name == plain:
+            return name
+        return f"{name}-{hashlib.sha256(plain.encode()).hexdigest()[:8]}"
+
+    @property
+    def where(self) -> str:
+        """The settings in words; empty where none are swept."""
+        return ", ".join(f"{key.rpartition('.')[2]} = {value}" for key, value in self.settings)
+
+    @property
+    def label(self) -> str:
+        """Names the group of runs that differ by their seeds only: strategy and settings."""
+        return f"{self.strategy}, {self.where}" if self.where else self.strategy
 
     @property
     def keys(self) -> dict[str, Key]:
-        """What tells this run from the others, as it stands in tables."""
+        """Strategy, seed and settings as they stand in tables."""
         return {
             "strategy": self.strategy,
             "seed": self.seed,
             **{key: _cell(value) for key, value in self.settings},
         }
+
+
+@dataclass(frozen=True)
+class SweepRun(Point):
+    """One run of a sweep."""
+
+    config: RunConfig
 
 
 @dataclass(frozen=True)
@@ -67,8 +92,7 @@ def make_grid(
 ) -> Grid:
     """Every run of a sweep over the configuration in `path`, each validated.
 
-    Seeds count up from the configuration's. Runs are ordered seed by seed, so that a sweep which
-    is looked at before it is over compares strategies on equal terms.
+    Seeds count up from the configuration's.
 
     Raises:
         InputError: a value is refused, named twice, or belongs to an option of its own.
@@ -85,26 +109,36 @@ def make_grid(
     # What has one value is common to all runs and need not be told in every row.
     common = {axis.key: axis.values[0] for axis in axes if len(axis.values) == 1}
     axes = [axis for axis in axes if len(axis.values) > 1]
-    keys = [axis.key for axis in axes]
     if rounds is not None:
         common["mission.rounds"] = rounds
     base = load_config(path, common)
     numbers = tuple(range(base.seed, base.seed + seeds))
     runs = []
-    for seed, values, strategy in itertools.product(
-        numbers, itertools.product(*(axis.values for axis in axes)), strategies
-    ):
-        settings = tuple(zip(keys, values, strict=True))
-        config = load_config(
-            path, {**common, **dict(settings), "mission.strategy": strategy, "seed": seed}
-        )
+    for point in points(strategies, numbers, axes):
+        own = {"mission.strategy": point.strategy, "seed": point.seed}
+        config = load_config(path, {**common, **dict(point.settings), **own})
         if config.link.kind != "in_process":
             raise InputError(
                 f"link.kind = {config.link.kind!r}: the runs of a sweep fly side by side, "
                 "each in its own process; only 'in_process' does"
             )
-        runs.append(SweepRun(_name(strategy, seed, settings), strategy, seed, settings, config))
+        runs.append(SweepRun(point.strategy, point.seed, point.settings, config))
     return Grid(base, tuple(strategies), numbers, tuple(axes), tuple(runs))
+
+
+def points(
+    strategies: Sequence[str], seeds: Sequence[int], axes: Sequence[Axis]
+) -> tuple[Point, ...]:
+    """All combinations, seed by seed.
+
+    A sweep that is looked at before it is over then compares strategies on equal terms.
+    """
+    return tuple(
+        Point(strategy, seed, tuple(zip((axis.key for axis in axes), values, strict=True)))
+        for seed, values, strategy in itertools.product(
+            seeds, itertools.product(*(axis.values for axis in axes)), strategies
+        )
+    )
 
 
 def parse_axis(text: str) -> Axis:
@@ -143,16 +177,6 @@ def _refuse_twice(what: str, values: Sequence[Any]) -> None:
     for index, value in enumerate(values):
         if value in values[:index]:
             raise InputError(f"{what}: {value!r} is named twice")
-
-
-def _name(strategy: str, seed: int, settings: Sequence[tuple[str, Any]]) -> str:
-    """A folder's name: readable, and unique where it had to be changed for the file system."""
-    parts = [strategy, *(f"{key.rpartition('.')[2]}={value}" for key, value in settings)]
-    plain = "-".join([*parts, f"seed{seed}"])
-    name = re.sub(r"[^A-Za-z0-9._=-]+", "-", plain)[:_NAME_LENGTH]
-    if name == plain:
-        return name
-    return f"{name}-{hashlib.sha256(plain.encode()).hexdigest()[:8]}"
 
 
 def _cell(value: Any) -> Key:

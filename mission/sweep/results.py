@@ -5,7 +5,7 @@ import io
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,8 +16,8 @@ import pyarrow.parquet
 from mission.errors import InputError
 from mission.folder import RunFolder, write_atomically
 from mission.records import RoundRecord, UplinkRecord
-from mission.sweep.grid import Key
-from mission.tables import read_rounds, read_uplinks
+from mission.sweep.grid import Key, Point
+from mission.tables import read_learning, read_rounds, read_uplinks
 
 Cell: TypeAlias = str | int | float | bool
 Row: TypeAlias = dict[str, Cell]
@@ -29,30 +29,22 @@ FINAL_ROUNDS = 5  # the last ones, whose mean is the final accuracy: one round s
 class RunResult:
     """One finished run of a sweep."""
 
-    keys: dict[str, Key]
+    point: Point
     summary: Row  # its row in `runs.csv`, the keys among them
     rounds: tuple[Row, ...]  # its rows in `rounds.csv`
     wall_s: dict[str, float]  # by phase
 
     @property
-    def settings(self) -> tuple[tuple[str, Key], ...]:
-        """The swept keys and its values, beside strategy and seed."""
-        return tuple(
-            (key, value) for key, value in self.keys.items() if key not in ("strategy", "seed")
-        )
-
-    @property
     def label(self) -> str:
-        """Names the group: strategy and settings."""
-        parts = [f"{key.rpartition('.')[2]} = {value}" for key, value in self.settings]
-        return ", ".join([str(self.keys["strategy"]), *parts])
+        """Names its group: strategy and settings."""
+        return self.point.label
 
     def curve(self, column: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(rounds,) one column of its rounds."""
         return np.array([row[column] for row in self.rounds], dtype=np.float64)
 
 
-def read_run(folder: RunFolder, keys: dict[str, Key]) -> RunResult:
+def read_run(folder: RunFolder, point: Point) -> RunResult:
     """The results of a finished run.
 
     Raises:
@@ -63,7 +55,9 @@ def read_run(folder: RunFolder, keys: dict[str, Key]) -> RunResult:
     except (OSError, ValueError) as error:
         raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
     records, uplinks = read_rounds(folder.rounds), read_uplinks(folder.uplinks)
+    learnt = read_learning(folder.learning)  # a device that trained has a loss
     devices = len(folder.devices.read_text(encoding="utf-8").splitlines()) - 1
+    keys = point.keys
     rounds = _round_rows(keys, records, uplinks, devices=devices)
     scheduled, delivered = (
         sum(getattr(record, name) for record in records) for name in ("scheduled", "delivered")
@@ -83,13 +77,15 @@ def read_run(folder: RunFolder, keys: dict[str, Key]) -> RunResult:
         "true_per": _mean([uplink.true_per for uplink in uplinks]),
     }
     for name in records[-1].accuracy if records else ():
+        mine = [item for item in learnt if item.community == name]
+        row[f"participation_{name}"] = _mean([math.isfinite(item.loss) for item in mine])
         last = records[-FINAL_ROUNDS:]
         row[f"final_accuracy_{name}"] = _mean([record.accuracy[name] for record in last])
         row[f"final_cov_{name}"] = _mean([record.cov[name] for record in last])
     row["final_jain_communities"] = _mean(
         [float(r["jain_communities"]) for r in rounds[-FINAL_ROUNDS:]]
     )
-    return RunResult(keys, row, rounds, dict(summary["wall_s"]))
+    return RunResult(point, row, rounds, dict(summary["wall_s"]))
 
 
 def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
@@ -101,7 +97,9 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...
     tables = {
         "runs": [result.summary for result in results],
         "rounds": [row for result in results for row in result.rounds],
-        "timings": [{**r.keys, **{f"{k}_s": v for k, v in r.wall_s.items()}} for r in results],
+        "timings": [
+            {**r.point.keys, **{f"{k}_s": v for k, v in r.wall_s.items()}} for r in results
+        ],
     }
     written = []
     for name, rows in tables.items():
@@ -112,72 +110,6 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...
         if name != "timings":
             written.append(_parquet(folder / f"{name}.parquet", columns, rows))
     return tuple(written)
-
-
-def read_runs_table(path: Path) -> tuple[RunResult, ...]:
-    """The runs in a sweep's `runs.csv`, without their rounds and wall times.
-
-    Raises:
-        InputError: there is none, or it is another table.
-    """
-    results = []
-    for row in _read_csv(path):
-        columns = list(row)
-        if columns[:2] != ["strategy", "seed"] or "run" not in columns:
-            raise InputError(f"{path}: not the table of a sweep's runs")
-        summary = _values(row)
-        keys = {key: summary[key] for key in columns[: columns.index("run")]}
-        results.append(RunResult(keys, summary, (), {}))
-    return tuple(results)
-
-
-def read_results(folder: Path) -> tuple[RunResult, ...]:
-    """What `write_results` wrote, with rounds and wall times.
-
-    Raises:
-        InputError: a table is missing, or is another one.
-    """
-    runs = read_runs_table(folder / "runs.csv")
-    rounds, timings = (
-        [_values(row) for row in _read_csv(folder / name)] for name in ("rounds.csv", "timings.csv")
-    )
-    names = tuple(runs[0].keys) if runs else ()
-    by_run: dict[tuple[Cell, ...], list[Row]] = {}
-    wall_s: dict[tuple[Cell, ...], dict[str, float]] = {}
-    try:
-        for row in rounds:
-            by_run.setdefault(tuple(row[name] for name in names), []).append(row)
-        for row in timings:
-            wall_s[tuple(row[name] for name in names)] = {
-                key.removesuffix("_s"): float(value)
-                for key, value in row.items()
-                if key not in names
-            }
-        return tuple(
-            replace(run, rounds=tuple(by_run[key]), wall_s=wall_s[key])
-            for run in runs
-            for key in (tuple(run.keys.values()),)
-        )
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{folder}: its tables do not belong to the same runs: {error}") from None
-
-
-def _read_csv(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, strict=True))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such table; is {path.parent} a sweep's folder?") from None
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot read the table: {error}") from None
-    if any(None in row or None in row.values() for row in rows):
-        raise InputError(f"{path}: not the table of a sweep: its rows are not of one length")
-    return rows
-
-
-def _values(row: dict[str, str]) -> Row:
-    """Numbers as such; a run has no value in a column of others' communities."""
-    return {key: _number(text) for key, text in row.items() if text}
 
 
 def jain(values: Sequence[float]) -> float:
@@ -247,15 +179,6 @@ def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> Path:
         partial.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot write the table: {error}") from None
     return path
-
-
-def _number(text: str) -> Cell:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -10,8 +10,10 @@ from mission.sweep.engine import EngineName, make_engine
 from mission.sweep.execution import execute_all
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
-from mission.sweep.progress import Bar, Lines, SweepProgress, TimeLeft, duration
-from mission.sweep.results import RunResult, read_run, write_results
+from mission.sweep.progress import Bar, Lines, SweepProgress
+from mission.sweep.results import read_run, write_results
+from mission.sweep.state import read_sweep
+from mission.sweep.timeleft import TimeLeft, duration
 from mission.sweep.worker import RunEnd, RunOrder
 from mission.world import build_world
 
@@ -42,6 +44,37 @@ def sweep(
     """
     folder = SweepFolder(path)
     folder.check(grid, data_dir=data_dir)
+    try:
+        ends = _fly(
+            grid, folder,
+            data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        done = sum(folder.done(run) for run in grid.runs)
+        _say(
+            console,
+            f"interrupted; {done} of {len(grid.runs)} runs are done; "
+            "the same command goes on from here",
+        )
+        return INTERRUPTED
+    failed = {name: end for name, end in ends.items() if end.exit_code}
+    if failed:
+        lines = [f"run {name} failed: {end.message}" for name, end in failed.items()]
+        raise RunsFailedError("\n".join(lines), next(iter(failed.values())).exit_code)
+    return 0
+
+
+def _fly(
+    grid: Grid,
+    folder: SweepFolder,
+    *,
+    data_dir: Path | None,
+    engine: EngineName,
+    jobs: int | None,
+    address: str | None,
+    console: Console,
+) -> dict[str, RunEnd]:
+    """Everything that is not done yet, then the results; how the runs ended, by name."""
     todo = [run for run in grid.runs if not folder.done(run)]
     if todo:
         # Once here, so that missing data is one line and not a failure of every run.
@@ -50,27 +83,13 @@ def sweep(
     with folder.lock():
         folder.claim(grid, data_dir=data_dir)
         if todo:
-            try:
-                ends = _execute(
-                    grid, todo, folder,
-                    data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
-                )  # fmt: skip
-            except KeyboardInterrupt:
-                done = sum(folder.done(run) for run in grid.runs)
-                _say(
-                    console,
-                    f"interrupted; {done} of {len(grid.runs)} runs are done, "
-                    "the same command goes on with the others",
-                )
-                return INTERRUPTED
-        results = [read_run(folder.run(run), run.keys) for run in grid.runs if folder.done(run)]
-        if results:
-            _report(folder, results, console)
-    failed = {name: end for name, end in ends.items() if end.exit_code}
-    if failed:
-        lines = [f"run {name} failed: {end.message}" for name, end in failed.items()]
-        raise RunsFailedError("\n".join(lines), next(iter(failed.values())).exit_code)
-    return 0
+            ends = _execute(
+                grid, todo, folder,
+                data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
+            )  # fmt: skip
+        if any(folder.done(run) for run in grid.runs):
+            _report(folder.path, console)
+    return ends
 
 
 def _execute(
@@ -85,7 +104,6 @@ def _execute(
     console: Console,
 ) -> dict[str, RunEnd]:
     before = len(grid.runs) - len(todo)
-    time_left = TimeLeft(folder, todo)
     # Workers may start elsewhere: every path is made absolute here.
     data = None if data_dir is None else data_dir.resolve()
     base, here = folder.path.resolve(), Path.cwd()
@@ -94,6 +112,8 @@ def _execute(
         return RunOrder(run.name, run.config, SweepFolder(base).run(run).path, data, here)
 
     workers = make_engine(engine, jobs=jobs, address=address)
+    slots = min(workers.slots, len(todo))
+    time_left = TimeLeft(folder, grid.runs, todo=todo, slots=slots)
     progress: SweepProgress = (
         Bar(console, time_left, runs=len(grid.runs)) if console.is_terminal else Lines(console)
     )
@@ -101,16 +121,18 @@ def _execute(
 
     def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
         nonlocal ended
+        if run is not None and end is not None:
+            ended += 1
+            time_left.ended(run)
+        time_left.at_work(running)
         if run is None:
             progress.update(done=before + ended, running=running)
             return
         if end is None:
             progress.say(f"{run.name}: its worker died; the run is repeated")
             return
-        ended += 1
-        time_left.ended(run)
         outcome = f"failed: {end.message}" if end.exit_code else _outcome(folder, run)
-        parts = (outcome, time_left.text(running) if ended < len(todo) else "")
+        parts = (outcome, time_left.text() if ended < len(todo) else "")
         progress.say(
             f"run {before + ended}/{len(grid.runs)} {run.name}: "
             + ", ".join(part for part in parts if part)
@@ -119,7 +141,7 @@ def _execute(
     try:
         if before:
             progress.say(f"{before} of {len(grid.runs)} runs are done already")
-        progress.say(f"{len(todo)} runs, {min(workers.slots, len(todo))} at a time")
+        progress.say(f"{len(todo)} runs, {slots} at a time")
         return execute_all(todo, workers, order=order, watch=watch)
     finally:
         workers.close()
@@ -127,7 +149,7 @@ def _execute(
 
 
 def _outcome(folder: SweepFolder, run: SweepRun) -> str:
-    result = read_run(folder.run(run), run.keys)
+    result = read_run(folder.run(run), run)
     accuracy = " ".join(
         f"{key.removeprefix('final_accuracy_')} {value:.3f}"
         for key, value in result.summary.items()
@@ -137,15 +159,18 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
     return f"{rounds} rounds in {duration(wall_s)}, accuracy {accuracy}"
 
 
-def _report(folder: SweepFolder, results: Sequence[RunResult], console: Console) -> None:
+def _report(path: Path, console: Console) -> None:
     # Only now: matplotlib takes a second to import.
     from mission.sweep.figures import draw_sweep
     from mission.sweep.view import final_table
 
-    write_results(folder.path, results)
-    draw_sweep(folder.path, results)
-    console.print(final_table(results))
-    _say(console, f"results in {folder.path}")
+    state = read_sweep(path)
+    write_results(path, state.results)
+    draw_sweep(path, state.results)
+    console.print(final_table(state.results))
+    if state.missing:
+        _say(console, state.progress)
+    _say(console, f"results in {path}; aerofed report {path} makes a page of them")
 
 
 def _say(console: Console, line: str) -> None:

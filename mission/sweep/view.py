@@ -19,7 +19,7 @@ def final_table(results: Sequence[RunResult]) -> Table:
     table = Table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
-        caption=f"accuracy: mean of the last {FINAL_ROUNDS} rounds, over seeds, ± 95 % interval",
+        caption=f"accuracy: {final_rounds(results)}; mean over seeds ± 95 % interval",
         caption_justify="left",
     )
     table.add_column("strategy")
@@ -44,14 +44,26 @@ def final_table(results: Sequence[RunResult]) -> Table:
     return table
 
 
+def final_rounds(results: Sequence[RunResult]) -> str:
+    """Of which rounds a final value is the mean, in words."""
+    lengths = {len(run.rounds) for run in results}
+    if min(lengths) >= FINAL_ROUNDS:
+        return f"mean of the last {FINAL_ROUNDS} rounds"
+    if lengths == {1}:
+        return "after the only round"
+    if len(lengths) == 1:
+        return f"mean of all {min(lengths)} rounds"
+    return f"mean of the last {FINAL_ROUNDS} rounds, or of all where a run has fewer"
+
+
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
     """Mean and interval of a column of `runs.csv`, over the runs that have it."""
     return interval([float(run.summary[column]) for run in runs if column in run.summary])
 
 
-def percent(value: Interval) -> str:
+def percent(value: Interval, *, signed: bool = False) -> str:
     """`41.2 ± 1.3`; without an interval for a single seed, `-` without a value."""
     if math.isnan(value.mean):
         return "-"
     half = "" if math.isnan(value.half) else f" ± {100 * value.half:.1f}"
-    return f"{100 * value.mean:z.1f}{half}"
+    return f"{100 * value.mean:{'+' if signed else ''}z.1f}{half}"

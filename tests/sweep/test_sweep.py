@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -50,10 +51,31 @@ def until(condition: Callable[[], bool], *, seconds: float = 90.0) -> None:
         time.sleep(0.02)
 
 
+class Inline:
+    """Executes in this process, at once."""
+
+    slots = 1
+
+    def start(self, order: RunOrder) -> None:
+        self.ended = Ended(order, execute(order))
+
+    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
+        return (self.ended,)
+
+    def close(self) -> None: ...
+
+
+def call_inline(tokens: list[str]) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Inline())
+        return call(tokens)
+
+
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two strategies and two seeds, without worker processes: what every engine has to find."""
     out = tmp_path_factory.mktemp("sweeps") / "one"
-    assert call(command(out, "--jobs", "1")) == 0
+    assert call_inline(command(out)) == 0
     return out
 
 
@@ -78,7 +100,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
     assert (ideal["participation"], ideal["true_per"], ideal["flown_m"]) == ("1.0", "nan", "0.0")
     assert {path.name for path in (swept / "figures").iterdir()} == {
         "accuracy-rounds.png", "accuracy-distance.png", "accuracy-time.png", "participation.png",
-        "per.png", "fairness.png",
+        "per.png", "fairness.png", "final.png", "gains.png",
     }  # fmt: skip
 
 
@@ -129,7 +151,7 @@ def test_a_killed_worker_s_run_is_repeated(
     printed = capsys.readouterr().out
     assert printed.count("its worker died") == 1  # it took no other with it
     assert "cov-seed1: its worker died; the run is repeated" in printed
-    # And two workers find what one found, killed or not.
+    # And two workers find what this process found, killed or not.
     assert tables(out) == tables(swept)
 
 
@@ -146,8 +168,9 @@ def writer_of(file: Path) -> int:
 
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
     out = tmp_path / "cut"
+    tokens = command(out, "--jobs", "1", seeds=1)
     process = subprocess.Popen(
-        [sys.executable, "-m", "mission", *command(out, "--jobs", "1")],
+        [sys.executable, "-m", "mission", *tokens],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     first = out / "runs" / "cov-seed1"
@@ -156,35 +179,46 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path
     printed, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert errors == ""
-    assert "interrupted; 0 of 4 runs are done" in printed
+    assert "interrupted; 0 of 2 runs are done; the same command goes on from here" in printed
     assert json.loads((first / "summary.json").read_text())["status"] == "running"
     # No worker goes on in the background.
     size = (first / "flight.mcap").stat().st_size
     time.sleep(0.5)
     assert (first / "flight.mcap").stat().st_size == size
-    assert call(command(out, "--jobs", "1")) == 0
-    assert tables(out) == tables(swept)
+    assert call_inline(tokens) == 0
+    for name in ("runs.csv", "rounds.csv"):
+        assert rows(out / name) == [row for row in rows(swept / name) if row["seed"] == "1"]
+
+
+def test_a_sweep_that_is_not_over_tells_what_is_missing(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    shutil.rmtree(part / "runs" / "ideal-seed2")
+    summary = part / "runs" / "cov-seed2" / "summary.json"
+    summary.write_text(json.dumps({"status": "running"}))
+    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 0
+    text = (part / "table.md").read_text()
+    assert text.startswith("2 of 4 runs are done; missing: cov-seed2, ideal-seed2.")
+    assert "mean of all 2 rounds" in text
+    assert "| cov | 1 of 2 |" in text
+    assert call(["report", str(part)]) == 0
+    page = (part / "report.html").read_text()
+    assert "cov-seed2</td><td>begun: at work, or cut off, after 2 rounds" in page
+    assert "ideal-seed2</td><td>not begun" in page
+    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
+    assert call(["reproduction", str(part)]) == 2
+    assert "uplinks.csv" in capsys.readouterr().err
 
 
 def test_the_ideal_has_the_rounds_that_the_budget_pays_for(tmp_path: Path) -> None:
     more = ("mission.strategy=ideal", "mission.total_budget_m=250", "--rounds", "9", "--quiet")
     assert call(["run", "--out", str(tmp_path / "ideal"), *TINY, *more]) == 0
     used = [float(row["budget_used_m"]) for row in rows(tmp_path / "ideal" / "rounds.csv")]
-    assert used == [100.0, 200.0, 300.0]
-
-
-class Inline:
-    """Executes in this process, at once."""
-
-    slots = 1
-
-    def start(self, order: RunOrder) -> None:
-        self.ended = Ended(order, execute(order))
-
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
-        return (self.ended,)
-
-    def close(self) -> None: ...
+    assert used == [100.0, 200.0]
 
 
 class Deadly(Inline):
@@ -206,16 +240,18 @@ def test_a_run_whose_worker_always_dies_is_given_up(
 
 
 def test_a_run_that_fails_is_named_and_the_others_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Inline())
     out = tmp_path / "diverged"
     tokens = command(out, "--set", "learning.learning_rate=0.01,10", "--jobs", "1", seeds=1)
-    assert call([token.replace("cov,ideal", "ideal") for token in tokens]) == 2
+    assert call_inline([token.replace("cov,ideal", "ideal") for token in tokens]) == 4
     printed = capsys.readouterr()
     assert "run ideal-learning_rate=10-seed1 failed" in printed.err
     assert "learning diverged" in printed.err
+    assert "1 of 2 runs are done; missing: ideal-learning_rate=10-seed1." in printed.out
     assert [run["learning.learning_rate"] for run in rows(out / "runs.csv")] == ["0.01"]
+    assert call(["report", str(out)]) == 0
+    assert "<td>failed: learning diverged" in (out / "report.html").read_text()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")

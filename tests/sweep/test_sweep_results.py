@@ -8,13 +8,13 @@ import pytest
 from scipy import stats
 
 from mission.config import builtin_config
-from mission.sweep.curves import by_distance, by_round
+from mission.sweep.curves import by_distance, by_round, running_mean
 from mission.sweep.folder import SweepFolder
-from mission.sweep.grid import make_grid
-from mission.sweep.progress import TimeLeft, duration, expected_rounds
-from mission.sweep.results import RunResult, jain, write_results
+from mission.sweep.grid import Point, make_grid
+from mission.sweep.results import Row, RunResult, jain, write_results
 from mission.sweep.stats import band, interval
-from mission.sweep.view import percent
+from mission.sweep.timeleft import TimeLeft, duration, expected_rounds
+from mission.sweep.view import final_rounds, percent
 
 
 @pytest.mark.parametrize("count", [2, 3, 10])
@@ -50,11 +50,11 @@ def test_jains_index(values: list[float], index: float) -> None:
 
 
 def result(seed: int, budget_m: list[float], accuracy: list[float]) -> RunResult:
-    rows = tuple(
+    rows: tuple[Row, ...] = tuple(
         {"seed": seed, "round": k + 1, "budget_used_m": b, "accuracy_a": a}
         for k, (b, a) in enumerate(zip(budget_m, accuracy, strict=True))
     )
-    return RunResult({"strategy": "cov", "seed": seed}, {"seed": seed}, rows, {"fly": 1.0})
+    return RunResult(Point("cov", seed, ()), {"seed": seed}, rows, {"fly": 1.0})
 
 
 def test_over_distance_the_last_finished_round_counts() -> None:
@@ -77,7 +77,7 @@ def test_over_distance_the_last_finished_round_counts() -> None:
 
 def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:
     runs = [
-        RunResult({"strategy": "cov", "k": value}, {"k": value, "mixed": mixed}, (), {})
+        RunResult(Point("cov", 1, (("k", value),)), {"k": value, "mixed": mixed}, (), {})
         for value, mixed in ((1, "a"), (0.5, 2.0))
     ]
     write_results(tmp_path, runs)
@@ -87,21 +87,77 @@ def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:
     assert table == {"k": [1.0, 0.5], "mixed": ["a", "2.0"]}
 
 
-def test_time_left_counts_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    grid = make_grid(builtin_config("quickstart.toml"), strategies=("cov",), seeds=4, rounds=10)
-    folder = SweepFolder(tmp_path)
+def test_a_running_mean_skips_what_is_not_there() -> None:
+    values = np.array([1.0, 3.0, np.nan, 5.0, 7.0])
+    np.testing.assert_allclose(running_mean(values, 3), [1.0, 2.0, 2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(running_mean(values, 1), values)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "words"),
+    [
+        ((50, 400), "mean of the last 5 rounds"),
+        ((5,), "mean of the last 5 rounds"),
+        ((2, 2), "mean of all 2 rounds"),
+        ((1,), "after the only round"),
+        ((3, 50), "mean of the last 5 rounds, or of all where a run has fewer"),
+    ],
+)
+def test_final_rounds_in_words(rounds: tuple[int, ...], words: str) -> None:
+    assert final_rounds([result(1, [0.0] * n, [0.0] * n) for n in rounds]) == words
+
+
+def test_time_left_follows_the_pace_of_every_strategy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = make_grid(
+        builtin_config("quickstart.toml"), strategies=("cov", "ideal"), seeds=2, rounds=10
+    )
+    folder, (cov1, ideal1, cov2, _) = SweepFolder(tmp_path), grid.runs
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    left = TimeLeft(folder, grid.runs)
-    assert left.text(grid.runs) == ""
-    rounds = folder.run(grid.runs[0]).rounds
-    rounds.parent.mkdir(parents=True)
-    rounds.write_text("header\n" + 5 * "row\n")
-    now[0] = 160.0
-    # 5 of 40 rounds in a minute: seven more minutes.
-    assert left.text(grid.runs[:1]) == "about 7 min left"
-    left.ended(grid.runs[0])  # by its budget: 10 of 40 are behind
-    assert left.text(()) == "about 3 min left"
+
+    def fly(run: Point, rounds: int) -> None:
+        table = folder.run(run).rounds
+        table.parent.mkdir(parents=True, exist_ok=True)
+        table.write_text("header\n" + rounds * "row\n")
+
+    left = TimeLeft(folder, grid.runs, todo=grid.runs, slots=2)
+    left.at_work([cov1, ideal1])
+    assert (left.text(), left.share()) == ("", 0.0)
+    fly(cov1, 5)
+    now[0] += 60.0
+    # cov: 12 s a round; of ideal nothing is known yet, so each of its runs takes 2 min as well.
+    # cov1 has a minute left and is followed by cov2, ideal1 by the other.
+    assert left.text() == "about 4 min left"
+    assert left.share() == 5 / 40
+    fly(cov1, 10)
+    fly(ideal1, 10)
+    now[0] += 60.0
+    for run in (cov1, ideal1):
+        left.ended(run)
+    left.at_work([cov2])
+    # Both took 12 s a round, and run side by side.
+    assert left.text() == "about 2 min left"
+    fly(cov2, 5)
+    now[0] += 30.0  # 6 s a round: 150 s for 15 rounds; the ideal is the longer one
+    assert left.rounds(cov2) == (5, 10)
+    assert left.text() == "about 2 min left"
+    assert left.share() == 25 / 40
+
+
+def test_time_left_knows_what_earlier_calls_took(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = make_grid(builtin_config("quickstart.toml"), strategies=("cov",), seeds=3, rounds=10)
+    folder = SweepFolder(tmp_path)
+    table = folder.run(grid.runs[0]).rounds
+    table.parent.mkdir(parents=True)
+    table.write_text("header\n" + 10 * "row\n")
+    done = RunResult(grid.runs[0], {}, (), {"total": 600.0})
+    monkeypatch.setattr("mission.sweep.timeleft.read_run", lambda *_: done)
+    left = TimeLeft(folder, grid.runs, todo=grid.runs[1:], slots=1)
+    assert left.text() == "about 20 min left"
 
 
 def test_the_paper_s_sweep_ends_by_its_budget() -> None:
