@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from mission.alignment import align
-from mission.errors import InputError
 from mission.figure_maps import fence_handles, home_handle, path_handles, prepare_map
-from mission.figure_style import GRID, TEXT, add_legend, band, new_figure, plain
+from mission.figure_style import GRID, TEXT, add_legend, band, new_figure, plain, save_figures
 from mission.log.values import Floats
 from mission.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.plancompare import PlanFlight
@@ -27,13 +26,7 @@ def draw_flight(flight: PlanFlight, folder: Path) -> tuple[Path, ...]:
         InputError: they cannot be written.
     """
     pictures = {"map.png": flight_map(flight), "profile.png": profiles([flight])}
-    try:
-        folder.mkdir(exist_ok=True)
-        for name, figure in pictures.items():
-            figure.savefig(folder / name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
-    return tuple(folder / name for name in pictures)
+    return save_figures(pictures, folder)
 
 
 def flight_map(flight: PlanFlight) -> Figure:

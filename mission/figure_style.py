@@ -1,14 +1,17 @@
 """How every picture looks: paper, ink, margins and legends."""
 
-from collections.abc import Sequence
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from mission.errors import InputError
+from mission.folder import write_atomically
 from mission.log.values import Floats
 from mission.palette import BAND, PLANNED
 
@@ -16,6 +19,7 @@ GRID = "#D9DDE2"
 TEXT = "#1F2933"
 _AXIS = "#9AA5B1"
 _DPI = 150
+_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -25,17 +29,33 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save_figure(figure: Figure, target: Path) -> None:
-    """Write a picture of the kind that the file's name says.
+    """Write a picture of the kind that the file's name says; the same one gives the same bytes.
 
     Raises:
         InputError: it cannot be written, or it is no kind of picture.
     """
+    drawn, kind = io.BytesIO(), target.suffix[1:].lower()
     try:
-        figure.savefig(target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the figure: {error.strerror}") from None
+        with rc_context({"svg.hashsalt": "aerofed"}):
+            figure.savefig(drawn, format=kind or "none", metadata=_UNDATED.get(kind))
     except ValueError:
         raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
+    write_atomically(target, drawn.getvalue())
+
+
+def save_figures(pictures: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
+    """Write pictures by name into `folder`, which is made; returns the files.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
+    for name, figure in pictures.items():
+        save_figure(figure, folder / name)
+    return tuple(folder / name for name in pictures)
 
 
 def add_legend(figure: Figure, handles: Sequence[Line2D], *, columns: int = 8) -> None:

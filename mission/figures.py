@@ -13,9 +13,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mission.compare import Comparison, RunComparison
-from mission.errors import InputError
 from mission.figure_maps import overview, round_maps
-from mission.figure_style import GRID, TEXT, add_legend, new_figure, plain, save_figure
+from mission.figure_style import (
+    GRID,
+    TEXT,
+    add_legend,
+    new_figure,
+    plain,
+    save_figure,
+    save_figures,
+)
 from mission.palette import community_colour
 from mission.records import RoundRecord
 from mission.rundata import load_run
@@ -37,14 +44,7 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
         pictures["rounds.png"] = round_maps(run)
     if run.rounds:
         pictures["learning.png"] = learning_curves(run.rounds)
-    target = folder / "figures"
-    try:
-        target.mkdir(exist_ok=True)
-        for name, figure in pictures.items():
-            figure.savefig(target / name)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the figures: {error.strerror}") from None
-    return tuple(target / name for name in pictures)
+    return save_figures(pictures, folder / "figures")
 
 
 def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from mission.errors import InputError
+from mission.folder import RunFolder
 from mission.log.contents import load_damaged
 from mission.log.errors import DamagedLogError
 from mission.log.reader import decode, read_log
 from mission.log.values import NS_PER_S, FlightData, Floats, Track
 from mission.records import RoundRecord
+from mission.setaside import SetAside
 
-LOG_NAME = "flight.mcap"
-SUMMARY_NAME = "summary.json"
-# Where a resumed run keeps its longer log until it has caught up with it.
-_KEPT = Path("checkpoint") / "interrupted" / LOG_NAME
 _FINISHED = "finished"
 _FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small
 
@@ -79,10 +77,13 @@ def load_run(path: Path) -> LoadedRun:
         return LoadedRun(path, read_log(path), {}, cut=False)
     if not path.is_dir():
         raise InputError(f"{path}: no such run folder or log file")
-    log = path / _KEPT if (path / _KEPT).is_file() else path / LOG_NAME
+    folder = RunFolder(path)
+    # A resumed run keeps its longer log until it has caught up with it.
+    kept = SetAside(folder).path / folder.log.name
+    log = kept if kept.is_file() else folder.log
     if not log.is_file():
-        raise InputError(f"{path}: not a run folder: it has no {LOG_NAME}")
-    summary = _summary(path / SUMMARY_NAME)
+        raise InputError(f"{path}: not a run folder: it has no {log.name}")
+    summary = _summary(folder.summary)
     try:
         return LoadedRun(path, read_log(log), summary, cut=False)
     except DamagedLogError:

@@ -7,6 +7,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mission.errors import InputError
+from mission.folder import RunFolder
 from mission.terminal import Terminal
 
 LIMITS_NOT_MET = 6
@@ -22,12 +24,13 @@ def recover(log: Path, out: Path | None = None) -> int:
     Parameters
     ----------
     log
-        The log; it stays as it is.
+        The log, or its run's folder; it stays as it is.
     out
         The new log. Default: beside the old one, named *.recovered.mcap.
     """
     from mission.log.recover import recover as save
 
+    log = _file(log)
     saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
     console = _console()
     console.print(
@@ -49,10 +52,11 @@ def info(log: Path) -> int:
     Parameters
     ----------
     log
-        A complete, sound log; anything else is refused.
+        A complete, sound log, or its run's folder; anything else is refused.
     """
     from mission.log.inspection import info as look
 
+    log = _file(log)
     found = look(log)
     console = _console()
     console.print(
@@ -83,10 +87,12 @@ def check(log: Path) -> int:
     Parameters
     ----------
     log
-        The log. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes, but gaps.
+        The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes,
+        but gaps.
     """
     from mission.log.inspection import check as verify
 
+    log = _file(log)
     findings = verify(log)
     console = _console()
     for finding in findings:
@@ -110,7 +116,7 @@ def export(
     Parameters
     ----------
     log
-        The log.
+        The log, or its run's folder.
     out
         The new folder, or file for kml and tlog. Default: beside the log.
     to
@@ -119,7 +125,7 @@ def export(
         where the run recorded it; attachments: the files inside the log (configuration, a Foxglove
         layout).
     """
-    for path in _write(log, out, to):
+    for path in _write(_file(log), out, to):
         _console().print(path)
     return 0
 
@@ -153,20 +159,30 @@ def diff(first: Path, second: Path) -> int:
     Parameters
     ----------
     first
-        A log.
+        A log, or its run's folder.
     second
         Another. Exit code 0: they say the same; 6: they differ.
     """
     from mission.log.inspection import diff as compare
 
     console = _console()
-    lines = compare(first, second)
+    lines = compare(_file(first), _file(second))
     for line in lines:
         console.print(line)
     if lines:
         return LIMITS_NOT_MET
     console.print("the same")
     return 0
+
+
+def _file(log: Path) -> Path:
+    """The log itself, where a run's folder was given."""
+    if not log.is_dir():
+        return log
+    file = RunFolder(log).log
+    if not file.is_file():
+        raise InputError(f"{log}: not a run folder: it has no {file.name}")
+    return file
 
 
 def _console() -> Console:

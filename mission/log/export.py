@@ -2,7 +2,9 @@
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -87,23 +89,15 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
-    found = tables(read_log(path))
-    prepare_folder(folder)
-    written = []
-    for name, columns in found.items():
-        rows = zip(*(_texts(column) for column in columns.values()), strict=True)
-        target = folder / f"{name}.csv"
-        if not columns:
-            continue
-        try:
-            with target.open("w", encoding="utf-8", newline="") as file:
+    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
+    with new_folder(folder) as partial:
+        for name, columns in found.items():
+            with (partial / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(columns)
-                writer.writerows(rows)
-        except OSError as error:
-            raise InputError(f"{target}: cannot write: {error.strerror}") from None
-        written.append(target)
-    return tuple(written)
+                rows = (_texts(column) for column in columns.values())
+                writer.writerows(zip(*rows, strict=True))
+    return tuple(folder / f"{name}.csv" for name in found)
 
 
 def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -117,13 +111,30 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
     for name in found:
         if Path(name).name != name:
             raise LogError(path, f"attachment {name!r} is no plain file name")
-    prepare_folder(folder)
-    for name, data in found.items():
-        try:
-            (folder / name).write_bytes(data)
-        except OSError as error:
-            raise InputError(f"{folder / name}: cannot write: {error.strerror}") from None
+    with new_folder(folder) as partial:
+        for name, data in found.items():
+            (partial / name).write_bytes(data)
     return tuple(folder / name for name in found)
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to write into, which becomes `folder` when all went well and vanishes otherwise.
+
+    Raises:
+        InputError: `folder` holds something, or cannot be written.
+    """
+    partial = folder.with_name(f".{folder.name}.partial")
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder}: the output folder is already used")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield partial
+        partial.replace(folder)
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
 
 
 def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:
@@ -167,17 +178,3 @@ def _texts(column: Column) -> Iterable[str]:
             yield "true" if value else "false"
         else:
             yield repr(value) if isinstance(value, float) else str(value)
-
-
-def prepare_folder(folder: Path) -> None:
-    """Make the folder, or take an empty one.
-
-    Raises:
-        InputError: it holds something, or cannot be written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: the output folder is already used")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write the output folder: {error.strerror}") from None

@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from mission.errors import InputError
+from mission.folder import write_atomically
 from mission.log.reader import read_log
 from mission.log.values import FlightData, Floats, Track
 from mission.palette import FENCE, FLOWN, PLANNED, community_colour
@@ -48,11 +49,8 @@ def export_kml(path: Path, target: Path) -> Path:
         _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
     for name, track in _pieces(data):
         _line(flown, name, "flown", _coordinates(data, track.pos_m))
-    try:
-        ET.indent(root)
-        ET.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write: {error.strerror}") from None
+    ET.indent(root)
+    write_atomically(target, ET.tostring(root, encoding="utf-8", xml_declaration=True))
     return target
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mission.errors import InputError
+from mission.folder import write_atomically
 from mission.log import topics
 from mission.log.contents import Contents, load
 from mission.log.errors import LogError
@@ -67,10 +68,7 @@ def export_tlog(path: Path, target: Path) -> Path:
     records = b"".join(struct.pack(">Q", t_ns // 1000) + frame for t_ns, frame in _all(contents))
     if not records:
         raise LogError(path, "holds no raw MAVLink: the run was not asked to record it")
-    try:
-        target.write_bytes(records)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write: {error.strerror}") from None
+    write_atomically(target, records)
     return target
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet
 
-from mission.errors import InputError
-from mission.log.export import prepare_folder, tables
+from mission.log.export import new_folder, tables
 from mission.log.reader import read_log
 
 
@@ -16,17 +15,9 @@ def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
-    found = tables(read_log(path))
-    prepare_folder(folder)
-    written = []
-    for name, columns in found.items():
-        if not columns:
-            continue
-        target = folder / f"{name}.parquet"
-        table = pa.table({key: pa.array(list(column)) for key, column in columns.items()})
-        try:
-            pyarrow.parquet.write_table(table, target, compression="zstd")
-        except OSError as error:
-            raise InputError(f"{target}: cannot write: {error}") from None
-        written.append(target)
-    return tuple(written)
+    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
+    with new_folder(folder) as partial:
+        for name, columns in found.items():
+            table = pa.table({key: pa.array(list(column)) for key, column in columns.items()})
+            pyarrow.parquet.write_table(table, partial / f"{name}.parquet", compression="zstd")
+    return tuple(folder / f"{name}.parquet" for name in found)

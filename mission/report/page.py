@@ -9,6 +9,7 @@ from typing import Any
 
 from mission.compare import Comparison, RunComparison, compare_run
 from mission.errors import InputError
+from mission.folder import write_atomically
 from mission.log.values import FlightData
 from mission.palette import community_colour, css_colour, per_colour
 from mission.plancompare import is_plan_flight, plan_flight
@@ -41,10 +42,7 @@ def write_report(path: Path, target: Path | None = None) -> Path:
         why = f": {run.notice}" if run.notice else ""
         raise InputError(f"{path}: no round was finished, so there is nothing to report{why}")
     target = target or (path / REPORT_NAME if path.is_dir() else path.with_suffix(".html"))
-    try:
-        target.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the report: {error.strerror}") from None
+    write_atomically(target, page)
     return target
 
 

@@ -73,7 +73,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
     assert draw_comparison(runs, tmp_path / "c.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="not a kind of picture"):
         draw_comparison(runs, tmp_path / "c.txt")
-    with pytest.raises(InputError, match="cannot write the figure"):
+    with pytest.raises(InputError, match="cannot write"):
         draw_comparison(runs, tmp_path / "no" / "c.png")
 
 

@@ -1,6 +1,9 @@
 """`aerofed log ...` and `aerofed report`: what they say, write, refuse, and return."""
 
 import csv
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -12,6 +15,7 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 from synthetic_flight import AREA, CONFIG, Fixed, fly
 
+from mission.cli import call
 from mission.commands import log, report
 from mission.errors import InputError
 from mission.log import framing, inspection
@@ -163,6 +167,47 @@ def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: str) -> None:
         (target / "mine").write_text("mine")
     with pytest.raises(InputError, match="already"):
         log.export(made.log, target, to=to)
+
+
+def test_a_runs_folder_stands_for_its_log(
+    made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert log.info(made.log.parent) == log.check(made.log.parent) == 0
+    assert f"{made.log}: sound" in capsys.readouterr().out
+    for command in (log.info, log.check, log.recover):
+        with pytest.raises(InputError, match=r"not a run folder: it has no flight\.mcap"):
+            command(tmp_path)
+
+
+@contextmanager
+def no_file_larger_than(size: int) -> Iterator[None]:
+    """The operating system refuses to let any file grow beyond `size` bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "kml", "attachments"])
+def test_an_export_that_cannot_be_finished_leaves_nothing(
+    made: Fixed, tmp_path: Path, to: str
+) -> None:
+    with no_file_larger_than(2000), pytest.raises(InputError, match="out: cannot write"):
+        log.export(made.log, tmp_path / "out", to=to)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
+    made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with no_file_larger_than(2000):
+        assert call(["report", str(made.log), "--out", str(tmp_path / "r.html")]) == 2
+        assert call(["compare", str(made.log), "--figure", str(tmp_path / "c.png")]) == 2
+        assert call(["log", "recover", str(made.log), str(tmp_path / "r.mcap")]) == 2
+    assert capsys.readouterr().err.count("cannot write") == 3
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_files_of_others_are_refused_by_every_command(made: Fixed, tmp_path: Path) -> None:
