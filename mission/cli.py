@@ -9,18 +9,17 @@ from cyclopts import App, CycloptsError
 from rich.console import Console
 
 from mission import helps
-from mission.errors import INTERRUPTED, AerofedError, InputError
+from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.terminal import Terminal
 
-EXIT_CODES = """Exit codes: 0 done, 1 a bug, 2 wrong input, 3 no feasible plan, 4 flight failed, \
-5 link lost or port in use, 6 limits not met, 130 interrupted."""
+_CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
 app = App(
     name="aerofed",
     version=lambda: version("aerofed"),
     console=Terminal(),
     help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
-    help_epilogue=EXIT_CODES,
+    help_epilogue=f"Exit codes:\n{_CODES}",
     help_format="plaintext",
     result_action="return_value",
     # Ctrl-C is ours to report.

@@ -1,5 +1,24 @@
 """What can go wrong in a run, and the exit code it ends with."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
+INTERRUPTED = 130
+
+# In words, for the command line and the documentation.
+EXIT_CODES: Mapping[int, str] = MappingProxyType(
+    {
+        0: "done",
+        1: "a bug",
+        2: "wrong input: settings, data, files, folders",
+        3: "no feasible plan",
+        4: "failed on the way: flight not finished, or training diverged",
+        5: "link lost, download failed, or port in use",
+        6: "limits not met, or differences found",
+        INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; aerofed run --resume goes on",
+    }
+)
+
 
 class AerofedError(Exception):
     """Root of the application's errors; the message is one clear line for the user."""
@@ -35,6 +54,3 @@ class LinkLostError(AerofedError):
     """The link could not be opened, or the vehicle fell silent."""
 
     exit_code = 5
-
-
-INTERRUPTED = 130

@@ -1,0 +1,50 @@
+"""What every page is checked for: links that lead somewhere, TOML that is a configuration."""
+
+import re
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from mission.config import load_config
+from mission.errors import InputError
+
+_COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'
+_LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+_TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def faults(root: Path) -> Iterator[str]:
+    """What is wrong with the README and the pages in docs/, a line each."""
+    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+        text, name = page.read_text(encoding="utf-8"), page.relative_to(root)
+        for link in _LINK.findall(text):
+            if not link.startswith(("http://", "https://")):
+                yield from (f"{name}: {fault}" for fault in _link_faults(page, link))
+        for example in _TOML.findall(text):
+            yield from (f"{name}: {fault}" for fault in _example_faults(example))
+
+
+def _link_faults(page: Path, link: str) -> Iterator[str]:
+    file, _, anchor = link.partition("#")
+    target = page.parent / file if file else page
+    if not target.exists():
+        yield f"the link to {link} leads nowhere"
+    elif anchor and anchor not in _anchors(target.read_text(encoding="utf-8")):
+        yield f"the link to {link}: no such heading"
+
+
+def _anchors(text: str) -> set[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def _example_faults(example: str) -> Iterator[str]:
+    whole = example if "[[communities]]" in example else example + _COMMUNITY
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "example.toml"
+        path.write_text(whole, encoding="utf-8")
+        try:
+            load_config(path)
+        except InputError as error:
+            yield f"an example is refused: {error}\n{example}"

@@ -1,0 +1,65 @@
+"""What a run leaves: files, columns and topics, from the schemas of the log."""
+
+import json
+
+from mission.log import topics
+
+HEAD = """# What a run leaves
+
+Generated from the code (`python docs/generate.py`). Positions are area coordinates in metres:
+x east, y north from the south-west corner; heights are above home. Times are simulated.
+
+| file | what |
+|---|---|
+| `config.toml` | the resolved configuration; `aerofed run config.toml` flies the same again |
+| `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples` |
+| `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
+| `uplinks.csv` | a row a scheduled device, see below |
+| `learning.csv` | round, device, community, its accuracy on its own labels, its local loss |
+| `flight.mcap` | the flight log, see below |
+| `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
+| `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
+| `figures/` | maps of planned and flown paths, learning curves |
+| `checkpoint/` | what `aerofed run --resume` goes on from; in `interrupted/` the old log and \
+tables until the new ones have caught up |
+
+`aerofed fly` leaves `config.toml`, the plan file, `flight.mcap`, `track.csv` (a row a sample: true
+and believed position), `figures/` (map; height, error and speed along the plan) and `summary.json`.
+
+CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
+there is no value. The same configuration and seed give the same bytes.
+"""
+
+
+def page() -> str:
+    return HEAD + "\n".join(_body()) + "\n"
+
+
+def _body() -> list[str]:
+    """The tables' columns, then every topic of the log."""
+    every = topics.TOPICS
+    lines = [
+        *("", "## rounds.csv", "", *_fields(topics.ROUNDS)),
+        *("", "`accuracy` and `cov` are a column a community: `accuracy_digits`, `cov_digits`."),
+        *("", "## uplinks.csv", "", *_fields(topics.UPLINKS)),
+        *("", "## flight.mcap", ""),
+        "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",
+        "zstd chunks, indexes and statistics, `log_time` in simulated nanoseconds. Topics with a",
+        "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
+        *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
+        *(
+            f"| `{t.name}` | `{t.schema_name or 'none'}` | {t.encoding} | {t.description} |"
+            for t in every
+        ),
+    ]
+    for topic in every:
+        if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):
+            about = json.loads(topic.schema)["description"]
+            lines += ["", f"### {topic.name}", "", f"{about}.", "", *_fields(topic)]
+    return lines
+
+
+def _fields(topic: topics.Topic) -> list[str]:
+    properties = json.loads(topic.schema)["properties"]
+    rows = (f"| `{name}` | {item.get('description', '')} |" for name, item in properties.items())
+    return ["| column | what |", "|---|---|", *rows]
