@@ -96,12 +96,14 @@ def scaling_of(split: Split) -> Scaling:
     """Zero mean and unit variance per channel over a split."""
     channels = split.images.shape[-1]
     unit = 255.0 if split.images.dtype == np.uint8 else 1.0
-    total = np.zeros(channels)
-    squares = np.zeros(channels)
-    for start in range(0, len(split.images), 4096):
-        part = split.images[start : start + 4096].reshape(-1, channels).astype(np.float64)
+    rows = split.images.reshape(len(split.images), -1)
+    total = np.zeros(rows.shape[1])
+    squares = np.zeros(rows.shape[1])
+    for start in range(0, len(rows), 256):
+        part = rows[start : start + 256].astype(np.float64)
         total += part.sum(axis=0)
-        squares += np.square(part).sum(axis=0)
+        squares += np.einsum("ij,ij->j", part, part)
+    total, squares = (x.reshape(-1, channels).sum(axis=0) for x in (total, squares))
     count = split.images.size // channels
     mean = total / count
     deviation = np.sqrt(np.maximum(squares / count - mean**2, (1e-3 * unit) ** 2))
