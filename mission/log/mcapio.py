@@ -3,8 +3,9 @@
 from typing import IO
 
 from mcap.records import Channel, Schema
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
+from mission.log.mcapwriter import McapWriter
 from mission.log.topics import TOPICS
 
 LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
@@ -13,19 +14,12 @@ LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
 _CHUNK_BYTES = 4 << 20
 
 
-def new_writer(stream: IO[bytes]) -> Writer:
-    """A started writer: zstd chunks, every index, statistics and checksums."""
-    writer = Writer(
-        stream,
-        chunk_size=_CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_data_crcs=True,
-    )
-    writer.start(library=LIBRARY)
-    return writer
+def new_writer(stream: IO[bytes]) -> McapWriter:
+    """A started writer."""
+    return McapWriter(stream, library=LIBRARY, chunk_bytes=_CHUNK_BYTES)
 
 
-def register(writer: Writer) -> None:
+def register(writer: McapWriter) -> None:
     """Register every topic, in one order, so that ids mean the same in every log of ours."""
     schemas, channels = our_channels()
     for schema in schemas.values():

@@ -1,14 +1,16 @@
 """Saves what a log still holds: after `kill -9`, a full disk, or damage in its midst."""
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Message, Metadata
-from mcap.writer import Writer
 
+from mission.folder import write_atomically
 from mission.log.errors import LogError
 from mission.log.mcapio import new_writer
+from mission.log.mcapwriter import McapWriter
 from mission.log.salvage import Loss, Saved, salvage
 from mission.log.values import NS_PER_S
 
@@ -38,21 +40,17 @@ def recover(source: Path, target: Path) -> Recovery:
 
     Raises:
         ForeignLogError: `source` does not begin like an MCAP file.
-        LogError: it cannot be read, nothing in it is sound, or `target` exists or cannot be made.
+        LogError: it cannot be read, nothing in it is sound, or `target` exists.
+        InputError: `target` cannot be written.
     """
     if target.exists():
         raise LogError(target, "exists already; give another name")
     saved = salvage(source)
     if not any(isinstance(batch, list) for batch in saved.batches):
         raise LogError(source, "nothing to recover: it holds no whole chunk")
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        with partial.open("wb") as stream:
-            unknown = _write(stream, saved)
-        partial.replace(target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise LogError(target, f"cannot write the recovered log: {error.strerror}") from None
+    content = io.BytesIO()
+    unknown = _write(content, saved)
+    write_atomically(target, content.getvalue())
     messages = [m for batch in saved.batches if isinstance(batch, list) for m in batch]
     return Recovery(
         target=target,
@@ -96,7 +94,7 @@ def _write(stream: IO[bytes], saved: Saved) -> int:
     return unknown
 
 
-def _write_chunk(writer: Writer, messages: list[Message], channel_ids: dict[int, int]) -> int:
+def _write_chunk(writer: McapWriter, messages: list[Message], channel_ids: dict[int, int]) -> int:
     unknown = 0
     for message in messages:
         channel = channel_ids.get(message.channel_id)

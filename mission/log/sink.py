@@ -1,7 +1,8 @@
 """Where encoded messages go: the file here, the live view in `live`."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -29,49 +30,55 @@ class McapSink:
     def __init__(self, path: Path) -> None:
         """Start the file, replacing one that is there; raises LogError if it cannot be made."""
         self.path = path
-        try:
+        with self._named():
             self._file = path.open("wb")
-        except OSError as error:
-            raise LogError(path, f"cannot write the log: {error.strerror}") from None
-        self._writer = new_writer(self._file)
-        register(self._writer)
+        with self._named():
+            self._writer = new_writer(self._file)
+            register(self._writer)
         self._channel = {channel.topic: number for number, channel in our_channels()[1].items()}
         self._sequence = dict.fromkeys(self._channel.values(), 0)
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         channel = self._channel[topic.name]
         sequence = self._sequence[channel]
-        self._writer.add_message(channel, t_ns, data, publish_time=t_ns, sequence=sequence)
         self._sequence[channel] = sequence + 1
+        self._writer.add_message(channel, t_ns, data, t_ns, sequence)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """A named set of strings beside the messages."""
-        self._writer.add_metadata(name, dict(values))
+        with self._named():
+            self._writer.add_metadata(name, values)
 
     def attach(self, t_ns: int, name: str, media_type: str, data: bytes) -> None:
         """A file inside the file."""
-        self._writer.add_attachment(
-            create_time=0, log_time=t_ns, name=name, media_type=media_type, data=data
-        )
+        with self._named():
+            self._writer.add_attachment(0, t_ns, name, media_type, data)
 
     def flush(self) -> None:
         """Hand everything to the operating system: it survives the death of this process."""
-        try:
+        with self._named():
             self._writer.flush()
-        except OSError as error:
-            raise LogError(self.path, f"cannot write the log: {error.strerror}") from None
 
     def sync(self) -> None:
         """Flush to the disk itself, so that it survives a power loss."""
         self.flush()
-        os.fsync(self._file.fileno())
+        with self._named():
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Write indexes and statistics. Closing twice is fine."""
         if self._file.closed:
             return
+        with self._named():
+            try:
+                self._writer.finish()
+            finally:
+                self._file.close()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Say of which file an error of the operating system is."""
         try:
-            self._writer.finish()
-            self._file.close()
+            yield
         except OSError as error:
             raise LogError(self.path, f"cannot write the log: {error.strerror}") from None

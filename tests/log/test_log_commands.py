@@ -1,9 +1,6 @@
 """`aerofed log ...` and `aerofed report`: what they say, write, refuse, and return."""
 
 import csv
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,6 +8,7 @@ import numpy as np
 import pyarrow.parquet
 import pymap3d
 import pytest
+from limits import no_file_larger_than
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 from synthetic_flight import AREA, CONFIG, Fixed, fly
@@ -177,17 +175,6 @@ def test_a_runs_folder_stands_for_its_log(
     for command in (log.info, log.check, log.recover):
         with pytest.raises(InputError, match=r"not a run folder: it has no flight\.mcap"):
             command(tmp_path)
-
-
-@contextmanager
-def no_file_larger_than(size: int) -> Iterator[None]:
-    """The operating system refuses to let any file grow beyond `size` bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "kml", "attachments"])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from limits import no_file_larger_than
 from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
@@ -150,6 +151,24 @@ def test_a_lost_first_chunk_takes_only_its_own_second(tmp_path: Path, made: Fixe
     run = read_log(tmp_path / "saved.mcap")
     assert run.rounds == tuple(made.rounds)
     np.testing.assert_array_equal(run.devices.pos_m, made.world.pos_m)
+
+
+def test_a_full_disk_is_one_line_and_loses_nothing_that_was_flushed(
+    tmp_path: Path, made: Fixed
+) -> None:
+    path = tmp_path / "a.mcap"
+
+    def fly_on() -> None:
+        with FlightLog(path, area=AREA, devices=made.world) as log:
+            for sample in made.samples:
+                log.sampled(sample)
+
+    full = pytest.raises(LogError, match=r"a\.mcap: cannot write the log: File too large")
+    with no_file_larger_than(60_000), full:
+        fly_on()
+    saved = recover(path, tmp_path / "saved.mcap")
+    assert saved.messages > 500
+    assert not check(saved.target)
 
 
 def test_recovery_never_overwrites(tmp_path: Path, made: Fixed) -> None:
