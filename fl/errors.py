@@ -78,7 +78,7 @@ class CheckpointError(LearningInputError):
 
 @dataclass(eq=False)
 class DivergedError(LearningError):
-    """Local training whose loss is not a finite number: no retry helps, another setting may."""
+    """Local training that left the finite numbers: no retry helps, another setting may."""
 
     round: int
     community: str
@@ -88,7 +88,8 @@ class DivergedError(LearningError):
     def __str__(self) -> str:
         return (
             f"round {self.round}, community {self.community}, device {self.device}:"
-            f" the training loss is {self.loss}; a smaller learning rate may help"
+            f" training left the finite numbers (mean loss {self.loss:.3g});"
+            " a smaller learning rate may help"
         )
 
 

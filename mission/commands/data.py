@@ -73,6 +73,11 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
     from fl.fetch import TASKS
     from fl.fetch import check as look
 
+    if folder.exists() and not folder.is_dir():
+        raise InputError(
+            f"{folder}: is a file; a data folder is wanted, which holds the files of the data sets"
+            f" or a sub-folder for each: aerofed data check {folder.absolute().parent}"
+        )
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
     found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or TASKS))

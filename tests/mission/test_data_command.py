@@ -39,6 +39,16 @@ def test_check_of_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "no such folder" in capsys.readouterr().err
 
 
+def test_check_of_a_file_says_that_a_folder_is_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "train.gz").touch()
+    assert call(["data", "check", str(tmp_path / "train.gz")]) == 2
+    said = capsys.readouterr().err
+    assert "train.gz: is a file; a data folder is wanted" in said
+    assert said.rstrip().endswith(f"aerofed data check {tmp_path}")
+
+
 @pytest.fixture
 def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A web server on the loopback address, whose folder stands for MNIST's official location."""
