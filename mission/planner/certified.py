@@ -12,8 +12,8 @@ from mission.planner.problem import RoundPlan, RoundProblem
 # Beyond this many devices the search cannot narrow the gap in any time worth waiting for.
 MAX_DEVICES = 40
 MAX_OPEN = 50_000
-MAX_TRIES, MIN_TRIES = 100, 16
-STARTS = 32
+STARTS = 64  # devices that a first path is built towards
+MIN_TRIES, MAX_TRIES = 40, 450
 
 
 class CertifiedPlanner:
@@ -66,5 +66,5 @@ class CertifiedPlanner:
 
 
 def tries(devices: int) -> int:
-    """How often the first plan is cut and mended: the same effort for many devices and few."""
-    return max(MIN_TRIES, min(MAX_TRIES, 12_000 // devices))
+    """How often the first plan is cut and mended: more for many devices, up to a limit."""
+    return min(MIN_TRIES + devices, MAX_TRIES)

@@ -32,7 +32,7 @@ from mission.planner.schedule import assign
 
 DIRECTIONS = 12
 MAX_ITERATIONS = 12
-FIRST_TRUST_M = 30.0
+FIRST_TRUST_M = 5.0
 LAST_TRUST_M = 0.5
 RISE = 1e-4  # relative rise of the objective under which the iteration ends
 LEAST_SHARE = 1e-3  # of the best f: beyond, a step and a device are no neighbours

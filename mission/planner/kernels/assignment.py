@@ -11,35 +11,9 @@ import math
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Flags, Indices, Matrix, Vector, compiled
+from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
 from mission.planner.kernels.instance import Devices
 from mission.planner.kernels.rewards import reward
-
-
-@compiled
-def _know(k: int, way: Matrix, devices: Devices, known: Flags, worth: Matrix) -> None:
-    """Make sure that row k of `worth` (K, N) holds what device k earns at each step."""
-    if known[k]:
-        return
-    known[k] = True
-    for n in range(way.shape[0]):
-        dx, dy = way[n, 0] - devices.u[k, 0], way[n, 1] - devices.u[k, 1]
-        f = reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
-        worth[k, n] = devices.delta[k] * f
-
-
-@compiled
-def _offer(
-    k: int, loss: float, worth: Matrix, price: Vector, settled: Flags, reached: Vector,
-    taker: Indices,
-) -> None:  # fmt: skip
-    """Let device k move on to any step not settled; `loss` is what its present place gives it
-    and what the chain has lost before."""
-    for n in range(price.shape[0]):
-        if not settled[n]:
-            moved = loss - worth[k, n] + price[n]
-            if moved < reached[n]:
-                reached[n], taker[n] = moved, k
 
 
 @compiled
@@ -58,7 +32,7 @@ def solve_assignment(
     # Least loss of freeing a place for the new device by ending the chain at a step, and the
     # device that moves there then.
     reached, taker = np.empty(steps), np.empty(steps, dtype=np.int64)
-    settled = np.empty(steps, dtype=np.bool_)
+    settled, who = np.empty(steps, dtype=np.bool_), np.empty(places, dtype=np.int64)
     assigned[:] = -1
     order = np.argsort(-best, kind="mergesort")
     cheapest = 0.0
@@ -66,32 +40,47 @@ def solve_assignment(
         new = order[i]
         if best[new] <= cheapest:
             break  # no place is worth its price for this device, nor for any after it
-        _know(new, way, devices, known, worth)
-        profit = 0.0
         for n in range(steps):
-            profit = max(profit, worth[new, n] - price[n])
             reached[n], settled[n] = math.inf, False
-        _offer(new, profit, worth, price, settled, reached, taker)
-        out, loss_out = new, profit  # who is better left out so far
-        end = -1
+        # What the chain has lost when the devices in question are taken from where they are.
+        lost, here = 0.0, -1
+        who[0], size = new, 1
+        out, loss_out, end = new, math.inf, -1
         while True:
-            near, least = -1, loss_out
-            for n in range(steps):
-                if not settled[n] and reached[n] < least:
-                    near, least = n, reached[n]
-            if near < 0:
-                break
-            if load[near] < places:
-                end = near
-                break
-            settled[near] = True
-            for p in range(places):
-                k = held[near, p]
-                _know(k, way, devices, known, worth)
-                loss = least + worth[k, near] - price[near]
+            for m in range(size):
+                k = who[m]
+                if not known[k]:
+                    known[k] = True
+                    for n in range(steps):
+                        dx, dy = way[n, 0] - devices.u[k, 0], way[n, 1] - devices.u[k, 1]
+                        f = reward(math.sqrt(dx * dx + dy * dy), devices.rows)[0]
+                        worth[k, n] = devices.delta[k] * f
+                profit = 0.0
+                if here >= 0:
+                    profit = worth[k, here] - price[here]
+                else:
+                    for n in range(steps):
+                        profit = max(profit, worth[k, n] - price[n])
+                loss = lost + profit
                 if loss < loss_out:
                     out, loss_out = k, loss
-                _offer(k, loss, worth, price, settled, reached, taker)
+                for n in range(steps):
+                    moved = loss - worth[k, n] + price[n]
+                    if moved < reached[n] and not settled[n]:
+                        reached[n], taker[n] = moved, k
+            here, lost = -1, loss_out
+            for n in range(steps):
+                if not settled[n] and reached[n] < lost:
+                    here, lost = n, reached[n]
+            if here < 0:
+                break
+            if load[here] < places:
+                end = here
+                break
+            settled[here] = True
+            size = places
+            for m in range(places):
+                who[m] = held[here, m]
         total = loss_out if end < 0 else reached[end]
         cheapest = math.inf
         for n in range(steps):

@@ -27,72 +27,90 @@ class Draft(NamedTuple):
     metres: Vector  # (K,) shortest detour to it
     ease: Vector  # (K,) metres^-power
     leg: Indices  # (K,) where that detour leaves the path
+    legs: Vector  # (N,) length of the leg behind each point
     top: Vector  # (K_bar,) scratch
 
 
 @compiled
-def _worth(k: int, devices: Devices, lists: Lists, draft: Draft) -> float:
-    """The best total gain of K_bar devices served from above device k."""
-    top = draft.top
-    top[:] = 0.0
-    for e in range(lists.begin[k], lists.begin[k + 1]):
-        j = lists.neighbour[e]
-        gain = devices.delta[j] * lists.share[e] - draft.have[j]
-        if gain > top[0]:
-            i = 0
-            while i + 1 < top.shape[0] and top[i + 1] < gain:
-                top[i] = top[i + 1]
-                i += 1
-            top[i] = gain
-    return float(top.sum())
+def _rate(devices: Devices, lists: Lists, draft: Draft) -> None:
+    """Work out the worths that are below 0: the best total gain of K_bar devices each."""
+    # Loops stand inside the functions here: a call with as many arrays costs more than its work.
+    top, have, delta = draft.top, draft.have, devices.delta
+    begin, neighbour, share = lists.begin, lists.neighbour, lists.share
+    for k in range(delta.shape[0]):
+        if draft.worth[k] >= 0.0:
+            continue
+        top[:] = 0.0
+        for e in range(begin[k], begin[k + 1]):
+            j = neighbour[e]
+            gain = delta[j] * share[e] - have[j]
+            if gain > top[0]:
+                i = 0
+                while i + 1 < top.shape[0] and top[i + 1] < gain:
+                    top[i] = top[i + 1]
+                    i += 1
+                top[i] = gain
+        draft.worth[k] = top.sum()
 
 
 @compiled
 def serve(k: int, devices: Devices, lists: Lists, draft: Draft) -> None:
-    """Serve the K_bar devices that gain most from above device k, and bring worths up to date."""
-    _worth(k, devices, lists, draft)
-    least = draft.top[0]
-    places = draft.top.shape[0]
-    for e in range(lists.begin[k], lists.begin[k + 1]):
-        j = lists.neighbour[e]
-        gain = devices.delta[j] * lists.share[e] - draft.have[j]
-        if gain > 0.0 and gain >= least and places > 0:
-            places -= 1
-            draft.have[j] += gain
-            for g in range(lists.begin[j], lists.begin[j + 1]):
-                draft.worth[lists.neighbour[g]] = -1.0  # to be worked out again
-    for e in range(lists.begin[k], lists.begin[k + 1]):
-        for g in range(lists.begin[lists.neighbour[e]], lists.begin[lists.neighbour[e] + 1]):
-            j = lists.neighbour[g]
-            if draft.worth[j] < 0.0:
-                draft.worth[j] = _worth(j, devices, lists, draft)
+    """Serve the K_bar devices that gain most from above device k; their neighbours' worths fall."""
+    for _ in range(draft.top.shape[0]):
+        best, most = -1, 0.0
+        for e in range(lists.begin[k], lists.begin[k + 1]):
+            j = lists.neighbour[e]
+            gain = devices.delta[j] * lists.share[e] - draft.have[j]
+            if gain > most:
+                best, most = j, gain
+        if best < 0:
+            break
+        draft.have[best] += most
+        for g in range(lists.begin[best], lists.begin[best + 1]):
+            draft.worth[lists.neighbour[g]] = -1.0
 
 
 @compiled
-def _detour(ux: float, uy: float, leg: int, points: Matrix, count: int) -> float:
-    """Metres that a stop at u adds after point `leg`; at the end the way there only."""
-    ax, ay = points[leg, 0], points[leg, 1]
-    out = math.sqrt((ux - ax) ** 2 + (uy - ay) ** 2)
-    if leg + 1 == count:
-        return out
-    bx, by = points[leg + 1, 0], points[leg + 1, 1]
-    back = math.sqrt((ux - bx) ** 2 + (uy - by) ** 2)
-    return out + back - math.sqrt((ax - bx) ** 2 + (ay - by) ** 2)
+def _measure(draft: Draft, first: int, last: int, count: int) -> None:
+    """Bring the lengths of the legs first..last-1 up to date."""
+    points = draft.points
+    for n in range(first, min(last, count - 1)):
+        dx, dy = points[n + 1, 0] - points[n, 0], points[n + 1, 1] - points[n, 1]
+        draft.legs[n] = math.sqrt(dx * dx + dy * dy)
 
 
 @compiled
-def _find_leg(
-    k: int, first: int, last: int, power: float, devices: Devices, count: int, draft: Draft
-) -> None:
-    """Take the shortest detour to device k over the legs first..last-1, if shorter."""
-    shorter = False
-    for leg in range(first, last):
-        metres = _detour(devices.u[k, 0], devices.u[k, 1], leg, draft.points, count)
-        if metres < draft.metres[k]:
-            draft.metres[k], draft.leg[k] = metres, leg
-            shorter = True
-    if shorter and power > 0.0:
-        draft.ease[k] = max(draft.metres[k], 1.0) ** -power
+def _find_legs(at: int, power: float, devices: Devices, count: int, draft: Draft) -> None:
+    """Find the shortest detour to each device, after point `at` was inserted; 0 for all anew.
+
+    A leg is named by the point it leaves; behind the last point only the way there counts.
+    """
+    points, legs, u = draft.points, draft.legs, devices.u
+    for k in range(u.shape[0]):
+        first, last = at - 1, at + 1
+        if at == 0 or draft.leg[k] == at - 1:  # the leg it had is no more
+            draft.metres[k] = math.inf
+            first, last = 0, count
+        elif draft.leg[k] >= at:
+            draft.leg[k] += 1
+        ux, uy = u[k, 0], u[k, 1]
+        least, found = draft.metres[k], -1
+        out = math.sqrt((ux - points[first, 0]) ** 2 + (uy - points[first, 1]) ** 2)
+        for leg in range(first, last):
+            metres, back = out, 0.0
+            if leg + 1 < count:
+                back = math.sqrt((ux - points[leg + 1, 0]) ** 2 + (uy - points[leg + 1, 1]) ** 2)
+                metres = out + back - legs[leg]
+            if metres < least:
+                least, found = metres, leg
+            out = back
+        if found >= 0:
+            draft.metres[k], draft.leg[k] = least, found
+            draft.ease[k] = 1.0
+            if power == 0.5:
+                draft.ease[k] = 1.0 / math.sqrt(max(least, 1.0))
+            elif power == 1.0:
+                draft.ease[k] = 1.0 / max(least, 1.0)
 
 
 @compiled
@@ -103,19 +121,17 @@ def extend(
     """Insert stops above devices while the length allows; returns the number of points.
 
     `draft.points` and `draft.have` are given; each insertion has the most worth per added
-    metre^power.
+    metre^power, with a power of 0, 1/2 or 1.
     """
     total = devices.u.shape[0]
     points = draft.points
+    _measure(draft, 0, count, count)
     used = 0.0
-    for n in range(1, count):
-        used += math.sqrt(
-            (points[n, 0] - points[n - 1, 0]) ** 2 + (points[n, 1] - points[n - 1, 1]) ** 2
-        )
-    for k in range(total):
-        draft.worth[k] = _worth(k, devices, lists, draft)
-        draft.metres[k], draft.ease[k] = math.inf, 1.0
-        _find_leg(k, 0, count, power, devices, count, draft)
+    for n in range(count - 1):
+        used += draft.legs[n]
+    draft.worth[:] = -1.0
+    _rate(devices, lists, draft)
+    _find_legs(0, power, devices, count, draft)
     while count < limits.steps:
         best, rating = -1, 0.0
         for k in range(total):
@@ -129,17 +145,13 @@ def extend(
         used += draft.metres[best]
         for n in range(count, at, -1):
             points[n, 0], points[n, 1] = points[n - 1, 0], points[n - 1, 1]
+            draft.legs[n] = draft.legs[n - 1]
         points[at, 0], points[at, 1] = devices.u[best, 0], devices.u[best, 1]
         count += 1
+        _measure(draft, at - 1, at + 1, count)
         serve(best, devices, lists, draft)
-        for k in range(total):
-            if draft.leg[k] == at - 1:
-                draft.metres[k] = math.inf
-                _find_leg(k, 0, count, power, devices, count, draft)
-                continue
-            if draft.leg[k] >= at:
-                draft.leg[k] += 1
-            _find_leg(k, at - 1, at + 1, power, devices, count, draft)
+        _rate(devices, lists, draft)
+        _find_legs(at, power, devices, count, draft)
     return count
 
 
@@ -153,6 +165,7 @@ def make_draft(devices: int, limits: Limits) -> Draft:
         np.zeros(devices),
         np.zeros(devices),
         np.zeros(devices, dtype=np.int64),
+        np.zeros(limits.steps),
         np.zeros(min(limits.per_step, devices)),
     )
 
