@@ -1,6 +1,5 @@
 """The `aerofed` command: parses, calls a command, and turns errors into lines and exit codes."""
 
-import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -10,6 +9,7 @@ from rich.console import Console
 
 from mission import helps
 from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
+from mission.interrupts import hear_interruptions
 from mission.terminal import Terminal
 
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
@@ -51,8 +51,7 @@ app.command(data)
 
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
-    # What stops a job politely (batch systems, containers, timeout) gets what Ctrl-C gets.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    hear_interruptions()
     sys.exit(call(tokens))
 
 

@@ -164,8 +164,12 @@ def _fly(
     if status == "finished":
         SetAside(folder).discard()
     # The figures read the finished log and tables.
-    with stopwatch("figures"), audience.waiting("drawing figures"):
-        figures.draw_run(folder.path)
+    try:
+        with stopwatch("figures"), audience.waiting("drawing figures"):
+            figures.draw_run(folder.path)
+    except AerofedError as failure:
+        if error is None:  # otherwise a consequence of what went wrong before
+            error, status, why = failure, "failed", str(failure)
     # Last of all: a folder that says "finished" has everything.
     summary.ended(status, experiment, stopwatch, error=why)
     if error is not None:

@@ -65,6 +65,29 @@ def test_ctrl_c_while_the_program_loads_is_no_traceback(tmp_path: Path, delay_s:
         assert errors == "aerofed: interrupted\n"
 
 
+IN_A_CALLBACK = """
+import ctypes, sys, time
+from mission.interrupts import hear_interruptions
+
+def interrupted():
+    raise KeyboardInterrupt
+
+hear_interruptions()
+ctypes.CFUNCTYPE(None)(interrupted)()
+try:
+    time.sleep(30)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=60
+    )
+    assert (process.returncode, process.stderr) == (130, "")
+
+
 def test_a_value_from_the_command_line_is_not_blamed_on_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
