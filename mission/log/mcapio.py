@@ -12,11 +12,12 @@ LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
 
 # A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
 _CHUNK_BYTES = 4 << 20
+_LEVEL = 5  # of zstd: beyond it a second of flight does not get smaller
 
 
 def new_writer(stream: IO[bytes]) -> McapWriter:
     """A started writer."""
-    return McapWriter(stream, library=LIBRARY, chunk_bytes=_CHUNK_BYTES)
+    return McapWriter(stream, library=LIBRARY, chunk_bytes=_CHUNK_BYTES, level=_LEVEL)
 
 
 def register(writer: McapWriter) -> None:

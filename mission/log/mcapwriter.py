@@ -43,10 +43,10 @@ class McapWriter:
     Errors of the stream pass through.
     """
 
-    def __init__(self, stream: IO[bytes], *, library: str, chunk_bytes: int) -> None:
+    def __init__(self, stream: IO[bytes], *, library: str, chunk_bytes: int, level: int) -> None:
         self._stream = stream
         self._chunk_bytes = chunk_bytes
-        self._compress = zstandard.ZstdCompressor()
+        self._compress = zstandard.ZstdCompressor(level=level)
         self._at = 0  # bytes written so far
         self._crc = 0
         self._schemas: dict[int, Schema] = {}

@@ -15,7 +15,7 @@ FRAME = "area"  # x east, y north from the area's south-west corner; z height ab
 BODY_FRAME = "aircraft"  # x forward, y left, z up
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)  # each is one of a kind
 class Topic:
     """One channel of the log. Without a schema its name and data are empty."""
 

@@ -55,5 +55,5 @@ def test_it_writes_what_the_library_writes(calls: list[Call]) -> None:
         reference, chunk_size=CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True
     )
     library.start(library="x")
-    mine = McapWriter(ours, library="x", chunk_bytes=CHUNK)
+    mine = McapWriter(ours, library="x", chunk_bytes=CHUNK, level=3)
     assert written(mine, ours, calls) == written(library, reference, calls)
