@@ -3,27 +3,32 @@
     python benchmarks/log_in_a_run.py [REPEATS]
 
 The mission is flown without samples in its log, with the log, with the log and a live view that
-nobody watches, and with one viewer subscribed to everything; in turn, so that a machine that slows
-down slows all of them. Each is a process of its own, and the least of the repeats counts: processor
-time of all threads while it is flown and logged, beside the wall time of the flights, which
-includes the pauses that MAVSDK needs. Shares are also given of the whole run's wall time, with
-planning and training.
+nobody watches, and with one viewer subscribed to everything; in turn, each a process of its own.
+Every repeat compares each kind with the run without a log beside it, so that a machine that slows
+down does not count; the medians are printed. Processor time is of all threads, while the mission is
+flown and logged; wall time has the pauses that MAVSDK needs in it. Shares are of the whole run,
+with planning and training.
 """
 
 import json
 import os
 import socket
+import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
-REPEATS = 3
+from mission.log.rates import LogRates
+from sitl.config import VehicleConfig
+
+REPEATS = 5
 KINDS = ("no log", "log", "log + live", "log + live, a viewer")
 # The paper's planner, so that planning does not drown what is measured.
 SETTINGS = {"planner.kind": "paper"}
@@ -77,10 +82,12 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
             audience=Audience(Console(quiet=True), quiet=True, live_port=port),
         )
     summary = json.loads((folder / "summary.json").read_text())
+    wall_s = summary["wall_s"]
     return {
-        "cpu_s": cpu_s["fly"] + cpu_s["log"],
-        "fly_s": summary["wall_s"]["fly"],
-        "total_s": summary["wall_s"]["total"],
+        "cpu_flight_s": cpu_s["fly"] + cpu_s["log"],
+        "cpu_total_s": sum(cpu_s.values()),
+        "wall_flight_s": wall_s["fly"] + wall_s["log"],
+        "wall_total_s": wall_s["total"],
         "sim_s": summary["simulated_s"],
         "bytes": (folder / "flight.mcap").stat().st_size,
         "viewed_bytes": received[0],
@@ -128,33 +135,56 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def run(kind: str) -> dict[str, float]:
+    """One run in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [sys.executable, __file__, "--fly", kind, folder],
+            check=True, stdout=subprocess.PIPE, text=True,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )  # fmt: skip
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
 def main() -> None:
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else REPEATS
-    best: dict[str, dict[str, float]] = {}
-    for _ in range(repeats):
-        for kind in KINDS:
-            with tempfile.TemporaryDirectory() as folder:
-                done = subprocess.run(
-                    [sys.executable, __file__, "--fly", kind, folder],
-                    check=True, stdout=subprocess.PIPE, text=True,
-                    env={**os.environ, "OMP_NUM_THREADS": "1"},
-                )  # fmt: skip
-            found = json.loads(done.stdout.splitlines()[-1])
-            before = best.setdefault(kind, found)
-            best[kind] = {key: min(before[key], value) for key, value in found.items()}
-    none = best["no log"]
-    for kind, found in best.items():
-        cpu = found["cpu_s"] - none["cpu_s"]
-        print(
-            f"{kind:22} {found['cpu_s']:6.2f} s of processor time in flight ({cpu:+.2f} s: "
-            f"{cpu / none['cpu_s']:+.1%} of the flight, {cpu / best['log']['total_s']:+.1%} of the "
-            f"run), {found['fly_s']:5.2f} s of wall time "
-            f"({found['fly_s'] / none['fly_s'] - 1:+.1%})"
-        )
-    log, viewed = best["log"], best[KINDS[-1]]
-    hour = 3600 / log["sim_s"] / 1e6
-    print(f"{log['bytes'] * hour:.2f} MB a flown hour; the viewer got "
-          f"{viewed['viewed_bytes'] * hour:.2f} MB of messages an hour")  # fmt: skip
+    rounds = []
+    for repeat in range(repeats):
+        # Another kind first each time, so that what slows down meanwhile slows none more often.
+        order = [KINDS[(index + repeat) % len(KINDS)] for index in range(len(KINDS))]
+        found = {kind: run(kind) for kind in order}
+        rounds.append({kind: found[kind] for kind in KINDS})
+
+    def median(kind: str, value: Callable[[dict[str, float], dict[str, float]], float]) -> float:
+        """Over the repeats, of a kind beside the run without a log of the same repeat."""
+        return statistics.median(value(found[kind], found[KINDS[0]]) for found in rounds)
+
+    print(f"median of {repeats} repeats, each kind against the run without a log beside it")
+    print(f"{'':22} {'processor time':>31}   {'wall time':>31}")
+    print(f"{'':22} {'in flight':>9} {'more':>8} {'of the run':>12}   "
+          f"{'in flight':>9} {'more':>8} {'of the run':>12}")  # fmt: skip
+    for kind in KINDS:
+        cells = []
+        for name in ("cpu", "wall"):
+            in_flight = median(kind, lambda own, _, name=name: own[f"{name}_flight_s"])
+            more = median(
+                kind,
+                lambda own, none, name=name: own[f"{name}_flight_s"] - none[f"{name}_flight_s"],
+            )
+            share = median(
+                kind,
+                lambda own, none, name=name: (
+                    (own[f"{name}_flight_s"] - none[f"{name}_flight_s"]) / none[f"{name}_total_s"]
+                ),
+            )
+            cells.append(f"{in_flight:7.2f} s {more:+6.2f} s {share:+12.1%}")
+        print(f"{kind:22} {'   '.join(cells)}")
+    log = median(KINDS[1], lambda own, _: own["bytes"] * 3600 / own["sim_s"] / 1e6)
+    viewed = median(KINDS[-1], lambda own, _: own["viewed_bytes"] * 3600 / own["sim_s"] / 1e6)
+    print(f"{log:.2f} MB a flown hour; the viewer got {viewed:.2f} MB of messages an hour")
+    rates = ", ".join(f"{k.removesuffix('_hz')} {v:g}" for k, v in asdict(LogRates()).items())
+    print(f"rates in Hz: poses {VehicleConfig().sample_rate_hz:g}, {rates}")
 
 
 if __name__ == "__main__":

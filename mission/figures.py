@@ -1,7 +1,7 @@
 """Pictures of a run: planned against flown, and what was learnt.
 
-The home of matplotlib, with `figure_maps` and `figure_style`. Only figure objects are used, none
-of pyplot's global state, so that drawing works without a display and leaves nothing behind.
+Like every module that draws, it uses figure objects only, none of pyplot's global state, so that
+drawing works without a display and leaves nothing behind.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,6 +1,7 @@
-"""The Foxglove layout that fits our topics; goes into every log as an attachment.
+"""The layout that fits our topics, as Foxglove's SDK describes layouts.
 
-`aerofed log export FILE --to attachments` takes it out; in Foxglove, import it as a layout.
+It goes into every log as an attachment, beside the same in the older form (`classic_layout`);
+`aerofed log export FILE --to attachments` takes both out.
 """
 
 from collections.abc import Sequence
