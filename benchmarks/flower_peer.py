@@ -1,7 +1,9 @@
 """Flower's simulation (on Ray) of the same local training; used where `flwr` is installed.
 
 Processor time of this process (Flower's server) and of Ray's workers (the clients) together,
-so that a busy machine does not count; Ray's own daemons are left out.
+so that a busy machine does not count; Ray's own daemons are left out. The clients keep their
+data between rounds, and the rounds are as long as the paper's, so that what Flower spends on a
+round is spread over many steps.
 """
 
 import os
@@ -9,11 +11,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+import torch
 from plain_loop import PlainNet, arrays_of, load_arrays, random_loader, train_plainly
 
 from fl.convnet import ConvNet
 
-ROUNDS = 5
+ROUNDS = 4
 
 
 def flower_ms_per_step(net: ConvNet, *, devices: int, samples: int, batch: int) -> float:
@@ -41,6 +44,7 @@ def flower_ms_per_step(net: ConvNet, *, devices: int, samples: int, batch: int) 
 
     class Client(NumPyClient):
         def __init__(self, device: int) -> None:
+            torch.set_num_threads(1)
             self.net = PlainNet(net)
             self.loader = random_loader(net, device, samples=samples, batch=batch)
 

@@ -3,14 +3,15 @@
 One step is one batch of 16 images on one device. Everything is measured in this process, on
 one thread, in turns, so that a busy machine slows all alike; read the ratios.
 
-    python benchmarks/learning.py [--seconds 4] [--devices 6] [--no-flower]
+    python benchmarks/learning.py [--seconds 4] [--devices 6] [--no-peers]
 
 plain     torch DataLoader, nn.Module, torch.optim.SGD, FedProx term by autograd
 module    ours, with the same network as a torch module of the user
 ours      ours, with the built-in network: what a run does
 floor     the multiply-adds of forward and backward pass at the best speed this core shows
 
-Where `flwr[simulation]` is installed, whole rounds of Flower follow.
+Whole rounds of Flower and of pfl-research follow where they are installed
+(`flwr[simulation]`, `pfl[pytorch]`), against our epochs of the same size.
 """
 
 import argparse
@@ -33,6 +34,7 @@ from fl.training import LocalSettings, LocalTask, Network, scaling_of
 
 BATCH = 16
 SAMPLES_PER_DEVICE = 320
+PEER_SAMPLES = 8000  # about the paper's
 CASES = (
     ("CIFAR-10 LeNet", "lenet", (32, 32, 3)),
     ("MNIST LeNet", "lenet", (28, 28, 1)),
@@ -136,15 +138,27 @@ def in_turns(jobs: dict[str, Callable[[], None]], *, seconds: float) -> dict[str
     return {key: float(np.median(values)) for key, values in taken.items()}
 
 
-def against_flower(title: str, jobs: Jobs, *, devices: int, samples: int) -> str:
-    """Flower's whole rounds against our epochs of the same size just before and after."""
-    from flower_peer import flower_ms_per_step
+def peers() -> dict[str, Callable[..., float]]:
+    """Milliseconds per device step of a whole round, by those that are installed."""
+    found: dict[str, Callable[..., float]] = {}
+    if importlib.util.find_spec("flwr") is not None:
+        from flower_peer import flower_ms_per_step
 
+        found["Flower"] = flower_ms_per_step
+    if importlib.util.find_spec("pfl") is not None:
+        from pfl_peer import pfl_ms_per_step
+
+        found["pfl"] = pfl_ms_per_step
+    return found
+
+
+def against(name: str, peer: Callable[..., float], jobs: Jobs, *, devices: int) -> str:
+    """A peer's rounds against our epochs of the same size just before and after."""
     ours = [in_turns({"ours": jobs.ours}, seconds=2.0)["ours"]]
-    flower = flower_ms_per_step(jobs.net, devices=devices, samples=samples, batch=BATCH)
+    theirs = peer(jobs.net, devices=devices, samples=PEER_SAMPLES, batch=BATCH)
     ours.append(in_turns({"ours": jobs.ours}, seconds=2.0)["ours"])
     mean = 1e3 * sum(ours) / 2 / jobs.steps
-    return f"{title:<18} Flower {flower:6.2f}   ours {mean:6.2f}   {flower / mean:6.2f}x"
+    return f"{name:<8}{theirs:7.2f}   ours {mean:6.2f}   {theirs / mean:6.2f}x"
 
 
 def main() -> None:
@@ -152,7 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=4.0, help="per network")
     parser.add_argument("--devices", type=int, default=6)
-    parser.add_argument("--no-flower", action="store_true")
+    parser.add_argument("--no-peers", action="store_true")
     arguments = parser.parse_args()
     devices: int = arguments.devices
     torch.set_num_threads(1)
@@ -172,13 +186,13 @@ def main() -> None:
             flush=True,
         )
     print(f"a round of the paper's experiment, all twelve devices: {a_round:.1f} s of one core")
-    if arguments.no_flower or importlib.util.find_spec("flwr") is None:
-        return
     lines = []
-    for title, name, shape in CASES[:2]:
-        jobs = make_jobs(name, shape, devices=devices, samples=1600)
-        lines.append(against_flower(title, jobs, devices=devices, samples=1600))
-    print("\nwhole rounds, ms per device step", *lines, sep="\n")
+    for title, network, shape in () if arguments.no_peers else CASES[:2]:
+        for name, peer in peers().items():
+            jobs = make_jobs(network, shape, devices=devices, samples=PEER_SAMPLES)
+            lines.append(f"{title:<18} {against(name, peer, jobs, devices=devices)}")
+    if lines:  # last, for the peers print much
+        print("\nwhole rounds, ms per device step", *lines, sep="\n")
 
 
 if __name__ == "__main__":

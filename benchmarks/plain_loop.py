@@ -1,6 +1,7 @@
 """Local training as one would write it: DataLoader, nn.Module, torch.optim.SGD. The yardstick."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import torch
@@ -69,9 +70,9 @@ def plain_epoch(net: nn.Module, loaders: Sequence[Loader]) -> None:
     net.load_state_dict(start)
 
 
+@cache
 def random_loader(net: ConvNet, device: int, *, samples: int, batch: int) -> Loader:
-    """Random data of one device, for a process of its own, which gets one thread."""
-    torch.set_num_threads(1)
+    """Random data of one device, made once in each process."""
     generator = torch.Generator().manual_seed(device)
     height, width, depth = net.image_shape
     images = torch.randn(samples, depth, height, width, generator=generator)
