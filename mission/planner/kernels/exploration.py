@@ -37,7 +37,7 @@ from mission.planner.kernels.matching import copy_plan
 
 POOL = 4  # rough plans that are mended
 TOLERANCE = 0.01  # of the value, at the first try
-LONGEST_CUT = 12  # stops
+LONGEST_CUT = 20  # stops
 HOPELESS = 0.85  # of the present value: below it after one ascent, a try is given up
 ROUGH = 1e-4  # relative rise worth another turn while plans are compared
 SAME = 1e-6  # relative difference in value under which two plans are taken for one
