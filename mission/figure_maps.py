@@ -20,6 +20,7 @@ from mission.rundata import extent, flown
 
 _MAPS = 12  # small multiples on one picture
 _FAINT = 0.35
+_HOVER_M = 1.0  # a shorter path is marked as a place
 _FENCE_STYLE: Mapping[bool, Mapping[str, Any]] = {
     True: {"color": FENCE, "lw": 1.3, "ls": (0, (7, 2, 1, 2))},
     False: {"color": FENCE, "lw": 1.3, "ls": "-"},
@@ -36,7 +37,8 @@ def overview(run: FlightData) -> Figure:
     numbers = [plan.round for plan in run.plans]
     shades = _shades(numbers)
     for plan in run.plans:
-        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), zorder=3.5)
+        hover: dict[str, Any] = {"marker": "+", "ms": 9} if plan.path_m < _HOVER_M else {}
+        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), zorder=3.5, **hover)
         record = records.get(plan.round)
         if record is not None:
             track = flown(run, record).pos_m

@@ -38,7 +38,8 @@ def recover(log: Path, out: Path | None = None) -> int:
         f"{saved.seconds:.1f} s of simulated time"
     )
     for loss in saved.losses:
-        console.print(f"lost: bytes {loss.start} to {loss.end}: {loss.reason}")
+        where = f"bytes {loss.start} to {loss.end}" if loss.end > loss.start else "nothing"
+        console.print(f"lost: {where}: {loss.reason}")
     if saved.unknown:
         console.print(f"lost: {saved.unknown} messages of channels that nothing describes")
     return 0

@@ -12,7 +12,7 @@ from fl.radio import CHANNEL_PRESETS, average_per
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics
 from mission.area import Area
 from mission.log.sink import Sink
-from mission.log.values import Devices
+from mission.log.values import Devices, Zone
 from mission.log.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
@@ -122,7 +122,14 @@ class Fixed:
     log: Path
 
 
-def fly(folder: Path, *, rounds: int = 3, seed: int = 1, mirrors: Sequence[Sink] = ()) -> Fixed:
+def fly(
+    folder: Path,
+    *,
+    rounds: int = 3,
+    seed: int = 1,
+    mirrors: Sequence[Sink] = (),
+    fence: Sequence[Zone] = (),
+) -> Fixed:
     """Write a whole made-up run into `folder`: log and tables."""
     rng = np.random.default_rng(seed)
     world = devices(rng)
@@ -130,7 +137,7 @@ def fly(folder: Path, *, rounds: int = 3, seed: int = 1, mirrors: Sequence[Sink]
     made = Fixed(world, [], [], [], [], [], path)
     drone = PointMass(rng, 0, np.array([*AREA.home_m, 0.0]), np.zeros(3), np.zeros(3))
     with (
-        FlightLog(path, area=AREA, devices=world, mirrors=mirrors) as log,
+        FlightLog(path, area=AREA, devices=world, fence=fence, mirrors=mirrors) as log,
         RoundTable(folder / "rounds.csv", world.communities) as round_table,
         UplinkTable(folder / "uplinks.csv") as uplink_table,
     ):
