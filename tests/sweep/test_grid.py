@@ -8,7 +8,7 @@ import pytest
 from mission.config import builtin_config
 from mission.errors import InputError
 from mission.sweep.folder import SweepFolder
-from mission.sweep.grid import Axis, Grid, make_grid, parse_axis
+from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
 
 QUICK = builtin_config("quickstart.toml")
 
@@ -39,6 +39,20 @@ def test_names_are_unique_and_fit_for_files() -> None:
     names = [run.name for run in found.runs]
     assert len(set(names)) == len(names) == 4
     assert all("/" not in name and " " not in name and len(name) < 120 for name in names)
+
+
+@pytest.mark.parametrize(
+    ("point", "name"),
+    [
+        (
+            Point("no_cov", 2, (("channel.preset", "suburban+10dB"),)),
+            "no_cov-preset=suburban+10dB-seed2",
+        ),
+        (Point("examples.staleness:make", 1, ()), "examples.staleness-make-seed1-1be82c90"),
+    ],
+)
+def test_names_are_as_documented(point: Point, name: str) -> None:
+    assert point.name == name
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def state() -> SweepState:
     for line in RUNS.split():
         strategy, seed, *values = line.split(",")
         summary = dict(zip(COLUMNS, map(float, values), strict=True))
-        rounds: tuple[Row, ...] = ({"round": 1},) * 50
+        rounds: tuple[Row, ...] = tuple({"round": k} for k in range(50))
         results.append(RunResult(Point(strategy, int(seed), ()), {**summary}, rounds, {}))
     missing = tuple(Missing(f"ideal-seed{seed}", "ideal", "not begun") for seed in (2, 3))
     return SweepState({"name": "paper"}, tuple(results), missing)

@@ -1,0 +1,173 @@
+"""The ranking of the strategies without flying: many seeds and settings in the time of a few runs.
+
+Every round is planned, drawn and learnt as `aerofed sweep` does, with the same random streams, but
+the aircraft is taken to be where the plan wants it. What that leaves out is the difference between
+the PER at the planned and at the true position, which a flown sweep's tables show.
+
+    python benchmarks/ranking.py configs/paper-sweep.toml --data-dir DATA --seeds 8 \
+        --strategies cov,no_cov --set channel.preset=suburban,suburban+10dB --out ranking.jsonl
+
+A run that is in the file already is not repeated: the same command goes on where it was ended.
+"""
+
+import argparse
+import json
+import math
+import os
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib.externals.loky import ProcessPoolExecutor
+from numpy.typing import NDArray
+
+from fl import federation as learning
+from fl.uplink import deliver
+from mission.planner.problem import RoundProblem
+from mission.strategies import Strategy
+from mission.sweep.grid import SweepRun, make_grid, parse_axis
+from mission.sweep.reproduction import reproduction
+from mission.sweep.results import FINAL_ROUNDS, Row, RunResult
+from mission.sweep.state import SweepState
+from mission.sweep.worker import ENVIRONMENT
+from mission.world import World, build_world
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Outing:
+    """One round without the flight."""
+
+    scheduled: Bools  # (K,)
+    delivered: Bools  # (K,)
+    per: Floats  # of the scheduled ones
+    end_m: Floats  # (2,)
+    path_m: float
+    cost_m: float  # of the path budget
+
+
+def go_out(
+    world: World,
+    strategy: Strategy,
+    state: learning.FederationState,
+    *,
+    index: int,
+    start_m: Floats,
+) -> Outing:
+    """Plan a round, and draw who gets through from where the plan wants the aircraft."""
+    mission = world.config.mission
+    problem = RoundProblem(
+        devices_m=world.devices_m,
+        importance=learning.importance(world.federation, state, fairness=strategy.fairness),
+        start_m=start_m,
+        steps=mission.steps,
+        per_step=mission.devices_per_step,
+        path_budget_m=mission.path_budget_m,
+        channel=world.channel,
+    )
+    sortie = strategy.sortie(index, problem)
+    plan = sortie.plan
+    scheduled: Bools = np.asarray(plan.schedule.any(axis=0))
+    where = plan.waypoints_m[plan.schedule.argmax(axis=0)]
+    away = np.linalg.norm(where - world.devices_m, axis=1)
+    arrivals = deliver(
+        world.channel, away,
+        height_m=np.full(len(away), mission.altitude_m), transmitted=scheduled,
+        rng=world.streams.generator(f"uplink/{index + 1}"), gate=world.config.channel.gate,
+    )  # fmt: skip
+    cost = plan.path_m if sortie.cost_m is None else sortie.cost_m
+    return Outing(
+        scheduled,
+        arrivals.delivered,
+        arrivals.per[scheduled],
+        plan.waypoints_m[-1],
+        plan.path_m,
+        cost,
+    )
+
+
+def play(run: SweepRun, data_dir: Path | None) -> dict[str, Any]:
+    """All rounds of one run: its row of `runs.csv`, and accuracy and CoV by round."""
+    world = build_world(run.config, data_dir=data_dir)
+    mission, federation, strategy = run.config.mission, world.federation, world.strategy
+    round_m = mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
+    everyone = np.ones(len(world.devices_m), dtype=np.bool_)
+    state, learnt = learning.init(federation), []
+    start_m = np.array(world.area.home_m, dtype=np.float64)
+    if strategy is not None and strategy.approach_m is not None:
+        start_m = strategy.approach_m
+    outings: list[Outing] = []
+    used_m = 0.0
+    while len(outings) < mission.rounds and mission.total_budget_m - used_m >= round_m:
+        outing = (
+            Outing(everyone, everyone, np.zeros(0), start_m, 0.0, round_m)
+            if strategy is None
+            else go_out(world, strategy, state, index=len(outings), start_m=start_m)
+        )
+        state, lesson = learning.play_round(
+            federation, state, scheduled=outing.scheduled, delivered=outing.delivered
+        )
+        outings.append(outing)
+        learnt.append({"accuracy": lesson.accuracy, "cov": lesson.cov})
+        start_m, used_m = outing.end_m, used_m + outing.cost_m
+    arrived = np.sum([outing.delivered for outing in outings], axis=0)
+    per = np.concatenate([outing.per for outing in outings])
+    flown_m = math.fsum(outing.path_m for outing in outings)
+    summary: Row = {
+        "rounds": len(outings),
+        "flown_m": flown_m,
+        "simulated_s": flown_m / mission.speed_mps,
+        "delivered_share": float(arrived.sum() / sum(o.scheduled.sum() for o in outings)),
+        "plan_per": float(per.mean()) if per.size else math.nan,
+        "true_per": math.nan,
+    }
+    last = learnt[-FINAL_ROUNDS:]
+    for index, name in enumerate(federation.names):
+        for what in ("accuracy", "cov"):
+            summary[f"final_{what}_{name}"] = float(np.mean([item[what][name] for item in last]))
+        mine = arrived[federation.members(index)]
+        summary[f"participation_{name}"] = float(mine.mean()) / len(outings)
+        owned = federation.communities[index].counts.any(axis=0)
+        summary[f"owned_classes_{name}"] = int(owned.sum())
+    return {"run": run.name, "summary": summary, "rounds": learnt}
+
+
+def main() -> None:
+    """Play what is not in the file yet, then print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--data-dir", type=Path)
+    parser.add_argument("--strategies", default="cov,no_cov,barycenter,rectangular,ideal")
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--set", nargs="*", default=[], dest="axes")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    grid = make_grid(
+        options.config,
+        strategies=options.strategies.split(","),
+        seeds=options.seeds,
+        axes=[parse_axis(text) for text in options.axes],
+    )
+    lines = options.out.read_text().splitlines() if options.out.exists() else []
+    done = {entry["run"]: entry for entry in map(json.loads, lines)}
+    todo = [run for run in grid.runs if run.name not in done]
+    with ProcessPoolExecutor(options.jobs, env=ENVIRONMENT) as pool, options.out.open("a") as out:
+        for future in as_completed(pool.submit(play, run, options.data_dir) for run in todo):
+            entry = future.result()
+            done[entry["run"]] = entry
+            out.write(json.dumps(entry) + "\n")
+            out.flush()
+    results = [
+        RunResult(run, done[run.name]["summary"], tuple(done[run.name]["rounds"]), {})
+        for run in grid.runs
+    ]
+    print(reproduction(SweepState({"name": grid.base.name}, tuple(results), ())))
+
+
+if __name__ == "__main__":
+    main()
