@@ -4,7 +4,6 @@ import asyncio
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,56 +12,24 @@ from fl import federation as learning
 from mission.checkpoint import RoundMemory
 from mission.custom import Known, Weighing
 from mission.errors import FlightError, LinkLostError
-from mission.flightplan import FlightPlan, stops_of
+from mission.flightplan import stops_of
 from mission.flyer import Flyer, Tap
 from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.lessons import learn
 from mission.pilot.items import stop_sequence
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundProblem
 from mission.records import Learnt, RoundRecord, UplinkRecord
+from mission.results import Recorder, RoundResult
 from mission.stopwatch import Stopwatch
 from mission.strategies import Strategy
+from mission.tally import Tally
 from mission.track import Passage
 from mission.world import World
 from sitl.observer import VehicleObserver
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class RoundResult:
-    """Everything about one round, for those who record it."""
-
-    record: RoundRecord
-    uplinks: tuple[UplinkRecord, ...]
-    memory: RoundMemory
-    state: learning.FederationState  # after the round
-    remembered: bool  # flown again, from a checkpoint
-
-
-class Recorder(Protocol):
-    """Takes what happens, in order. Nothing that it does alters the run."""
-
-    def planned(
-        self,
-        t_ns: int,
-        round_number: int,
-        problem: RoundProblem,
-        plan: RoundPlan,
-        flight_plan: FlightPlan,
-    ) -> None:
-        """A round is about to be flown."""
-        ...
-
-    def finished(self, result: RoundResult) -> None:
-        """A round is over."""
-        ...
-
-    def phase(self, name: str) -> None:
-        """What is going on now, for people."""
-        ...
 
 
 @dataclass
@@ -77,35 +44,16 @@ class Experiment:
     observers: Sequence[VehicleObserver] = ()
     tap: Tap | None = None  # on the link between pilot and simulated vehicle
     workers: int = 1  # communities that train at a time; changes no result
-    budget_used_m: float = 0.0
-    rounds_done: int = 0
-    flown_m: float = 0.0
-    sim_s: float = 0.0
-    scheduled: int = 0
-    delivered: int = 0
-    battery_changes: int = 0
-    accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
-
-    last_heard: NDArray[np.int64] = field(init=False)  # (K,) round of the last update; 0: none
+    tally: Tally = field(init=False)
     _stage: str = field(default="", init=False)  # of the flight, for people
 
     def __post_init__(self) -> None:
-        self.last_heard = np.zeros(len(self.world.devices_m), dtype=np.int64)
+        self.tally = Tally.of(len(self.world.devices_m))
 
     @property
     def finished(self) -> bool:
-        """Whether the rounds or the path budget are spent.
-
-        What is left of the budget must pay for a whole round: a stub of one would end the run on
-        models that few devices had a part in. Only the first round may be shorter.
-        """
-        mission = self.world.config.mission
-        if self.rounds_done >= mission.rounds:
-            return True
-        barycenter = mission.strategy == "barycenter"
-        cost = mission.hover_cost_m if barycenter else mission.path_budget_m
-        left = mission.total_budget_m - self.budget_used_m
-        return left < min(cost, mission.total_budget_m) or left <= 0.0
+        """Whether the rounds or the path budget are spent."""
+        return self.tally.is_over(self.world.config.mission)
 
     async def run(self) -> None:
         """All rounds, from take-off to landing; `ideal` needs no flight.
@@ -123,7 +71,7 @@ class Experiment:
         except (FlightError, LinkLostError) as error:
             if not self._stage:
                 raise
-            raise type(error)(f"{self._stage}, t {self.sim_s:.1f} s: {error}") from error
+            raise type(error)(f"{self._stage}, t {self.tally.sim_s:.1f} s: {error}") from error
 
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
@@ -131,7 +79,7 @@ class Experiment:
             try:
                 await self._sorties(flyer, strategy)
             finally:
-                self.sim_s = flyer.t_ns / 1e9
+                self.tally.sim_s = flyer.t_ns / 1e9
 
     async def _sorties(self, flyer: Flyer, strategy: Strategy) -> None:
         self._stage = "take-off"
@@ -141,7 +89,7 @@ class Experiment:
             if strategy.approach_m is not None:
                 await flyer.go_to(strategy.approach_m)
         while not self.finished:
-            self._stage = f"round {self.rounds_done + 1}"
+            self._stage = f"round {self.tally.number}"
             await self._flown_round(flyer, strategy)
         self._stage = "landing"
         self.recorder.phase("landing")
@@ -149,10 +97,10 @@ class Experiment:
             await flyer.land()
 
     async def _flown_round(self, flyer: Flyer, strategy: Strategy) -> None:
-        world, number = self.world, self.rounds_done + 1
+        world, number = self.world, self.tally.number
         recalled = self._recalled()
         with self.stopwatch("fly"):
-            self.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
+            self.tally.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
         first = number == 1 and world.config.planner.kind == "certified"
         planning = f"planning{' (after an installation it compiles first)' if first else ''}"
         self._show("flying again" if recalled else planning)
@@ -163,7 +111,7 @@ class Experiment:
         else:
             with self.stopwatch("plan"):
                 # In a thread, so that heartbeats go on; simulated time stands still.
-                sortie = await asyncio.to_thread(strategy.sortie, self.rounds_done, problem)
+                sortie = await asyncio.to_thread(strategy.sortie, number - 1, problem)
         flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
         self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
 
@@ -177,8 +125,7 @@ class Experiment:
             area=world.area, community_of=world.community_of,
             gate=world.config.channel.gate, rng=world.streams.generator(f"uplink/{number}"),
         )  # fmt: skip
-        self.budget_used_m += flight.flown_m if sortie.cost_m is None else sortie.cost_m
-        self.flown_m += flight.flown_m
+        cost_m = flight.flown_m if sortie.cost_m is None else sortie.cost_m
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None and recalled.true_objective != true_objective:
             raise FlightError(
@@ -190,7 +137,7 @@ class Experiment:
         scheduled, delivered = (np.zeros(len(world.devices_m), dtype=bool) for _ in range(2))
         scheduled[[u.device for u in served]] = True
         delivered[[u.device for u in served if u.delivered]] = True
-        self.last_heard[delivered] = number
+        self.tally.last_heard[delivered] = number
         learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=number,
@@ -202,7 +149,7 @@ class Experiment:
             upper_bound=sortie.plan.upper_bound,
             plan_path_m=sortie.plan.path_m,
             flown_path_m=flight.flown_m,
-            budget_used_m=self.budget_used_m,
+            budget_used_m=self.tally.budget_used_m + cost_m,
             scheduled=len(served),
             delivered=int(delivered.sum()),
             battery_remaining=flight.battery_remaining,
@@ -217,14 +164,13 @@ class Experiment:
     ) -> RoundProblem:
         world, mission = self.world, self.world.config.mission
         importance = recalled.importance if recalled is not None else self._importance(strategy)
-        left_m = mission.total_budget_m - self.budget_used_m
         return RoundProblem(
             devices_m=world.devices_m,
             importance=importance,
             start_m=world.area.from_ned(start.est_ned_m),
             steps=mission.steps,
             per_step=mission.devices_per_step,
-            path_budget_m=min(mission.path_budget_m, left_m),
+            path_budget_m=min(mission.path_budget_m, self.tally.left_m(mission)),
             channel=world.channel,
         )
 
@@ -235,12 +181,13 @@ class Experiment:
             return delta
         of = federation.community_of
         known = Known(
-            self.rounds_done + 1, delta, federation.p, state.cov[of], of, self.last_heard.copy()
+            self.tally.number, delta, federation.p, state.cov[of], of, self.tally.last_heard.copy()
         )
         return strategy.importance(known)
 
     def _recalled(self) -> RoundMemory | None:
-        return self.memory[self.rounds_done] if self.rounds_done < len(self.memory) else None
+        done = self.tally.rounds_done
+        return self.memory[done] if done < len(self.memory) else None
 
     async def _ideal_round(self) -> None:
         recalled = self._recalled()
@@ -252,11 +199,11 @@ class Experiment:
             learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
         # Nothing is flown, but the ideal must not have more rounds than the budget pays for.
-        self.budget_used_m += self.world.config.mission.path_budget_m
+        spent_m = self.tally.budget_used_m + self.world.config.mission.path_budget_m
         record = RoundRecord(
-            round=self.rounds_done + 1, start_t_s=0.0, duration_s=0.0,
+            round=self.tally.number, start_t_s=0.0, duration_s=0.0,
             plan_objective=total, est_objective=total, true_objective=total, upper_bound=total,
-            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=self.budget_used_m,
+            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=spent_m,
             scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
             accuracy=learnt.accuracy, cov=learnt.cov,
         )  # fmt: skip
@@ -280,7 +227,7 @@ class Experiment:
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""
         rounds = self.world.config.mission.rounds
-        self.recorder.phase(f"round {self.rounds_done + 1}/{rounds}: {what}")
+        self.recorder.phase(f"round {self.tally.number}/{rounds}: {what}")
 
     def _finish(
         self,
@@ -292,10 +239,7 @@ class Experiment:
     ) -> None:
         with self.stopwatch("log"):
             self.recorder.finished(RoundResult(record, served, memory, self.state, remembered))
-        self.rounds_done += 1
-        self.scheduled += record.scheduled
-        self.delivered += record.delivered
-        self.accuracy = dict(record.accuracy)
+        self.tally.add(record)
 
 
 def _success(per: float) -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder
-from mission.experiment import RoundResult
 from mission.fence import fence_of
 from mission.flightplan import FlightPlan
 from mission.folder import RunFolder, environment
@@ -17,6 +16,7 @@ from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.progress import Progress, make_progress
 from mission.records import DeviceRecord, Learnt
+from mission.results import RoundResult
 from mission.setaside import SetAside
 from mission.stopwatch import Stopwatch
 from mission.tables import LearningTable, RoundTable, UplinkTable

@@ -24,6 +24,8 @@ from mission.stopwatch import Stopwatch
 from mission.summary import Status, Summary
 from mission.world import World, build_world
 
+_SETTING_UP = "setting up (after an installation it compiles first)"
+
 
 @dataclass(frozen=True)
 class _Ready:
@@ -59,7 +61,7 @@ def fly_session(
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
     stopwatch = stopwatch or Stopwatch()
-    with stopwatch("setup"):
+    with stopwatch("setup"), audience.waiting(_SETTING_UP):
         world = build_world(config, data_dir=data_dir)
         if world.strategy is not None:
             check_link(config.link)
@@ -98,7 +100,7 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
     values = read_checkpoint(path)
     data_dir = data_dir_of(values)
     with folder.lock():
-        with stopwatch("setup"):
+        with stopwatch("setup"), audience.waiting(_SETTING_UP):
             config = load_config(folder.config)
             if config.link.kind == "external":
                 raise InputError(
@@ -160,7 +162,7 @@ def _fly(
         finally:
             why = None if error is None else str(error)
             if status != "finished":
-                summary.ended(status, experiment, stopwatch, error=why)
+                summary.ended(status, experiment.tally, stopwatch, error=why)
     if status == "finished":
         SetAside(folder).discard()
     # The figures read the finished log and tables.
@@ -171,7 +173,7 @@ def _fly(
         if error is None:  # otherwise a consequence of what went wrong before
             error, status, why = failure, "failed", str(failure)
     # Last of all: a folder that says "finished" has everything.
-    summary.ended(status, experiment, stopwatch, error=why)
+    summary.ended(status, experiment.tally, stopwatch, error=why)
     if error is not None:
         raise type(error)(f"{error}; what was flown is in {folder.path}")
     for line in _outcome(experiment, stopwatch):
@@ -186,21 +188,21 @@ def _fly(
 
 def _outcome(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:
     shares = ", ".join(f"{name} {wall_s:.1f} s" for name, wall_s in stopwatch.wall_s.items())
-    done, world = experiment.rounds_done, experiment.world
-    mission, lines = world.config.mission, []
+    tally, world = experiment.tally, experiment.world
+    done, mission, lines = tally.rounds_done, world.config.mission, []
     if experiment.finished and done < mission.rounds:
         lines.append(
             f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
             f"round {done + 1}"
         )
-    flown = f"{experiment.flown_m:.0f} m flown in them"
+    flown = f"{tally.flown_m:.0f} m flown in them"
     if world.strategy is None:
         flown = "nothing flown"
     elif mission.strategy == "barycenter":
-        flown = f"hovering, {experiment.budget_used_m:.0f} m of the path budget spent"
+        flown = f"hovering, {tally.budget_used_m:.0f} m of the path budget spent"
     lines.append(
         f"{done} round{'' if done == 1 else 's'}, {flown}, "
-        f"{experiment.delivered}/{experiment.scheduled} updates delivered; "
+        f"{tally.delivered}/{tally.scheduled} updates delivered; "
         f"{stopwatch.total_s:.1f} s ({shares})"
     )
     return lines

@@ -2,10 +2,10 @@
 
 from typing import Any, Literal
 
-from mission.experiment import Experiment
 from mission.flyers import position_source
 from mission.folder import RunFolder, environment
 from mission.stopwatch import Stopwatch
+from mission.tally import Tally
 from mission.world import World
 
 Status = Literal["running", "finished", "interrupted", "failed"]
@@ -32,26 +32,26 @@ class Summary:
         self._folder.write_summary({"status": "running", **self._about})
 
     def ended(
-        self, status: Status, experiment: Experiment, stopwatch: Stopwatch, *, error: str | None
+        self, status: Status, tally: Tally, stopwatch: Stopwatch, *, error: str | None
     ) -> None:
         """How far it came."""
         why = {} if error is None else {"error": error}
         self._folder.write_summary(
-            {"status": status, **self._about, **why, **_totals(experiment, stopwatch)}
+            {"status": status, **self._about, **why, **_totals(tally, stopwatch)}
         )
 
 
-def _totals(experiment: Experiment, stopwatch: Stopwatch) -> dict[str, Any]:
+def _totals(tally: Tally, stopwatch: Stopwatch) -> dict[str, Any]:
     flight_s = stopwatch.wall_s.get("fly", 0.0)
     return {
-        "rounds": experiment.rounds_done,
-        "flown_in_rounds_m": experiment.flown_m,
-        "budget_used_m": experiment.budget_used_m,
-        "simulated_s": experiment.sim_s,
-        "real_time_factor": experiment.sim_s / flight_s if flight_s > 0.0 else 0.0,
-        "battery_changes": experiment.battery_changes,
-        "delivered": experiment.delivered,
-        "scheduled": experiment.scheduled,
-        "accuracy": experiment.accuracy,
+        "rounds": tally.rounds_done,
+        "flown_in_rounds_m": tally.flown_m,
+        "budget_used_m": tally.budget_used_m,
+        "simulated_s": tally.sim_s,
+        "real_time_factor": tally.sim_s / flight_s if flight_s > 0.0 else 0.0,
+        "battery_changes": tally.battery_changes,
+        "delivered": tally.delivered,
+        "scheduled": tally.scheduled,
+        "accuracy": tally.accuracy,
         "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
     }

@@ -10,8 +10,8 @@ import pytest
 from mission.cli import call
 from mission.custom import Known
 from mission.errors import FlightError
-from mission.experiment import RoundResult
 from mission.recorder import FolderRecorder
+from mission.results import RoundResult
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",

@@ -1,0 +1,60 @@
+"""What a run has added up to, round by round."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.config import MissionConfig
+from mission.records import RoundRecord
+
+
+@dataclass
+class Tally:
+    """Sums over the finished rounds; those of a flight under way are not in them yet."""
+
+    last_heard: NDArray[np.int64]  # (K,) round of each device's last update; 0: none yet
+    rounds_done: int = 0
+    budget_used_m: float = 0.0
+    flown_m: float = 0.0
+    sim_s: float = 0.0  # since power-up
+    scheduled: int = 0
+    delivered: int = 0
+    battery_changes: int = 0
+    accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
+
+    @classmethod
+    def of(cls, devices: int) -> "Tally":
+        """Before the first round."""
+        return cls(np.zeros(devices, dtype=np.int64))
+
+    @property
+    def number(self) -> int:
+        """Of the round that comes next or goes on, from 1."""
+        return self.rounds_done + 1
+
+    def add(self, record: RoundRecord) -> None:
+        """One more round is over."""
+        self.rounds_done += 1
+        self.budget_used_m = record.budget_used_m
+        self.flown_m += record.flown_path_m
+        self.scheduled += record.scheduled
+        self.delivered += record.delivered
+        self.accuracy = dict(record.accuracy)
+
+    def is_over(self, mission: MissionConfig) -> bool:
+        """Whether the rounds or the path budget are spent.
+
+        What is left of the budget must pay for a whole round: a stub of one would end the run on
+        models that few devices had a part in. Only the first round may be shorter.
+        """
+        if self.rounds_done >= mission.rounds:
+            return True
+        barycenter = mission.strategy == "barycenter"
+        cost = mission.hover_cost_m if barycenter else mission.path_budget_m
+        left = self.left_m(mission)
+        return left < min(cost, mission.total_budget_m) or left <= 0.0
+
+    def left_m(self, mission: MissionConfig) -> float:
+        """Metres of the path budget that are not spent."""
+        return mission.total_budget_m - self.budget_used_m
