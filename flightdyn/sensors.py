@@ -1,7 +1,8 @@
 """Sensor models: the truth and random streams in, what the autopilot is given out.
 
 Each sensor draws from its own named stream, in blocks that do not depend on the flight, so that
-a sensor's noise is a function of the seed alone.
+a sensor's noise is a function of the seed alone. Between blocks all is plain floats: at these
+sizes numpy's calls cost more than the arithmetic.
 """
 
 import math
@@ -15,6 +16,14 @@ from flightdyn.config import BaroConfig, GnssConfig, ImuConfig, MagConfig
 from flightdyn.frames import Quaternion, Triple, frozen, rotation_matrix
 from flightdyn.random import RandomStreams
 from flightdyn.state import GnssFix, Vector
+
+_BLOCK = 64  # samples of a sensor that are drawn at a time
+
+
+def _draws(rng: np.random.Generator, count: int) -> Iterator[list[float]]:
+    """Standard normal numbers, `count` at a time."""
+    while True:
+        yield from rng.standard_normal((_BLOCK, count)).tolist()
 
 
 class ImuErrors:
@@ -51,16 +60,16 @@ class ImuErrors:
 
 
 class _GaussMarkov:
-    """First-order Gauss-Markov error of n axes, sampled at a fixed interval."""
+    """First-order Gauss-Markov error of one axis, sampled at a fixed interval."""
 
     def __init__(
-        self, std: Vector, correlation_s: float, interval_s: float, rng: np.random.Generator
+        self, std: float, correlation_s: float, interval_s: float, rng: np.random.Generator
     ) -> None:
         self._keep = math.exp(-interval_s / correlation_s)
         self._kick = std * math.sqrt(1 - self._keep**2)
-        self.value = rng.standard_normal(len(std)) * std
+        self.value = float(rng.standard_normal()) * std
 
-    def step(self, draw: Vector) -> Vector:
+    def step(self, draw: float) -> float:
         self.value = self._keep * self.value + self._kick * draw
         return self.value
 
@@ -70,32 +79,37 @@ class Gnss:
 
     def __init__(self, config: GnssConfig, streams: RandomStreams) -> None:
         self._config = config
-        self._rng = streams.generator("sensor/gnss")
-        std = np.array([config.std_horizontal_m] * 2 + [config.std_vertical_m])
-        self._position = _GaussMarkov(std, config.correlation_s, config.interval_s, self._rng)
-        self._velocity_std = np.array(
-            [config.std_vel_horizontal_mps] * 2 + [config.std_vel_vertical_mps]
+        rng = streams.generator("sensor/gnss")
+        self._north, self._east, self._down = (
+            _GaussMarkov(std, config.correlation_s, config.interval_s, rng)
+            for std in (config.std_horizontal_m, config.std_horizontal_m, config.std_vertical_m)
         )
+        self._draws = _draws(rng, 9)
         self._delay_ns = round(config.delay_s * 1e9)
         self._pending: deque[GnssFix] = deque()
         self.on = True
         self.jump_ned_m: Triple = (0.0, 0.0, 0.0)
-        self.error_ned_m: Vector = np.zeros(3)  # of the last solution, jumps included
+        self.error_ned_m: Triple = (0.0, 0.0, 0.0)  # of the last solution, jumps included
 
     def measure(self, t_ns: int, pos_ned_m: Triple, vel_ned_mps: Triple) -> None:
         """Make the solution of epoch `t_ns`. The noise goes on where the receiver is off."""
-        draw = self._rng.standard_normal(9)
-        slow = self._position.step(draw[:3])
-        self.error_ned_m = slow + draw[3:6] * self._config.white_m + np.array(self.jump_ned_m)
-        velocity = np.array(vel_ned_mps) + draw[6:] * self._velocity_std
+        config = self._config
+        slow_n, slow_e, slow_d, *white, un, ue, ud = next(self._draws)
+        (jn, je, jd), k = self.jump_ned_m, config.white_m
+        self.error_ned_m = en, ee, ed = (
+            self._north.step(slow_n) + white[0] * k + jn,
+            self._east.step(slow_e) + white[1] * k + je,
+            self._down.step(slow_d) + white[2] * k + jd,
+        )
         if not self.on:
             return
-        config = self._config
+        (n, e, d), (vn, ve, vd) = pos_ned_m, vel_ned_mps
+        level, upright = config.std_vel_horizontal_mps, config.std_vel_vertical_mps
         self._pending.append(
             GnssFix(
                 t_ns=t_ns,
-                pos_ned_m=frozen(np.array(pos_ned_m) + self.error_ned_m),
-                vel_ned_mps=frozen(velocity),
+                pos_ned_m=frozen((n + en, e + ee, d + ed)),
+                vel_ned_mps=frozen((vn + un * level, ve + ue * level, vd + ud * upright)),
                 std_horizontal_m=math.hypot(config.std_horizontal_m, config.white_m),
                 std_vertical_m=math.hypot(config.std_vertical_m, config.white_m),
                 std_velocity_mps=config.std_vel_horizontal_mps,
@@ -123,15 +137,16 @@ class Baro:
 
     def __init__(self, config: BaroConfig, streams: RandomStreams) -> None:
         self._white = config.white_pa
-        self._rng = streams.generator("sensor/baro")
-        std = np.array([config.drift_pa])
-        self._drift = _GaussMarkov(std, config.drift_correlation_s, config.interval_s, self._rng)
+        rng = streams.generator("sensor/baro")
+        self._drift = _GaussMarkov(
+            config.drift_pa, config.drift_correlation_s, config.interval_s, rng
+        )
+        self._draws = _draws(rng, 2)
 
     def measure(self, t_ns: int, pressure_pa: float) -> BaroSample:
         """The sample at `t_ns` in air of the given pressure."""
-        draw = self._rng.standard_normal(2)
-        drift = float(self._drift.step(draw[:1])[0])
-        return BaroSample(t_ns, pressure_pa + drift + self._white * float(draw[1]))
+        slow, white = next(self._draws)
+        return BaroSample(t_ns, pressure_pa + self._drift.step(slow) + self._white * white)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,16 +162,19 @@ class Magnetometer:
 
     def __init__(self, config: MagConfig, streams: RandomStreams) -> None:
         self._config = config
-        self._rng = streams.generator("sensor/mag")
-        self._offset = self._rng.standard_normal(3) * config.hard_iron_gauss
+        rng = streams.generator("sensor/mag")
+        self._offset = [draw * config.hard_iron_gauss for draw in rng.standard_normal(3).tolist()]
+        self._draws = _draws(rng, 3)
 
     def measure(self, t_ns: int, q_frd_to_ned: Quaternion) -> MagSample:
         """The sample at `t_ns` of an aircraft with the given attitude."""
         c = self._config
         n, e, d = c.field_north_gauss, c.field_east_gauss, c.field_down_gauss
         r = rotation_matrix(q_frd_to_ned)
-        error = self._offset + c.white_gauss * self._rng.standard_normal(3)
-        x, y, z = error.tolist()
+        x, y, z = (
+            offset + c.white_gauss * draw
+            for offset, draw in zip(self._offset, next(self._draws), strict=True)
+        )
         return MagSample(
             t_ns,
             (
