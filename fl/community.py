@@ -15,7 +15,7 @@ from fl.algorithms import Algorithm, make_algorithm
 from fl.config import CommunityConfig, LearningConfig
 from fl.datasets import Dataset, load
 from fl.errors import SettingError
-from fl.models import make_network
+from fl.models import BUILT_IN, make_network
 from fl.training import Network, Scaling, scaling_of
 
 logger = logging.getLogger(__name__)
@@ -131,17 +131,26 @@ def build(
     for name in names:
         if names.count(name) > 1:
             raise SettingError("communities.name", name, "is given twice")
+    if learning.device != "cpu" and all(config.network in BUILT_IN for config in communities):
+        raise SettingError(
+            "learning.device",
+            learning.device,
+            "is for torch modules of your own; the built-in networks train on the processor",
+        )
     loaded: dict[tuple[str, str | None], Dataset] = {}
     built = []
     for config in communities:
         key = (config.task, config.data_file)
         if key not in loaded:
             loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
-        built.append(_community(config, loaded[key], stream(f"fl/{config.name}/partition")))
+        rng = stream(f"fl/{config.name}/partition")
+        built.append(_community(config, loaded[key], rng, device=learning.device))
     return Federation(tuple(built), learning, make_algorithm(learning), stream)
 
 
-def _community(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> Community:
+def _community(
+    config: CommunityConfig, dataset: Dataset, rng: np.random.Generator, *, device: str
+) -> Community:
     labels, classes = dataset.train.labels, dataset.classes
     try:
         if config.partition == "labels":
@@ -169,7 +178,9 @@ def _community(config: CommunityConfig, dataset: Dataset, rng: np.random.Generat
         ) from error
     counts = partition.class_counts(labels, shares, classes=classes)
     counts.setflags(write=False)
-    network = make_network(config.network, image_shape=dataset.image_shape, classes=classes)
+    network = make_network(
+        config.network, image_shape=dataset.image_shape, classes=classes, device=device
+    )
     orphans = np.flatnonzero(counts.sum(axis=0) == 0)
     if orphans.size:
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())

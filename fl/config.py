@@ -134,3 +134,8 @@ class LearningConfig(_Frozen):
         le=1.0,
         description="least CoV that importance sees, so that a fair community still counts",
     )
+    device: Literal["cpu", "cuda"] = Field(
+        "cpu",
+        description="where torch modules of your own train; the built-in networks are compiled for"
+        " the processor",
+    )

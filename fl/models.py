@@ -6,22 +6,27 @@ from fl.convnet import ConvNet
 from fl.errors import NetworkError
 from fl.training import Network
 
+BUILT_IN = ("lenet", "mcmahan")
+
 
 def parameter_count(network: Network) -> int:
     """P, the length of the flat parameter vector."""
     return sum(math.prod(shape) for shape in network.shapes)
 
 
-def make_network(name: str, *, image_shape: tuple[int, int, int], classes: int) -> Network:
+def make_network(
+    name: str, *, image_shape: tuple[int, int, int], classes: int, device: str = "cpu"
+) -> Network:
     """The network `name` for a task: "lenet", "mcmahan" or "package.module:callable".
 
     LeNet (LeCun et al. 1998): 6 and 16 feature maps, 120 and 84 hidden units; the padding is
     LeNet-5's where the images are 28 or 32 pixels wide, and "same" where they are too small.
     McMahan et al. 2017: 32 and 64 maps, 512 hidden units, "same" padding. A callable is called
-    without arguments and returns the module. `NetworkError` says what does not fit.
+    without arguments and returns the module, which trains on the torch device `device`.
+    `NetworkError` says what does not fit, `SettingError` that there is no such device.
     """
     smallest = min(image_shape[:2])
-    if name in ("lenet", "mcmahan") and smallest < 4:
+    if name in BUILT_IN and smallest < 4:
         raise NetworkError(name, f"images of {image_shape} are too small, 4 x 4 is the least")
     if name == "lenet":
         first = 0 if smallest >= 32 else 2
@@ -32,4 +37,4 @@ def make_network(name: str, *, image_shape: tuple[int, int, int], classes: int) 
     # Imported here: only a user's module needs torch, which takes seconds.
     from fl.modules import ModuleNetwork
 
-    return ModuleNetwork.imported(name, image_shape=image_shape, classes=classes)
+    return ModuleNetwork.imported(name, image_shape=image_shape, classes=classes, device=device)

@@ -1,4 +1,4 @@
-"""A torch module of the user as a network: the home of torch, on one thread."""
+"""A torch module of the user as a network, on one thread or a GPU: the home of torch."""
 
 import importlib
 import math
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl.datasets import Split
-from fl.errors import NetworkError
+from fl.errors import NetworkError, SettingError
 from fl.training import LocalResult, LocalSettings, LocalTask, Scaling, Shapes, Vector, batch_order
 
 EVALUATION_BATCH = 250
@@ -27,10 +27,15 @@ class ModuleNetwork:
 
     parallel = False  # the module holds the weights, and torch has one generator
 
-    def __init__(self, factory: Callable[[], nn.Module], *, name: str, classes: int) -> None:
+    def __init__(
+        self, factory: Callable[[], nn.Module], *, name: str, classes: int, device: str = "cpu"
+    ) -> None:
+        if device == "cuda" and not torch.cuda.is_available():
+            raise SettingError("learning.device", device, "torch sees no CUDA device; use 'cpu'")
         self._factory = factory
         self._classes = classes
-        self._module = _built(factory, name)
+        self._device = torch.device(device)
+        self._module = _built(factory, name).to(self._device)
         self._parameters = list(self._module.parameters())
         if next(iter(self._module.buffers()), None) is not None:
             raise NetworkError(name, "it has buffers (batch normalisation?); use GroupNorm")
@@ -42,10 +47,10 @@ class ModuleNetwork:
 
     @classmethod
     def imported(
-        cls, name: str, *, image_shape: tuple[int, int, int], classes: int
+        cls, name: str, *, image_shape: tuple[int, int, int], classes: int, device: str
     ) -> "ModuleNetwork":
         """The network that "package.module:callable" makes, tried once: `NetworkError`."""
-        network = cls(_imported(name), name=name, classes=classes)
+        network = cls(_imported(name), name=name, classes=classes, device=device)
         network._try(name, image_shape)
         return network
 
@@ -56,7 +61,7 @@ class ModuleNetwork:
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """The module's own initialisation, with torch's generator seeded from `rng`."""
-        with _own_randomness(rng):
+        with self._own_randomness(rng):
             values = [value.detach().reshape(-1) for value in self._factory().parameters()]
         return np.concatenate([value.numpy() for value in values])
 
@@ -71,19 +76,19 @@ class ModuleNetwork:
     ) -> LocalResult:
         """Local training from the global `model` (P,); dropout draws from the device's stream."""
         order = batch_order(task, settings)
-        anchor = torch.from_numpy(model.copy())
+        anchor = self._tensor(model.copy())
         weights = anchor.clone()
         velocity = torch.zeros_like(weights)
-        correction = None if task.correction is None else torch.from_numpy(task.correction.copy())
-        total = 0.0
+        correction = None if task.correction is None else self._tensor(task.correction.copy())
+        total = torch.zeros((), dtype=torch.float64, device=self._device)
         self._take(weights)
         self._module.train()
-        with _one_thread(), _own_randomness(task.rng):
+        with self._repeatable(), self._own_randomness(task.rng):
             for padded in order:
                 chosen = padded[padded >= 0]
-                logits = self._module(_images(split, chosen, scaling))
-                loss = F.cross_entropy(logits, torch.from_numpy(split.labels[chosen]))
-                total += loss.item()
+                logits = self._module(self._images(split, chosen, scaling))
+                loss = F.cross_entropy(logits, self._tensor(split.labels[chosen]))
+                total += loss.detach()
                 slopes = torch.autograd.grad(
                     loss, self._parameters, allow_unused=True, materialize_grads=True
                 )
@@ -93,19 +98,19 @@ class ModuleNetwork:
                 slope.add_(weights, alpha=settings.mu).sub_(anchor, alpha=settings.mu)
                 velocity.mul_(settings.momentum).add_(slope)
                 weights.sub_(velocity, alpha=settings.learning_rate)
-        return LocalResult(weights.numpy(), len(order), total / len(order))
+        return LocalResult(weights.cpu().numpy(), len(order), float(total) / len(order))
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
     ) -> NDArray[np.int64]:
         """How many images of each class the model gets right, (classes,)."""
         correct = np.zeros(self._classes, dtype=np.int64)
-        self._take(torch.from_numpy(model.copy()))
+        self._take(self._tensor(model.copy()))
         self._module.eval()
-        with _one_thread(), torch.inference_mode():
+        with self._repeatable(), torch.inference_mode():
             for start in range(0, len(split.labels), EVALUATION_BATCH):
                 part = np.arange(start, min(start + EVALUATION_BATCH, len(split.labels)))
-                guess = self._module(_images(split, part, scaling)).argmax(dim=1).numpy()
+                guess = self._module(self._images(split, part, scaling)).argmax(dim=1).cpu().numpy()
                 right = split.labels[part][guess == split.labels[part]]
                 correct += np.bincount(right, minlength=self._classes)
         return correct
@@ -116,12 +121,41 @@ class ModuleNetwork:
         for parameter, piece in zip(self._parameters, pieces, strict=True):
             parameter.data = piece.view(parameter.shape)
 
+    def _tensor(self, array: NDArray[np.generic]) -> Tensor:
+        return torch.from_numpy(array).to(self._device)
+
+    def _images(self, split: Split, chosen: NDArray[np.int64], scaling: Scaling) -> Tensor:
+        """Scaled images (batch, channels, height, width)."""
+        pixels = self._tensor(split.images[chosen]).permute(0, 3, 1, 2).to(torch.float32)
+        scale, shift = (self._tensor(x)[:, None, None] for x in (scaling.scale, scaling.shift))
+        return torch.addcmul(shift, pixels, scale)
+
+    @contextmanager
+    def _repeatable(self) -> Iterator[None]:
+        """One thread, so that sums do not depend on the number of cores; fixed GPU algorithms."""
+        before = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            with torch.backends.cudnn.flags(benchmark=False, deterministic=True, allow_tf32=False):
+                yield
+        finally:
+            torch.set_num_threads(before)
+
+    @contextmanager
+    def _own_randomness(self, rng: np.random.Generator) -> Iterator[None]:
+        """Torch's generators seeded from a stream of its own, given back as they were."""
+        gpus = [torch.cuda.current_device()] if self._device.type == "cuda" else []
+        with torch.random.fork_rng(devices=gpus):
+            torch.manual_seed(int(rng.integers(2**63)))
+            yield
+
     def _try(self, name: str, image_shape: tuple[int, int, int]) -> None:
         """One forward pass, so that a wrong shape shows before the first flight."""
         height, width, channels = image_shape
         try:
             with torch.inference_mode():
-                out = self._module(torch.zeros(2, channels, height, width))
+                images = torch.zeros(2, channels, height, width, device=self._device)
+                out = self._module(images)
         except _USERS_MISTAKES as error:
             raise NetworkError(
                 name,
@@ -179,29 +213,3 @@ def _built(factory: Callable[[], nn.Module], name: str) -> nn.Module:
     if not isinstance(module, nn.Module):
         raise NetworkError(name, f"gives a {type(module).__name__}, not a torch.nn.Module")
     return module
-
-
-def _images(split: Split, chosen: NDArray[np.int64], scaling: Scaling) -> Tensor:
-    """Scaled images (batch, channels, height, width)."""
-    pixels = torch.from_numpy(split.images[chosen]).permute(0, 3, 1, 2).to(torch.float32)
-    scale, shift = (torch.from_numpy(x)[:, None, None] for x in (scaling.scale, scaling.shift))
-    return torch.addcmul(shift, pixels, scale)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """One torch thread: sums then never depend on how many cores happen to be there."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@contextmanager
-def _own_randomness(rng: np.random.Generator) -> Iterator[None]:
-    """Torch's generator seeded from a stream of its own, given back as it was."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(int(rng.integers(2**63)))
-        yield

@@ -304,6 +304,11 @@ def test_names_must_differ() -> None:
         build(FAST, DIGITS, replace_name(SHAPES, "digits"))
 
 
+def test_a_gpu_is_for_the_users_own_modules() -> None:
+    with pytest.raises(LearningInputError, match=r"learning\.device = 'cuda': .* of your own"):
+        build(FAST.model_copy(update={"device": "cuda"}))
+
+
 def replace_name(config: CommunityConfig, name: str) -> CommunityConfig:
     return config.model_copy(update={"name": name})
 

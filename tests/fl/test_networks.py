@@ -10,12 +10,19 @@ from torch import nn
 
 from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.errors import NetworkError
+from fl.errors import NetworkError, SettingError
 from fl.models import make_network, parameter_count
 from fl.training import LocalSettings, LocalTask, scaling_of
 
 SHAPE = (8, 8, 1)
 ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
+
+DEVICES = [
+    "cpu",
+    pytest.param(
+        "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+    ),
+]
 
 
 class Small(nn.Module):
@@ -77,8 +84,9 @@ def bright_spots(count: int) -> Split:
     return Split(images, labels.astype(np.int64))
 
 
-def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
-    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10)
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> None:
+    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10, device=device)
     assert parameter_count(net) == 64 * 20 + 20 + 20 * 10 + 10
     split = bright_spots(200)
     model, scaling = net.initial(rng(3)), scaling_of(split)
@@ -110,9 +118,10 @@ def built_in() -> ConvNet:
     return net
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("corrected", [False, True])
-def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool) -> None:
-    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10)
+def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str) -> None:
+    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10, device=device)
     net = built_in()
     assert own.shapes == net.shapes
     split = bright_spots(70)
@@ -133,6 +142,12 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool) -> None:
         network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
     ]
     np.testing.assert_array_equal(*counts)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
+def test_a_device_that_is_not_there_is_refused() -> None:
+    with pytest.raises(SettingError, match=r"learning\.device = 'cuda': torch sees no CUDA"):
+        make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10, device="cuda")
 
 
 @pytest.mark.parametrize(
