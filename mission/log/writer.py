@@ -14,6 +14,7 @@ from mission.area import Area
 from mission.log import messages, scene, topics
 from mission.log.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
 from mission.log.classic_layout import classic
+from mission.log.flownpath import FlownPath
 from mission.log.layout import ATTACHMENT as LAYOUT
 from mission.log.layout import layout
 from mission.log.rates import Every, LogRates
@@ -26,11 +27,6 @@ from sitl.observer import VehicleEvent, VehicleSample
 
 _SEVERITY = {"failsafe": 4, "fault": 4}
 _NOTICE = 6
-_PATH_POINT_NS = NS_PER_S  # spacing of the points of the flown path
-# The flown path is written whole, so that it is there wherever somebody looks; a long one more
-# rarely, or the log would grow with the square of the flight.
-_PATH_EVERY = 5  # points
-_PATH_SHARE = 20  # or the twentieth part of it
 
 
 class FlightLog:
@@ -75,9 +71,7 @@ class FlightLog:
         self._now_ns = 0
         self._flushed_ns = 0
         self._mode: tuple[str, bool] | None = None
-        self._flown: list[messages.XYZ] = []
-        self._flown_point = Every(_PATH_POINT_NS)
-        self._flown_due = 1  # points at which the path is written next
+        self._flown = FlownPath()
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area, self._fence))
         self._write_world(0)
@@ -120,7 +114,8 @@ class FlightLog:
             self._write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
         self._write_innovations(t_ns, sample.innovations)
         self._note_mode(t_ns, sample.mode, sample.armed)
-        self._extend_flown(t_ns, true_m)
+        if self._flown.extend(t_ns, true_m):
+            self._write_flown(t_ns)
         if t_ns - self._flushed_ns >= NS_PER_S:
             self._flush()
 
@@ -189,7 +184,7 @@ class FlightLog:
         seen = scene.devices(t_ns, self._devices, problem.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
         self._write_world(t_ns)
-        self._forget_flown()
+        self._flown.forget()
         self._flush()
 
     def uplinks(self, records: Sequence[UplinkRecord]) -> None:
@@ -206,7 +201,7 @@ class FlightLog:
         t_ns = self._now_ns
         self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
         self._write_flown(t_ns)
-        self._forget_flown()
+        self._flown.forget()
         self._flush()
         self._file.sync()
 
@@ -299,19 +294,7 @@ class FlightLog:
             self._mode = (mode, armed)
             self._write(topics.MODE, t_ns, messages.record({"mode": mode, "armed": armed}))
 
-    def _extend_flown(self, t_ns: int, true_m: messages.XYZ) -> None:
-        if self._flown_point.now(t_ns):
-            self._flown.append(true_m)
-            count = len(self._flown)
-            if count >= self._flown_due:
-                self._flown_due = count + max(_PATH_EVERY, count // _PATH_SHARE)
-                self._write_flown(t_ns)
-
-    def _forget_flown(self) -> None:
-        self._flown.clear()
-        self._flown_due = 1
-
     def _write_flown(self, t_ns: int) -> None:
-        if self._flown:
-            path = messages.path(messages.timestamp(t_ns), np.array(self._flown))
+        path = self._flown.message(t_ns)
+        if path is not None:
             self._write(topics.FLOWN_PATH, t_ns, path)
