@@ -228,6 +228,8 @@ class Autopilot:
             except SitlInputError as error:
                 self._report.say(Severity.WARNING, str(error))
                 return MissionResult.INVALID_PARAM1
+        if kind is MissionType.RALLY:
+            self.flight.rally = items
         if kind is not MissionType.MISSION:
             return MissionResult.ACCEPTED
         if self.flight.mode is Mode.MISSION and self.flight.moving:

@@ -11,10 +11,12 @@ from sitl.autopilot import manoeuvres as do
 from sitl.autopilot import route
 from sitl.autopilot.enums import LandedState, Severity
 from sitl.autopilot.items import NAVIGATION
+from sitl.autopilot.messages import MissionItem
 from sitl.autopilot.mission import Mission
 from sitl.autopilot.modes import Mode, Need, Trigger, transition
 from sitl.autopilot.navigator import Navigator
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.rally import refuge
 from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
@@ -47,6 +49,7 @@ class Flight:
         self.mode = Mode.HOLD
         self.mission = Mission()
         self.home = home
+        self.rally: tuple[MissionItem, ...] = ()
         # What others have to say about where the aircraft is, and where it may be.
         self.position_ok: Callable[[], bool] = lambda: True
         self.forbidden: Callable[[Vector], str] = lambda _: ""
@@ -233,16 +236,10 @@ class Flight:
         )
 
     def return_home(self, why: str | None = None) -> str | None:
-        """Fly home at a safe height and land."""
+        """Fly home, or to a rally point that is closer, at a safe height and land."""
         if self.mode is Mode.RETURN:
             return None
-        return self._order(
-            Trigger.ORDER_RETURN,
-            lambda: self._navigator.return_to(
-                self._here(), self.home_ned_m, speed_mps=self._ordered_speed_mps
-            ),
-            why,
-        )
+        return self._order(Trigger.ORDER_RETURN, self._return, why)
 
     def land(self, why: str | None = None) -> str | None:
         """Land here."""
@@ -365,6 +362,17 @@ class Flight:
             np.array(goal.pos_ned_m),
             speed_mps=self._ordered_speed_mps,
             yaw_rad=goal.yaw_rad,
+        )
+
+    def _return(self) -> do.Manoeuvre:
+        here = self._here()
+        goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
+        self._report.say(Severity.INFO, f"Returning to {goal.name}")
+        return self._navigator.return_to(
+            here,
+            goal.pos_ned_m,
+            home_down_m=float(self.home_ned_m[2]),
+            speed_mps=self._ordered_speed_mps,
         )
 
     def _here(self) -> Vector:

@@ -61,15 +61,20 @@ class Navigator:
 
         return do.Sequence(parts())
 
-    def return_to(self, start: Vector, home: Vector, *, speed_mps: float | None) -> do.Manoeuvre:
-        """Up to the return height unless home is near, and over home."""
+    def return_to(
+        self, start: Vector, goal: Vector, *, home_down_m: float, speed_mps: float | None
+    ) -> do.Manoeuvre:
+        """Up to the return height, or the goal's own if that is higher, and over the goal.
+
+        Nobody climbs where the goal is near.
+        """
         p = self._parameters
-        far = float(np.hypot(*(start - home)[:2])) > p["RTL_MIN_DIST"]
-        ceiling = float(home[2]) - p["RTL_RETURN_ALT"]
+        far = float(np.hypot(*(start - goal)[:2])) > p["RTL_MIN_DIST"]
+        ceiling = min(float(goal[2]), home_down_m - p["RTL_RETURN_ALT"])
         down = min(float(start[2]), ceiling) if far else float(start[2])
         above_start = np.array([start[0], start[1], down])
-        above_home = np.array([home[0], home[1], down])
-        return self._follow([start, above_start, above_home], self._speed(speed_mps))
+        above_goal = np.array([goal[0], goal[1], down])
+        return self._follow([start, above_start, above_goal], self._speed(speed_mps))
 
     def land(self, start: Vector, *, ground_down_m: float) -> do.Manoeuvre:
         """Straight down until on the ground."""

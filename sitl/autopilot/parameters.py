@@ -41,7 +41,14 @@ _FLIGHT = (
     Spec("NAV_ACC_RAD", 5.0, 0.05, 200.0, "m", "acceptance radius where an item names none"),
     Spec("MIS_DIST_1WP", 20_000.0, 100.0, 100_000.0, "m", "farthest item from home"),
     Spec("RTL_RETURN_ALT", 30.0, 1.0, 500.0, "m", "least height of the way home"),
-    Spec("RTL_MIN_DIST", 10.0, 0.5, 100.0, "m", "closer to home than this nobody climbs first"),
+    Spec(
+        "RTL_MIN_DIST",
+        10.0,
+        0.5,
+        100.0,
+        "m",
+        "closer than this to where a return leads nobody climbs first",
+    ),
     Spec("COM_DISARM_LAND", 1.0, 0.1, 20.0, "s", "on the ground for this long means landed"),
 )
 _FAILSAFE = (
