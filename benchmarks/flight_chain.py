@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from flightdyn.random import RandomStreams
-from mission.config import RunConfig, builtin_config, load_config
+from mission.config import RunConfig
+from mission.configfile import builtin_config, load_config
 from mission.flightplan import FlightPlan, Stop
 from mission.flyer import SimulatedFlyer, open_simulated
 from mission.log.values import Devices

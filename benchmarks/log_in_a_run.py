@@ -40,7 +40,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
 
     from mission import recorder, session
     from mission.audience import Audience
-    from mission.config import builtin_config, load_config
+    from mission.configfile import builtin_config, load_config
     from mission.log.writer import FlightLog
     from mission.stopwatch import Stopwatch
     from sitl.observer import VehicleEvent, VehicleSample

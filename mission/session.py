@@ -10,7 +10,8 @@ from fl import federation as learning
 from mission import figures
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
-from mission.config import RunConfig, load_config
+from mission.config import RunConfig
+from mission.configfile import load_config
 from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.experiment import Experiment
 from mission.flyers import await_vehicle, check_link

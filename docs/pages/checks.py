@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from mission.config import load_config
+from mission.configfile import load_config
 from mission.errors import InputError
 
 _COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'

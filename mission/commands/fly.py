@@ -39,7 +39,7 @@ def fly(
         Print nothing but errors.
     """
     # Only now: the configuration's models take half a second to import.
-    from mission.config import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config, parse_override
     from mission.folder import free_folder
 
     overrides = dict(parse_override(text) for text in set_)

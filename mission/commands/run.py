@@ -82,7 +82,7 @@ def run(
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         return _resume(resume, audience, stopwatch)
-    from mission.config import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config, parse_override
     from mission.folder import RunFolder, free_folder
     from mission.precheck import load_data
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.config import RunConfig, load_config, parse_override
+from mission.config import RunConfig
+from mission.configfile import load_config, parse_override
 from mission.errors import InputError
 
 Key = str | int | float | bool

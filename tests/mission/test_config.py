@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import tomli_w
 
-from mission.config import RunConfig, builtin_config, load_config, parse_override
+from mission.config import RunConfig
+from mission.configfile import builtin_config, load_config, parse_override
 from mission.errors import InputError
 from mission.keys import every, top
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mission.config import builtin_config
+from mission.configfile import builtin_config
 from mission.errors import InputError
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis

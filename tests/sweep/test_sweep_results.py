@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mission.config import builtin_config
+from mission.configfile import builtin_config
 from mission.sweep.curves import by_distance, by_round, running_mean
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
