@@ -1,4 +1,9 @@
-"""Many missions in a row and one long mission at the highest speed: time-outs, progress, memory."""
+"""Many missions in a row and one long mission at the highest speed: time-outs, progress, memory.
+
+Two things grow with one long mission, by some 1.7 kB a simulated second in all (6 MB an hour): the
+track, which a flight hands back whole, and MCAP's index of the log's chunks, one a second, which
+the format wants at the end of the file. Between rounds the track begins anew.
+"""
 
 import asyncio
 import logging
