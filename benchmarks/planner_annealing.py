@@ -4,9 +4,9 @@ It shares nothing with the planner but the problem. Stops are points anywhere; a
 stop, takes it elsewhere (to a random device, on the cheapest leg), or reverses a stretch of the
 order. Each stop serves the K_bar devices that gain most by it and takes them from other stops;
 what it leaves behind goes to the nearest stop with room. A path too long pays for each metre.
-Annealing starts over from random stops, with four times the moves each time, until the CPU
-seconds are spent; the best path of each is shrunk onto L_max, assigned optimally and polished by
-scipy's SLSQP-free coordinate search below, all on the exact objective.
+Annealing starts over from random stops, with twice the moves each time, until the CPU seconds are
+spent; the path of each is shrunk onto L_max, assigned optimally, and polished by the sequential
+quadratic programs of `sqp`.
 """
 
 import math
@@ -16,8 +16,10 @@ import numpy as np
 from numba import njit
 
 from fl.radio import average_per
+from mission.planner.arrays import instance
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.problem import Floats, RoundPlan, RoundProblem
+from mission.planner.sqp import ascend
 
 CELL_M = 25.0
 NEAREST = 40  # devices that a stop looks at
@@ -30,7 +32,7 @@ def search(problem: RoundProblem, seconds: float, *, seed: int = 1) -> tuple[Rou
     """(the best plan found in that many CPU seconds, moves made)."""
     began = time.process_time()
     u = problem.devices_m - problem.start_m
-    grid = _grid(u, problem.path_budget_m)
+    grid = _grid(u)
     table = 1.0 - average_per(problem.channel, np.arange(0.0, 4000.0))
     best: RoundPlan | None = None
     moves, total = FIRST_MOVES, 0
@@ -45,9 +47,10 @@ def search(problem: RoundProblem, seconds: float, *, seed: int = 1) -> tuple[Rou
         value = float(problem.importance.max() * table[0] * problem.per_step)
         found = _anneal(
             u, problem.importance, table, *grid, problem.per_step, problem.path_budget_m, way,
-            moves, 0.05 * value, 1e-5 * value, int(rng.integers(1 << 31)),
+            moves, 0.05 * value, 1e-5 * value, rng,
         )  # fmt: skip
         total += moves
+        found = ascend(fit_budget(found, problem.path_budget_m), *instance(problem))
         plan = finish(problem, fit_budget(problem.start_m + found, problem.path_budget_m))
         if best is None or plan.value > best.value:
             best = plan
@@ -55,7 +58,7 @@ def search(problem: RoundProblem, seconds: float, *, seed: int = 1) -> tuple[Rou
     return best, total
 
 
-def _grid(u: Floats, budget_m: float) -> tuple[np.ndarray, Floats, int, int]:
+def _grid(u: Floats) -> tuple[np.ndarray, Floats, int, int]:
     """For each cell the devices nearest to its middle."""
     low = u.min(axis=0) - CELL_M
     cells = np.ceil((u.max(axis=0) + CELL_M - low) / CELL_M).astype(int)
@@ -93,10 +96,7 @@ def _to(x, y, order, way, j):
 
 
 @njit(cache=True)
-def _anneal(
-    u, delta, table, lists, low, columns, rows, places, length, way, moves, hot, cold, seed
-):
-    np.random.seed(seed)
+def _anneal(u, delta, table, lists, low, columns, rows, places, length, way, moves, hot, cold, rng):
     steps, count = way.shape[0], u.shape[0]
     order = np.arange(steps)  # by position: stop
     have, at = np.zeros(count), np.full(count, -1)
@@ -108,16 +108,15 @@ def _anneal(
     for i in range(1, steps):
         metres += _leg(order, way, i - 1, i)
     heat = hot
-    first = True
     for move in range(-steps, moves):
         # The first turns give every stop, the start included, its devices.
         setup = move < 0
         if not setup and move % 1000 == 0:
             heat = hot * (cold / hot) ** (move / moves)
         dear = TOO_LONG * max(value, 1e-12) / length
-        z = 1.0 if setup else np.random.random()
+        z = 1.0 if setup else rng.random()
         if z < 0.15:
-            a, b = np.random.randint(1, steps), np.random.randint(1, steps)
+            a, b = rng.integers(1, steps), rng.integers(1, steps)
             if a > b:
                 a, b = b, a
             change = 0.0
@@ -125,20 +124,20 @@ def _anneal(
                 change = _leg(order, way, a, b + 1) - _leg(order, way, b, b + 1)
             change += _leg(order, way, a - 1, b) - _leg(order, way, a - 1, a)
             cost = dear * (max(0.0, metres + change - length) - max(0.0, metres - length))
-            if cost <= 0.0 or np.random.random() < math.exp(-cost / heat):
+            if cost <= 0.0 or rng.random() < math.exp(-cost / heat):
                 metres += change
                 while a < b:
                     order[a], order[b] = order[b], order[a]
                     a += 1
                     b -= 1
             continue
-        i = move + steps if setup else np.random.randint(1, steps)
+        i = move + steps if setup else rng.integers(1, steps)
         n = order[i]
         x, y = way[n, 0], way[n, 1]
         to, change = i, 0.0
         if z < 0.5 and steps > 2:
-            k = np.random.randint(0, count)
-            x, y = u[k, 0] + 15.0 * np.random.normal(), u[k, 1] + 15.0 * np.random.normal()
+            k = rng.integers(0, count)
+            x, y = u[k, 0] + 15.0 * rng.normal(), u[k, 1] + 15.0 * rng.normal()
             change = -_leg(order, way, i - 1, i) - _leg(order, way, i, i + 1)
             if i + 1 < steps:
                 change += _leg(order, way, i - 1, i + 1)
@@ -155,8 +154,8 @@ def _anneal(
             change += least
             to = to if to > i else to + 1
         elif not setup:
-            wide = 0.5 * 100.0 ** np.random.random()
-            x, y = x + wide * np.random.normal(), y + wide * np.random.normal()
+            wide = 0.5 * 100.0 ** rng.random()
+            x, y = x + wide * rng.normal(), y + wide * rng.normal()
             change = _to(x, y, order, way, i - 1) + _to(x, y, order, way, i + 1)
             change -= _leg(order, way, i - 1, i) + _leg(order, way, i, i + 1)
         # What the stop serves now is set free, and it takes what gains most at its new place.
@@ -209,7 +208,7 @@ def _anneal(
                 given[p] = where
                 gain += _earns(k, way[where, 0], way[where, 1], u, delta, table)
         cost = dear * (max(0.0, metres + change - length) - max(0.0, metres - length))
-        if setup or gain >= cost or np.random.random() < math.exp((gain - cost) / heat):
+        if setup or gain >= cost or rng.random() < math.exp((gain - cost) / heat):
             for p in range(places):
                 k = serves[n, p]
                 serves[n, p] = -1
