@@ -45,11 +45,6 @@ class PlannedPath:
     returns: bool  # comes home and lands by itself, or lands elsewhere
 
     @property
-    def last_place(self) -> int:
-        """The item at which the comparison of planned and flown ends."""
-        return max(self.places)
-
-    @property
     def top_m(self) -> float:
         """The greatest height above home."""
         return -float(self.points_ned_m[:, 2].min())
