@@ -18,6 +18,7 @@ from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.lessons import learn
 from mission.pilot.items import stop_sequence
+from mission.planner.flyable import acceptance_radius
 from mission.planner.problem import RoundProblem
 from mission.records import Learnt, RoundRecord, UplinkRecord
 from mission.results import Recorder, RoundResult
@@ -112,7 +113,12 @@ class Experiment:
             with self.stopwatch("plan"):
                 # In a thread, so that heartbeats go on; simulated time stands still.
                 sortie = await asyncio.to_thread(strategy.sortie, number - 1, problem)
-        flight_plan = flyer.flight_plan(stops_of(sortie.plan, hold_s=sortie.hold_s))
+        flight_plan = flyer.flight_plan(
+            stops_of(sortie.plan, hold_s=sortie.hold_s),
+            acceptance_m=acceptance_radius(
+                problem, sortie.plan, world.config.mission.acceptance_radius_m
+            ),
+        )
         self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
 
         if recalled is None:

@@ -62,12 +62,13 @@ class Flyer(Protocol):
         """Have a full battery where less than `reserve` (0..1) is left; whether it was changed."""
         ...
 
-    def flight_plan(self, stops: Sequence[Stop]) -> FlightPlan:
-        """The stops at the mission's altitude, speed and acceptance radius."""
+    def flight_plan(
+        self, stops: Sequence[Stop], *, acceptance_m: float | None = None
+    ) -> FlightPlan:
+        """The stops at the mission's altitude, speed and, if no other, acceptance radius."""
         mission = self.mission
-        return FlightPlan(
-            tuple(stops), mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m
-        )
+        radius = mission.acceptance_radius_m if acceptance_m is None else acceptance_m
+        return FlightPlan(tuple(stops), mission.altitude_m, mission.speed_mps, radius)
 
     async def go_to(self, xy_m: Floats) -> None:
         """To a point in area coordinates, outside any round."""

@@ -119,9 +119,7 @@ def mend(
         count = cut_out(present, present_who, devices, first, first + cut, draft)
         count = extend(devices, limits, lists, count, length, power, draft)
         hopeless = HOPELESS * present_value
-        got = polish(
-            draft.points, count, limits, devices, hopeless, ROUGH, trial, trial_who
-        )
+        got = polish(draft.points, count, limits, devices, hopeless, ROUGH, trial, trial_who)
         tolerance = TOLERANCE * (1.0 - attempt / tries)
         if got > present_value * (1.0 - tolerance * next_random(state)):
             present_value = got
