@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from fl.fairness import Unheard
 from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -128,6 +129,11 @@ class LearningConfig(_Frozen):
     )
     importance_boost: float = Field(
         1.5, gt=1.0, le=100.0, description="lambda: factor on devices that missed a round"
+    )
+    cov_unheard: Unheard = Field(
+        "zero",
+        description="what a device that was never heard is to the CoV of its community: "
+        "accuracy 'zero', or 'left-out' of it",
     )
     cov_floor: Positive = Field(
         0.001,

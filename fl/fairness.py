@@ -4,12 +4,16 @@ Symbols: p_k data share of device k in its community, eps_k its mean validation 
 the last l models, psi_c the coefficient of variation of its community, delta_k its importance.
 """
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+
+Unheard = Literal["zero", "left-out"]
 
 INITIAL_COV = 1.0  # psi_c of every community before the first update
 
@@ -30,14 +34,20 @@ def windowed_accuracy(history: Floats) -> Floats:
     return np.asarray(history.mean(axis=0), dtype=np.float64)
 
 
-def coefficient_of_variation(p: Floats, accuracy: Floats) -> float:
+def coefficient_of_variation(p: Floats, accuracy: Floats, *, unheard: Unheard = "zero") -> float:
     """psi_c = sqrt(sum_k (eps_k - eps_bar)^2) / eps_bar with eps_bar = sum_k p_k eps_k.
 
-    `accuracy` (K_c,) holds the last values received. A device never heard of counts as 0: its
-    labels were never trained on by itself, and the community that hides it should look unfair,
-    not fair. Where eps_bar is 0 (nothing received, or nothing learnt) the ratio is undefined
-    and the answer is that of the start, 1: the community keeps an ordinary claim.
+    `accuracy` (K_c,) holds the last values received, NaN for a device never heard of, of which
+    the paper says nothing. "zero": it counts as 0; its labels were never trained on by itself,
+    and the community that hides it should look unfair, not fair. "left-out": psi is that of the
+    others, with their p_k scaled to sum to 1. Where eps_bar is 0 (nothing received, or nothing
+    learnt) the ratio is undefined and the answer is that of the start, 1: the community keeps an
+    ordinary claim.
     """
+    if unheard == "left-out":
+        known = ~np.isnan(accuracy)
+        accuracy = accuracy[known]
+        p = p[known] / p[known].sum() if known.any() else p[known]
     heard = np.where(np.isnan(accuracy), 0.0, accuracy)
     mean = float(p @ heard)
     if mean <= 0.0:

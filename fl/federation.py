@@ -145,7 +145,9 @@ def play_round(
     if number % period == 0:
         for index, community in enumerate(federation.communities):
             cov[index] = fair.coefficient_of_variation(
-                community.p, eps_received[federation.members(index)]
+                community.p,
+                eps_received[federation.members(index)],
+                unheard=federation.learning.cov_unheard,
             )
     eps = _device_accuracy(federation, correct)
     after = FederationState(

@@ -33,6 +33,15 @@ def test_a_device_never_heard_counts_as_zero() -> None:
     )
 
 
+def test_a_device_never_heard_may_be_left_out() -> None:
+    p, eps = np.array([0.5, 0.3, 0.2]), np.array([0.6, np.nan, 0.2])
+    # p of the others: 5/7 and 2/7, so eps_bar = 3.4 / 7.
+    mean = 3.4 / 7
+    psi = math.sqrt((0.6 - mean) ** 2 + (0.2 - mean) ** 2) / mean
+    assert coefficient_of_variation(p, eps, unheard="left-out") == pytest.approx(psi)
+    assert coefficient_of_variation(p, np.full(3, np.nan), unheard="left-out") == 1.0
+
+
 def test_importance_by_hand() -> None:
     p = np.array([0.5, 0.5, 0.2, 0.8])
     psi = np.array([2.0, 2.0, 0.5, 0.5])
