@@ -126,7 +126,7 @@ class Picture:
         One round swings by points, and so the last point is the final accuracy of the tables.
         """
         rounds = min(len(run.rounds) for runs in self.groups.values() for run in runs)
-        return FINAL_ROUNDS if rounds >= 4 * FINAL_ROUNDS else 1
+        return FINAL_ROUNDS if rounds >= 3 * FINAL_ROUNDS else 1
 
     @property
     def about(self) -> str:

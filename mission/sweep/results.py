@@ -22,7 +22,7 @@ from mission.tables import read_learning, read_rounds, read_uplinks
 Cell: TypeAlias = str | int | float | bool
 Row: TypeAlias = dict[str, Cell]
 
-FINAL_ROUNDS = 5  # the last ones, whose mean is the final accuracy: one round swings by points
+FINAL_ROUNDS = 10  # the last ones, whose mean is the final accuracy: one round swings by points
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def cells(text: str, first: str) -> list[list[str]]:
 def test_outcome_and_gain(state: SweepState) -> None:
     text = reproduction(state)
     assert text.startswith("7 of 9 runs are done; missing: ideal-seed2, ideal-seed3.\n")
-    assert "mean of the last 5 rounds" in text
+    assert "mean of the last 10 rounds" in text
     # t(0.975, 2) = 4.3027; cifar10: s = 2 points, so 4.3027 * 2 / sqrt(3) = 4.97.
     assert cells(text, "cov") == [
         ["cov", "3", "44.0 ± 5.0", "92.0 ± 5.0", "75.0 ± 0.0", "60.0 ± 0.0", "80.0 ± 24.8",

@@ -96,11 +96,11 @@ def test_a_running_mean_skips_what_is_not_there() -> None:
 @pytest.mark.parametrize(
     ("rounds", "words"),
     [
-        ((50, 400), "mean of the last 5 rounds"),
-        ((5,), "mean of the last 5 rounds"),
+        ((50, 400), "mean of the last 10 rounds"),
+        ((10,), "mean of the last 10 rounds"),
         ((2, 2), "mean of all 2 rounds"),
         ((1,), "after the only round"),
-        ((3, 50), "mean of the last 5 rounds, or of all where a run has fewer"),
+        ((3, 50), "mean of the last 10 rounds, or of all where a run has fewer"),
     ],
 )
 def test_final_rounds_in_words(rounds: tuple[int, ...], words: str) -> None:
