@@ -84,7 +84,7 @@ def plan(
         problems = read_problems(problem)
     plans = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
     if qgc is not None and world is not None:
-        _write_qgc(qgc, plans[0], world)
+        _write_qgc(qgc, problems[0], plans[0], world)
     _print(plans)
     return 0
 
@@ -119,14 +119,14 @@ def _load(config: Path | None, set_: tuple[str, ...], more: dict[str, object]) -
     return load_config(config or builtin_config("quickstart.toml"), overrides)
 
 
-def _write_qgc(path: Path, named: "NamedPlan", world: "World") -> None:
+def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", world: "World") -> None:
     from mission.flightplan import FlightPlan, stops_of
+    from mission.planner.flyable import acceptance_radius
     from mission.planfile import write_round_plan
 
     mission = world.config.mission
-    flight = FlightPlan(
-        stops_of(named.plan), mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m
-    )
+    radius = acceptance_radius(entry.problem, made.plan, mission.acceptance_radius_m)
+    flight = FlightPlan(stops_of(made.plan), mission.altitude_m, mission.speed_mps, radius)
     write_round_plan(path, flight, world.area)
 
 
