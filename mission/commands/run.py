@@ -109,7 +109,7 @@ def run(
     RunFolder.check(folder)
     with stopwatch("setup"), audience.waiting("loading"):
         load_data(resolved, data_dir)
-        # Only now, so that wrong input is answered at once: torch and cvxpy take seconds.
+        # Only now, so that wrong input is answered at once: numba, cvxpy and the rest take seconds.
         from mission.session import fly_session
     return fly_session(resolved, folder, data_dir=data_dir, audience=audience, stopwatch=stopwatch)
 
@@ -119,7 +119,7 @@ def _resume(path: Path, audience: "Audience", stopwatch: "Stopwatch") -> int:
     from mission.resumable import read_checkpoint
 
     if RunFolder(path).status() != "finished":
-        read_checkpoint(path)  # refuses what cannot be resumed, before torch is imported
+        read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), audience.waiting("loading"):
         from mission.session import resume_session
     return resume_session(path, audience=audience, stopwatch=stopwatch)
