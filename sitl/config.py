@@ -23,5 +23,6 @@ class VehicleConfig(BaseModel):
         default_factory=dict, description="autopilot parameters that differ from their defaults"
     )
     parameter_file: Path | None = Field(
-        default=None, description="parameters to start with; also where a ground station saves them"
+        default=None,
+        description="parameters to start with, which may be empty; also where a ground station saves them",
     )
