@@ -24,5 +24,5 @@ class VehicleConfig(BaseModel):
     )
     parameter_file: Path | None = Field(
         default=None,
-        description="parameters to start with, which may be empty; also where a ground station saves them",
+        description="parameters to start with, it may be empty; a ground station saves there too",
     )
