@@ -78,5 +78,6 @@ def pfl_ms_per_step(net: ConvNet, *, devices: int, samples: int, batch: int) -> 
             local_num_epochs=1, local_learning_rate=LEARNING_RATE, local_batch_size=batch
         ),
         callbacks=[clock],
+        send_metrics_to_platform=False,
     )
     return float(1e3 * np.median(np.diff(clock.spent)) * batch / (devices * samples))
