@@ -14,7 +14,7 @@ from mission.terminal import Terminal
 
 if TYPE_CHECKING:
     from mission.config import RunConfig
-    from mission.planner.files import NamedPlan
+    from mission.planner.files import NamedPlan, NamedProblem
     from mission.world import World
 
 Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]
@@ -121,8 +121,8 @@ def _load(config: Path | None, set_: tuple[str, ...], more: dict[str, object]) -
 
 def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", world: "World") -> None:
     from mission.flightplan import FlightPlan, stops_of
-    from mission.planner.flyable import acceptance_radius
     from mission.planfile import write_round_plan
+    from mission.planner.flyable import acceptance_radius
 
     mission = world.config.mission
     radius = acceptance_radius(entry.problem, made.plan, mission.acceptance_radius_m)
