@@ -1,4 +1,4 @@
-"""What flight costs of a plan: the objective planned against the one flown, sensors perfect, air calm.
+"""What flight costs of a plan: objective planned against flown, sensors perfect, air calm.
 
 The whole chain flies (planner, MAVLink, autopilot, JSBSim), so that what is lost is what corners
 cut and speeds built up cost. The mean loss is to stay below 1 % on every channel. Run:
