@@ -4,19 +4,21 @@ Every number of a line is measured in the same run, in CPU time. The optimum is 
 certified planner at a gap of 0.1 %: "optimum" is the share reached of the best value known, and
 "short of bound" what is missing at most to the true optimum. Large instances are compared with
 the better of two long searches: simulated annealing, which shares nothing with the planner
-(`planner_annealing.py`), and the planner's own exploration from hundreds of starts; half of the
-seconds each. Layouts are drawn from seeds that no constant of the planner was chosen on. Run:
+(`planner_annealing.py`), and the planner's own exploration from hundreds of starts; about half of
+the seconds each. Layouts are drawn from seeds that no constant of the planner was chosen on. Run:
 
     python benchmarks/planner.py [--quick] [--layouts 20] [--long 60] [--figures DIR]
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +66,7 @@ def timed(planner: Planner, problem: RoundProblem) -> tuple[RoundPlan, float]:
     return plan, spent
 
 
-def small(layouts: int, channels: Sequence[str]) -> None:
+def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
     """K = 12, N in {8, 10}: every method on every layout; every plan is checked to 1 mm."""
     methods: dict[str, Planner] = {
         "paper_literal": make_planner(PlannerConfig(kind="paper_literal")),
@@ -73,7 +75,7 @@ def small(layouts: int, channels: Sequence[str]) -> None:
         "sqp": SqpPlanner(),
         "certified": CertifiedPlanner(),
     }
-    tight = CertifiedPlanner(gap=1e-3, max_nodes=100_000)
+    tight = CertifiedPlanner(gap=1e-3, max_nodes=max_nodes)
     print(f"K = 12, N = 8 and 10, L = 800 m, {layouts} layouts each; CPU ms")
     print(
         f"{'channel':30} {'method':14} {'value':>7} {'bound':>7} {'optimum: mean':>14} {'least':>7}"
@@ -132,16 +134,14 @@ def longer(devices: int) -> None:
 def long_search(problem: RoundProblem, seconds: float) -> tuple[float, float, float]:
     """(annealing's best value, the planner's own, CPU seconds of both)."""
     began = time.process_time()
-    found, _ = search(problem, seconds / 2.0)
-    own = SqpPlanner(starts=500, tries=500)
-    plan, ms = timed(own, problem)
-    left = began + seconds - time.process_time()
-    tries = int(500 * left * 1e3 / ms)
+    own, ms = timed(SqpPlanner(starts=500, tries=500), problem)
+    tries = int(500 * (seconds / 2.0 * 1e3 - ms) / ms)
     if tries > 500:
         again, _ = timed(SqpPlanner(starts=500, tries=tries), problem)
-        plan = max(plan, again, key=lambda one: one.value)
-    check_plan(problem, found)
-    return found.value, plan.value, time.process_time() - began
+        own = max(own, again, key=lambda one: one.value)
+    annealed, _ = search(problem, began + seconds - time.process_time())
+    check_plan(problem, annealed)
+    return annealed.value, own.value, time.process_time() - began
 
 
 def large(seconds: float, sizes: Sequence[tuple[int, float]]) -> None:
@@ -189,18 +189,35 @@ def timed(self, problem):
     finally:
         print(time.process_time())
 CertifiedPlanner.plan = timed
-call(["plan", "--out", sys.argv[1]])
+call(["plan", "--problem", sys.argv[1], "--out", sys.argv[2]])
 """
+
+
+def as_entry(problem: RoundProblem) -> dict[str, object]:
+    """The problem as an entry of a problem file."""
+    return {
+        "id": "cold",
+        "devices": problem.devices_m.tolist(),
+        "importance": problem.importance.tolist(),
+        "start": problem.start_m.tolist(),
+        "steps": problem.steps,
+        "per_step": problem.per_step,
+        "path_budget_m": problem.path_budget_m,
+        "channel": asdict(problem.channel),
+    }
 
 
 def cold() -> None:
     """CPU seconds from the interpreter to planning, and to the plan, without and with the cache."""
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+        given = layout(0, devices=12, steps=10, channel="suburban", budget=800.0)
+        problem = Path(folder, "problem.json")
+        problem.write_text(json.dumps([as_entry(given)]))
         for name in ("first after installation", "second"):
             run = subprocess.run(
-                [sys.executable, "-c", COLD, f"{folder}/{name[:5]}.json"], env=environment,
-                capture_output=True, text=True, check=True,
+                [sys.executable, "-c", COLD, str(problem), f"{folder}/{name[:5]}.json"],
+                env=environment, capture_output=True, text=True, check=True,
             )  # fmt: skip
             begins, ends = (float(line) for line in run.stdout.split()[:2])
             print(
@@ -228,8 +245,8 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     layouts, seconds = (3, 6.0) if arguments.quick else (arguments.layouts, arguments.long)
     cold()
-    small(layouts, CHANNELS)
-    small(max(layouts // 4, 1), FURTHER)
+    small(layouts, CHANNELS, max_nodes=100_000)
+    small(max(layouts // 4, 1), FURTHER, max_nodes=20_000)
     print()
     for count in (15,) if arguments.quick else (15, 20):
         longer(count)
