@@ -15,8 +15,12 @@ def hear_interruptions() -> None:
     An exception in such a callback (a compiler that hands over what it made, say) has nobody to
     go to: Python prints it and goes on. An interruption is sent again instead.
     """
-    # Batch systems, containers and timeout(1) send SIGTERM.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A script's background job stays deaf to the terminal's Ctrl-C, but not to SIGTERM.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    # From batch systems, containers, timeout(1).
+    signal.signal(signal.SIGTERM, lambda *_: _thread.interrupt_main())
     sys.unraisablehook = _unraisable
 
 

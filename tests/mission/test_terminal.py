@@ -35,9 +35,11 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
     process.stderr.close()
 
 
-def test_a_polite_kill_is_an_interruption(tmp_path: Path) -> None:
+@pytest.mark.parametrize("launcher", [[], ["sh", "-c", "trap '' INT; exec \"$@\"", "sh"]])
+def test_a_polite_kill_is_an_interruption(tmp_path: Path, launcher: list[str]) -> None:
+    """Of a job that was started deaf to Ctrl-C as well, as scripts start theirs with `&`."""
     out = tmp_path / "run"
-    command = [*AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
+    command = [*launcher, *AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while time.monotonic() < deadline:
