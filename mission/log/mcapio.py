@@ -3,24 +3,29 @@
 from typing import IO
 
 from mcap.records import Channel, Schema
-from mcap.writer import LIBRARY_IDENTIFIER
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from mission.log.mcapwriter import McapWriter
 from mission.log.topics import TOPICS
 
 LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
 
 # A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
 _CHUNK_BYTES = 4 << 20
-_LEVEL = 5  # of zstd: beyond it a second of flight does not get smaller
 
 
-def new_writer(stream: IO[bytes]) -> McapWriter:
-    """A started writer."""
-    return McapWriter(stream, library=LIBRARY, chunk_bytes=_CHUNK_BYTES, level=_LEVEL)
+def new_writer(stream: IO[bytes]) -> Writer:
+    """A started writer: zstd chunks, every index, statistics and checksums."""
+    writer = Writer(
+        stream,
+        chunk_size=_CHUNK_BYTES,
+        compression=CompressionType.ZSTD,
+        enable_data_crcs=True,
+    )
+    writer.start(library=LIBRARY)
+    return writer
 
 
-def register(writer: McapWriter) -> None:
+def register(writer: Writer) -> None:
     """Register every topic, in one order, so that ids mean the same in every log of ours."""
     schemas, channels = our_channels()
     for schema in schemas.values():

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Message, Metadata
+from mcap.writer import Writer
 
 from mission.folder import write_atomically
 from mission.log.errors import LogError
 from mission.log.mcapio import new_writer
-from mission.log.mcapwriter import McapWriter
 from mission.log.salvage import Loss, Saved, salvage
 from mission.log.values import NS_PER_S
 
@@ -94,7 +94,7 @@ def _write(stream: IO[bytes], saved: Saved) -> int:
     return unknown
 
 
-def _write_chunk(writer: McapWriter, messages: list[Message], channel_ids: dict[int, int]) -> int:
+def _write_chunk(writer: Writer, messages: list[Message], channel_ids: dict[int, int]) -> int:
     unknown = 0
     for message in messages:
         channel = channel_ids.get(message.channel_id)

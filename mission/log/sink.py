@@ -47,7 +47,7 @@ class McapSink:
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """A named set of strings beside the messages."""
         with self._named():
-            self._writer.add_metadata(name, values)
+            self._writer.add_metadata(name, dict(values))
 
     def attach(self, t_ns: int, name: str, media_type: str, data: bytes) -> None:
         """A file inside the file."""
