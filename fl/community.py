@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from fl import partition
 from fl.algorithms import Algorithm, make_algorithm
-from fl.config import CommunityConfig, LearningConfig
+from fl.config import BUILT_IN_NETWORKS, CommunityConfig, LearningConfig
 from fl.datasets import Dataset, load
 from fl.errors import SettingError
-from fl.models import BUILT_IN, make_network
+from fl.models import make_network
 from fl.training import Network, Scaling, scaling_of
 
 logger = logging.getLogger(__name__)
@@ -131,7 +131,9 @@ def build(
     for name in names:
         if names.count(name) > 1:
             raise SettingError("communities.name", name, "is given twice")
-    if learning.device != "cpu" and all(config.network in BUILT_IN for config in communities):
+    if learning.device != "cpu" and all(
+        config.network in BUILT_IN_NETWORKS for config in communities
+    ):
         raise SettingError(
             "learning.device",
             learning.device,

@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from fl.fairness import Unheard
 from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
+BUILT_IN_NETWORKS = ("lenet", "mcmahan")
+
 Positive = Annotated[float, Field(gt=0.0)]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
 

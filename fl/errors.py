@@ -3,6 +3,25 @@
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+# What the user's own code raises where it does not fit or is unfinished.
+USERS_MISTAKES = (
+    ImportError,
+    SyntaxError,
+    NameError,
+    AttributeError,
+    TypeError,
+    ValueError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    RuntimeError,
+)
+
+
+def first_line(error: BaseException) -> str:
+    """Kind and message of an exception, on one line."""
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+
 
 @dataclass(eq=False)
 class LearningError(Exception):

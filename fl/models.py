@@ -2,11 +2,10 @@
 
 import math
 
+from fl.config import BUILT_IN_NETWORKS
 from fl.convnet import ConvNet
 from fl.errors import NetworkError
 from fl.training import Network
-
-BUILT_IN = ("lenet", "mcmahan")
 
 
 def parameter_count(network: Network) -> int:
@@ -26,7 +25,7 @@ def make_network(
     `NetworkError` says what does not fit, `SettingError` that there is no such device.
     """
     smallest = min(image_shape[:2])
-    if name in BUILT_IN and smallest < 4:
+    if name in BUILT_IN_NETWORKS and smallest < 4:
         raise NetworkError(name, f"images of {image_shape} are too small, 4 x 4 is the least")
     if name == "lenet":
         first = 0 if smallest >= 32 else 2

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl.datasets import Split
-from fl.errors import NetworkError, SettingError
+from fl.errors import USERS_MISTAKES, NetworkError, SettingError, first_line
 from fl.training import LocalResult, LocalSettings, LocalTask, Scaling, Shapes, Vector, batch_order
 
 EVALUATION_BATCH = 250
@@ -42,6 +42,8 @@ class ModuleNetwork:
         if not self._parameters:
             raise NetworkError(name, "it has no parameters")
         for key, value in self._module.named_parameters():
+            if not value.requires_grad:
+                raise NetworkError(name, f"parameter {key} is frozen; all parameters are trained")
             if value.dtype != torch.float32:
                 raise NetworkError(name, f"parameter {key} is {value.dtype}, not torch.float32")
 
@@ -156,10 +158,10 @@ class ModuleNetwork:
             with torch.inference_mode():
                 images = torch.zeros(2, channels, height, width, device=self._device)
                 out = self._module(images)
-        except _USERS_MISTAKES as error:
+        except USERS_MISTAKES as error:
             raise NetworkError(
                 name,
-                f"fails on images of (2, {channels}, {height}, {width}): {_first_line(error)}",
+                f"fails on images of (2, {channels}, {height}, {width}): {first_line(error)}",
             ) from error
         if not isinstance(out, Tensor):
             raise NetworkError(name, f"gives a {type(out).__name__}, not a torch.Tensor")
@@ -171,33 +173,14 @@ class ModuleNetwork:
             )
 
 
-# What a user's module raises where it does not fit or is unfinished.
-_USERS_MISTAKES = (
-    ImportError,
-    SyntaxError,
-    NameError,
-    AttributeError,
-    TypeError,
-    ValueError,
-    LookupError,
-    ArithmeticError,
-    AssertionError,
-    RuntimeError,
-)
-
-
-def _first_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
-
-
 def _imported(name: str) -> Callable[[], nn.Module]:
     module_name, colon, attribute = name.partition(":")
     if not colon or not module_name or not attribute:
         raise NetworkError(name, "it is 'lenet', 'mcmahan' or 'package.module:callable'")
     try:
         found = getattr(importlib.import_module(module_name), attribute)
-    except _USERS_MISTAKES as error:
-        raise NetworkError(name, f"cannot be imported: {_first_line(error)}") from error
+    except USERS_MISTAKES as error:
+        raise NetworkError(name, f"cannot be imported: {first_line(error)}") from error
     if not callable(found):
         raise NetworkError(name, f"is a {type(found).__name__}, not callable")
     factory: Callable[[], nn.Module] = found
@@ -208,8 +191,8 @@ def _built(factory: Callable[[], nn.Module], name: str) -> nn.Module:
     try:
         with torch.random.fork_rng(devices=[]):
             module = factory()
-    except _USERS_MISTAKES as error:
-        raise NetworkError(name, f"calling it fails: {_first_line(error)}") from error
+    except USERS_MISTAKES as error:
+        raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
     if not isinstance(module, nn.Module):
         raise NetworkError(name, f"gives a {type(module).__name__}, not a torch.nn.Module")
     return module

@@ -25,6 +25,12 @@ class AerofedError(Exception):
 
     exit_code = 1
 
+    def in_words(self, text: str) -> "AerofedError":
+        """An error that ends a run with the same exit code, in other words."""
+        other = AerofedError(text)
+        other.exit_code = self.exit_code
+        return other
+
 
 class InputError(AerofedError):
     """The user's input is wrong: configuration, data, files, folders."""

@@ -44,7 +44,7 @@ class Experiment:
     memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
     observers: Sequence[VehicleObserver] = ()
     tap: Tap | None = None  # on the link between pilot and simulated vehicle
-    workers: int = 1  # communities that train at a time; changes no result
+    workers: int = 1  # devices that train at a time; changes no result
     tally: Tally = field(init=False)
     _stage: str = field(default="", init=False)  # of the flight, for people
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from fl.errors import USERS_MISTAKES, first_line
 from mission.errors import InputError
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
@@ -28,8 +29,8 @@ def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...])
     factory = _imported(path, key=key)
     try:
         made = factory(*arguments)
-    except TypeError as error:
-        raise InputError(f"{key} = {path!r}: calling it fails: {error}") from error
+    except USERS_MISTAKES as error:
+        raise InputError(f"{key} = {path!r}: calling it fails: {first_line(error)}") from error
     missing = [member for member in members if not hasattr(made, member)]
     if missing:
         raise InputError(
@@ -43,14 +44,14 @@ def check_found(path: str) -> None:
     """Whether there is such a module; it is not imported, only the packages around it are.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or a package around it cannot be imported.
     """
     _look_here()
     module_name, _, _ = path.partition(":")
     try:
         found = importlib.util.find_spec(module_name)
-    except ImportError as error:
-        raise InputError(f"cannot be imported: {error}") from error
+    except USERS_MISTAKES as error:
+        raise InputError(f"cannot be imported: {first_line(error)}") from error
     if found is None:
         raise InputError(f"cannot be imported: No module named {module_name!r}")
 
@@ -67,10 +68,8 @@ def _imported(path: str, *, key: str) -> Callable[..., Any]:
     module_name, _, name = path.partition(":")
     try:
         found = getattr(importlib.import_module(module_name), name)
-    except ImportError as error:
-        raise InputError(f"{key} = {path!r}: cannot be imported: {error}") from error
-    except AttributeError as error:
-        raise InputError(f"{key} = {path!r}: {error}") from error
+    except USERS_MISTAKES as error:
+        raise InputError(f"{key} = {path!r}: cannot be imported: {first_line(error)}") from error
     if not callable(found):
         raise InputError(f"{key} = {path!r}: is a {type(found).__name__}, not callable")
     made: Callable[..., Any] = found

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fl.config import BUILT_IN_NETWORKS
 from fl.datasets import load
 from fl.errors import LearningInputError, SettingError
 from fl.partition import check_owners
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from mission.config import RunConfig
     from sitl.config import VehicleConfig
 
-NETWORKS = ("lenet", "mcmahan")
 _BUNDLED = ("digits", "colour-shapes")  # these need no files
 # Of every task but npz, whose file must be read.
 _CLASSES = 10
@@ -101,8 +101,8 @@ def _community(community: "CommunityConfig", key: str) -> Iterator[Fault]:
             yield Fault(f"{key}.{error.key}", error.value, error.allowed)
     if is_import_path(community.network):
         yield from _code(f"{key}.network", community.network)
-    elif community.network not in NETWORKS:
-        choices = ", ".join(map(repr, NETWORKS))
+    elif community.network not in BUILT_IN_NETWORKS:
+        choices = ", ".join(map(repr, BUILT_IN_NETWORKS))
         reason = f"must be one of {choices}, or your own as 'package.module:callable'"
         yield Fault(f"{key}.network", community.network, reason)
 

@@ -51,7 +51,7 @@ def fly_session(
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
-    Up to `workers` communities (default: one a core) train at a time. `stopwatch` may have been
+    Up to `workers` devices (default: one a core) train at a time. `stopwatch` may have been
     counting the set-up already.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
@@ -176,7 +176,7 @@ def _fly(
     # Last of all: a folder that says "finished" has everything.
     summary.ended(status, experiment.tally, stopwatch, error=why)
     if error is not None:
-        raise type(error)(f"{error}; what was flown is in {folder.path}")
+        raise error.in_words(f"{error}; what was flown is in {folder.path}") from error
     for line in _outcome(experiment, stopwatch):
         audience.say(line)
     audience.say(f"results in {folder.path}")

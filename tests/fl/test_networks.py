@@ -69,6 +69,12 @@ def double() -> nn.Module:
     return Small().double()
 
 
+def frozen() -> nn.Module:
+    module = Small()
+    module.layers[1].weight.requires_grad_(False)
+    return module
+
+
 def empty() -> nn.Module:
     return nn.Flatten()
 
@@ -159,6 +165,7 @@ def test_a_device_that_is_not_there_is_refused() -> None:
         ("needs_argument", "calling it fails"),
         ("not_a_module", "gives a int"),
         ("double", "torch.float64"),
+        ("frozen", r"parameter layers\.1\.weight is frozen"),
         ("empty", "no parameters"),
         ("absent", "cannot be imported"),
         ("SHAPE", "is a tuple, not callable"),

@@ -9,7 +9,9 @@ import pytest
 
 from mission.cli import call
 from mission.custom import Known
-from mission.errors import FlightError
+from mission.errors import AerofedError, FlightError
+from mission.log.errors import LogError
+from mission.planner.errors import SolverError
 from mission.recorder import FolderRecorder
 from mission.results import RoundResult
 
@@ -152,3 +154,52 @@ def test_what_breaks_the_rules_is_one_line(
     assert errors.count("\n") == 1, errors
     for word in words:
         assert word in errors
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x = y", "cannot be imported: NameError: name 'y' is not defined"),
+        ("def broken(:", "cannot be imported: SyntaxError: "),
+        ("", "cannot be imported: AttributeError: "),
+        ("def make(setting): return y", "calling it fails: NameError: name 'y' is not defined"),
+    ],
+)
+@pytest.mark.parametrize("within", ["", ".inner"])
+def test_own_code_that_is_unfinished_is_one_line(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    words: str,
+    within: str,
+) -> None:
+    """In a module, and in the package around one, which is imported with it."""
+    name = f"unfinished_{len(text)}{'_package' if within else ''}"
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text(text)
+    (tmp_path / name / "inner.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    assert fly(out, f"mission.strategy={name}{within}:make") == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert words in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "failure", [LogError(Path("flight.mcap"), "no room"), SolverError("OSQP", "max_iter")]
+)
+def test_an_error_of_any_kind_names_the_folder(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    failure: AerofedError,
+) -> None:
+    def fail(self: FolderRecorder, result: RoundResult) -> None:  # noqa: ARG001
+        raise failure
+
+    monkeypatch.setattr(FolderRecorder, "finished", fail)
+    out = tmp_path / "out"
+    assert fly(out) == failure.exit_code
+    assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}\n"
