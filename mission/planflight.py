@@ -107,11 +107,17 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
             status = "interrupted"
         except AerofedError as failure:
             summary["error"] = f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}"
-            error = type(failure)(f"{summary['error']}; what was flown is in {folder.path}")
+            error = failure.in_words(f"{summary['error']}; what was flown is in {folder.path}")
         finally:
-            folder.write_summary(summary | {"status": status})
-    with stopwatch("figures"):
-        flight = _left_behind(folder)
+            if status != "finished":
+                folder.write_summary(summary | {"status": status})
+    flight = None
+    try:
+        with stopwatch("figures"):
+            flight = _left_behind(folder)
+    except AerofedError as failure:
+        if error is None:  # otherwise a consequence of what went wrong before
+            error, status, summary["error"] = failure, "failed", str(failure)
     if flight is not None:
         summary[KEY] = plain_numbers(flight.numbers)
         if status == "finished" and max(flight.places_m) not in flight.reached:

@@ -133,8 +133,9 @@ def new_folder(folder: Path) -> Iterator[Path]:
         yield partial
         partial.replace(folder)
     except OSError as error:
-        shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:

@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.cli import call
+from mission.log.errors import DamagedLogError
 from mission.log.reader import read_log
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
@@ -233,3 +234,20 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     assert call(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("not reached</td>") == 4 - found["places_reached"]
+
+
+def test_a_flight_whose_pictures_fail_is_not_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, seen = tmp_path / "out", []
+
+    def fail(*_: object) -> None:
+        seen.append(summary(out)["status"])
+        raise DamagedLogError(out / "flight.mcap", "no room", 3)
+
+    monkeypatch.setattr("mission.planflight.draw_flight", fail)
+    plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 2
+    assert "no room" in capsys.readouterr().err
+    assert seen == ["running"]
+    assert summary(out)["status"] == "failed"
