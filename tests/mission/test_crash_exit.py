@@ -1,7 +1,6 @@
 """A crash ends a flight at once: one line, exit code 4, whatever was being waited for."""
 
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -17,12 +16,10 @@ def test_a_crash_is_a_failed_flight(
 ) -> None:
     plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
     faults = ", ".join(f'{{kind="motor_loss", motor={i}, at_s={at_s}}}' for i in range(4))
-    began = time.monotonic()
     code = call(
         ["fly", str(plan), "--out", str(out), "--set", f"vehicle.aircraft.faults=[{faults}]"]
     )
-    assert code == 4
-    assert time.monotonic() - began < 25  # not by the watchdog, whose 30 s would say a link lost
+    assert code == 4  # the watchdog would say a link lost, 5
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     (lost_s,) = re.findall(r"^aerofed: t (\S+) s: the aircraft is lost; it said: Crashed", error)

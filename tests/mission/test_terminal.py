@@ -75,8 +75,8 @@ def interrupted():
     raise KeyboardInterrupt
 
 hear_interruptions()
-ctypes.CFUNCTYPE(None)(interrupted)()
 try:
+    ctypes.CFUNCTYPE(None)(interrupted)()
     time.sleep(30)
 except KeyboardInterrupt:
     sys.exit(130)

@@ -54,6 +54,9 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
     desk.take_off()
     desk.vehicle.aircraft.inject(GnssOff())
     assert desk.command(mav.MAV_CMD_DO_FLIGHTTERMINATION, 1) == mav.MAV_RESULT_ACCEPTED
+    # Disarmed, but falling.
+    assert desk.command(REBOOT, 1) == mav.MAV_RESULT_TEMPORARILY_REJECTED
+    assert not desk.vehicle.aircraft.crashed
     desk.fly()
     assert desk.vehicle.aircraft.crashed
     old, autopilot = desk.vehicle.aircraft, desk.vehicle.autopilot
