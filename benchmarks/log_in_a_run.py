@@ -196,7 +196,11 @@ def main() -> None:
         in_log = median(kind, lambda own, _: own["log_s"])
         share = median(kind, lambda own, _: own["log_s"] / own["cpu_total_s"])
         of_flight = median(kind, lambda own, _: own["log_s"] / own["cpu_flight_s"])
-        print(f"{kind:22} {in_log:7.2f} s, {of_flight:.1%} of the flight, {share:.1%} of the run")
+        of_wall = median(kind, lambda own, _: own["log_s"] / own["wall_total_s"])
+        print(
+            f"{kind:22} {in_log:7.2f} s: of processor time {of_flight:.1%} of the flight and "
+            f"{share:.1%} of the run, {of_wall:.1%} of the run's wall time"
+        )
     print(f"median of {repeats} repeats, each kind against the run without a log beside it")
     print(f"{'':22} {'processor time':>31}   {'wall time':>31}")
     print(f"{'':22} {'in flight':>9} {'more':>8} {'of the run':>12}   "

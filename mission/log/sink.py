@@ -42,7 +42,10 @@ class McapSink:
         channel = self._channel[topic.name]
         sequence = self._sequence[channel]
         self._sequence[channel] = sequence + 1
-        self._writer.add_message(channel, t_ns, data, t_ns, sequence)
+        try:  # it may end a chunk; a context manager would cost more than the rest
+            self._writer.add_message(channel, t_ns, data, t_ns, sequence)
+        except OSError as error:
+            raise self._error(error) from None
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """A named set of strings beside the messages."""
@@ -81,4 +84,7 @@ class McapSink:
         try:
             yield
         except OSError as error:
-            raise LogError(self.path, f"cannot write the log: {error.strerror}") from None
+            raise self._error(error) from None
+
+    def _error(self, error: OSError) -> LogError:
+        return LogError(self.path, f"cannot write the log: {error.strerror}")
