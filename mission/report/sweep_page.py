@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from mission.errors import InputError
+from mission.folder import write_atomically
 from mission.report import html
 from mission.report.sweep_charts import curve_cards, ends_card
 from mission.sweep.curves import communities_of, flies, groups_of, pictures_of
@@ -35,10 +35,7 @@ def write_sweep_report(folder: Path, target: Path) -> Path:
             written.
     """
     page = sweep_html(read_sweep(folder))
-    try:
-        target.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the report: {error.strerror}") from None
+    write_atomically(target, page)
     return target
 
 
