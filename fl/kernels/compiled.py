@@ -1,4 +1,4 @@
-"""Compilation of the kernels: once per installation and kind of processor, then from a cache."""
+"""Compilation of kernels, here and in planning: once per installation and kind of processor."""
 
 import hashlib
 import logging
@@ -14,28 +14,31 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _digest() -> str:
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
+def digest(folder: Path) -> str:
+    """Of all sources in a folder of kernels, and of how they are compiled.
+
+    The cache looks at a function's source file and closure, not at what it calls. With this in
+    the closure a change anywhere compiles anew.
+    """
+    found = hashlib.sha256()
+    for source in (Path(__file__), *sorted(folder.glob("*.py"))):
+        found.update(source.read_bytes())
+    return found.hexdigest()
 
 
-# The cache looks at a function's source file and closure, not at what it calls. With the digest
-# of all sources in the closure a change anywhere compiles anew.
-SOURCES = _digest()
+SOURCES = digest(Path(__file__).parent)
 
 
 def cached(function: Callable[P, R]) -> Callable[P, R]:
     """For functions that Python calls: threads may run them at the same time.
 
-    The closure over `SOURCES` is up to the function. Where no folder can be written, everything
+    The closure over a `digest` is up to the function. Where no folder can be written, everything
     is compiled once per process.
     """
     try:
         result: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError as error:
-        logger.warning("training compiles anew in every process: %s", error)
+        logger.warning("kernels are compiled anew in every process: %s", error)
         result = njit(nogil=True, error_model="numpy")(function)
     return result
 

@@ -1,1 +1,1 @@
-"""Compiled inner loops (the home of numba). Plain arrays in, plain arrays out."""
+"""Compiled inner loops. Plain arrays in, plain arrays out."""
