@@ -16,13 +16,16 @@ SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one
 
 
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:
-    """The widest acceptance radius in metres, up to `widest_m`, that costs the plan 1 % at most."""
+    """The widest acceptance radius in metres, up to `widest_m`, that costs the plan 1 % at most.
+
+    Where none does, the narrowest.
+    """
     radii = [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
     for radius in radii:
         flown = objective(problem, cut_corners(plan.waypoints_m, radius), plan.schedule)
         if flown >= (1.0 - MOST_LOST) * plan.value:
             return radius
-    return min(radii[-1], widest_m)
+    return radii[-1]
 
 
 def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
@@ -36,7 +39,8 @@ def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
     points = np.array(waypoints_m[new])
     legs = np.diff(points, axis=0)
     lengths = np.hypot(*legs.T)
-    along = legs / lengths[:, None]
+    # A path may come back in steps that are dropped: such a leg has no length and no direction.
+    along = legs / np.maximum(lengths, 1e-9)[:, None]
     turn = np.diff(along, axis=0)  # its length is 2 sin(phi / 2)
     twice_sine = np.hypot(*turn.T)
     depth = np.minimum(radius_m, np.minimum(lengths[:-1], lengths[1:]) * twice_sine / 8.0)

@@ -53,7 +53,8 @@ class SqpPlanner:
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
 
     Args:
-        tries: how often the first plan is cut and mended; by default fewer for more devices.
+        starts: devices that first paths are built towards.
+        tries: how often the best of them are cut and mended; by default more for more devices.
     """
 
     def __init__(self, *, starts: int = STARTS, tries: int | None = None) -> None:

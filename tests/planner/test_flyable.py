@@ -34,6 +34,13 @@ def test_a_path_without_corners_stays(points):
     assert cut_corners(np.array(points), 5.0).tolist() == points
 
 
+def test_a_path_that_comes_back_in_small_steps_has_no_corner_there():
+    way = np.array([[0.0, 0.0], [0.4, 0.0], [0.8, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    cut = cut_corners(way, 1.0)
+    assert cut[:4].tolist() == [[0.0, 0.0]] * 4
+    assert np.hypot(*(cut[4] - way[4])) == pytest.approx(1.0)
+
+
 def problem(preset: str) -> RoundProblem:
     rng = np.random.default_rng(3)
     return RoundProblem(
