@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mission.errors import InputError
-from mission.figure_style import GRID, TEXT, new_figure, plain
+from mission.figure_style import GRID, TEXT, new_figure, plain, save_figures
 from mission.palette import community_colour
 from mission.sweep.curves import Curve, Panel, Picture, by_round, communities_of, pictures_of
 from mission.sweep.ends import EndRow, final_rows, gain_rows
@@ -35,14 +34,7 @@ def draw_sweep(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
     if gains:
         label = "final accuracy of cov less the other's, same seed (points)"
         figures["gains.png"] = _ends(gains, label, zero=True)
-    target = folder / "figures"
-    try:
-        target.mkdir(exist_ok=True)
-        for name, figure in figures.items():
-            figure.savefig(target / name)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the figures: {error.strerror}") from None
-    return tuple(target / name for name in figures)
+    return save_figures(figures, folder / "figures")
 
 
 def _curves(picture: Picture) -> Figure:
