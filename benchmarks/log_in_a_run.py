@@ -71,16 +71,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
 
         return measured
 
-    for name in (
-        "__init__",
-        "sampled",
-        "happened",
-        "plan",
-        "uplinks",
-        "round",
-        "learning",
-        "close",
-    ):
+    for name in CALLS:
         setattr(Timed, name, timed(name))
     in_log_s = [0.0]
 
