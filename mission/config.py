@@ -67,7 +67,10 @@ class MissionConfig(BaseModel):
     steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
     devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")
     acceptance_radius_m: float = Field(
-        5.0, ge=0.5, le=50, description="how far a corner may be cut"
+        5.0,
+        ge=0.5,
+        le=50,
+        description="how far a corner may be cut at most; less where that would cost the round 1 %",
     )
     battery_reserve: float = Field(
         0.25,

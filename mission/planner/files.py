@@ -19,8 +19,9 @@ from mission.folder import write_atomically
 from mission.planner.errors import PlanInputError
 from mission.planner.problem import RoundPlan, RoundProblem
 
-Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e7, le=1e7)]
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e7)]
+# Strict: neither texts nor true and false are numbers.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0, le=1e7)]
 Point = tuple[Number, Number]
 
 MOST_SHOWN = 10  # wrong entries named in one message
@@ -29,7 +30,7 @@ MOST_SHOWN = 10  # wrong entries named in one message
 class ChannelEntry(BaseModel):
     """The constants of `fl.radio.Channel`; sigma is of the natural logarithm."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     altitude_m: Positive
     alpha_los: Number
@@ -52,11 +53,11 @@ class ProblemEntry(BaseModel):
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | int
     devices: list[Point]
-    importance: list[Annotated[float, Field(allow_inf_nan=False, ge=0.0)]]
+    importance: list[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]]
     start: Point
-    steps: int = Field(ge=1, le=1000)
-    per_step: int = Field(ge=1)
-    path_budget_m: float = Field(allow_inf_nan=False, ge=0.0, le=1e6)
+    steps: int = Field(strict=True, ge=1, le=1000)
+    per_step: int = Field(strict=True, ge=1)
+    path_budget_m: float = Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)
     channel: ChannelEntry
 
 

@@ -56,6 +56,8 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ("{}", "holds an object: must be a list of problems"),
         ([{**GOOD, "steps": 0}], r"\[0\] \(id 'a'\): steps = 0: .*greater than or equal to 1"),
         ([{**GOOD, "steps": 2.5}], r"steps = 2.5: .*integer"),
+        ([{**GOOD, "steps": True}], r"steps = True: .*integer"),
+        ([{**GOOD, "start": ["0", 0]}], r"start\[0\] = '0': .*number"),
         ([{**GOOD, "path_budget_m": -1}], r"path_budget_m = -1"),
         ([{**GOOD, "importance": [1, -2, 1]}], r"importance\[1\] = -2: .*or equal to 0"),
         ([{**GOOD, "importance": [1, 2]}], "importance has 2 values for 3 devices"),
