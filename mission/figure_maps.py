@@ -77,7 +77,7 @@ def round_maps(run: FlightData) -> Figure:
         chosen = [run.plans[0]]
     columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
     rows = math.ceil(len(chosen) / columns)
-    figure = new_figure(4.1 * columns, 4.3 * rows + 0.7)
+    figure = new_figure(4.1 * columns, 4.3 * rows + 1.0)  # titles and legend: an inch
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in panels.flat[len(chosen) :]:
         axes.set_visible(False)

@@ -103,10 +103,13 @@ def started(path: Path, first: Grid) -> SweepFolder:
 
 def test_a_sweep_may_grow(tmp_path: Path) -> None:
     folder = started(tmp_path / "s", grid(sets=["mission.steps=5,6"]))
-    folder.check(
-        grid(strategies=("no_cov", "cov", "ideal"), seeds=3, sets=["mission.steps=5,6,7"]),
-        data_dir=None,
-    )
+    more = grid(strategies=("no_cov", "cov", "ideal"), seeds=3, sets=["mission.steps=5,6,7"])
+    folder.check(more, data_dir=None)
+    with folder.lock():
+        folder.claim(more, data_dir=None)
+    folder.check(more, data_dir=None)
+    with pytest.raises(InputError, match="seed had 3 as well"):  # it is the larger one from now on
+        folder.check(grid(sets=["mission.steps=5,6,7"], strategies=more.strategies), data_dir=None)
 
 
 @pytest.mark.parametrize(
