@@ -45,12 +45,15 @@ def ecef_to_geodetic(x: float, y: float, z: float) -> Triple:
     """Latitude and longitude (deg) and altitude (m); Bowring's method, iterated to 1e-15 rad."""
     ring = math.hypot(x, y)
     beta = math.atan2(z, (1 - WGS84_F) * ring)
-    lat = 0.0
+    lat, before = 0.0, math.inf
     for _ in range(4):
         lat = math.atan2(
             z + _EP2 * _B_M * math.sin(beta) ** 3,
             ring - _E2 * WGS84_A_M * math.cos(beta) ** 3,
         )
+        if lat == before:
+            break
+        before = lat
         beta = math.atan2((1 - WGS84_F) * math.sin(lat), math.cos(lat))
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
     # Exact at the pole and on the equator alike, unlike a division by cos(lat).

@@ -25,6 +25,8 @@ VELOCITY_GRID = 2.0**10  # cells a metre per second
 QUATERNION_GRID = 2.0**16
 DEGREE_GRID = 2.0**27
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
 XYZ = tuple[float, float, float]
 
 _LEVELS = {
@@ -219,7 +221,11 @@ def _brief(value: float) -> float:
 
 def record(values: Mapping[str, Any]) -> bytes:
     """One of our own records as JSON; numbers in their shortest exact form, NaN as null."""
-    return json.dumps(_finite(values), separators=(",", ":"), allow_nan=False).encode()
+    try:
+        text = _ENCODER.encode(values)
+    except ValueError:  # a NaN or an infinity, which few records have
+        text = _ENCODER.encode(_finite(values))
+    return text.encode()
 
 
 def _finite(value: Any) -> Any:

@@ -1,6 +1,6 @@
 """Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
 
-import itertools
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -9,24 +9,22 @@ from typing import Self
 
 import numpy as np
 
-from flightdyn.state import Innovation
 from mission.area import Area
 from mission.log import messages, scene, topics
 from mission.log.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
 from mission.log.classic_layout import classic
-from mission.log.flownpath import FlownPath
 from mission.log.layout import ATTACHMENT as LAYOUT
 from mission.log.layout import layout
-from mission.log.rates import Every, LogRates
+from mission.log.rates import LogRates
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, Devices, Floats, PlanRecord, Zone, area_to_text
+from mission.log.vehicle import NOTICE, VehicleTopics
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.records import RoundRecord, UplinkRecord
 from sitl.observer import VehicleEvent, VehicleSample
 
-_SEVERITY = {"failsafe": 4, "fault": 4}
-_NOTICE = 6
+_FRAME_S = 0.05  # wall time after which a viewer is shown what is new
 
 
 class FlightLog:
@@ -58,20 +56,11 @@ class FlightLog:
         self._fence = tuple(fence)
         self._file = McapSink(path)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
-        rates = rates or LogRates()
-        self._due = {
-            topics.TF: Every.of(rates.tf_hz),
-            topics.TRUE_VELOCITY: Every.of(rates.velocity_hz),
-            topics.COMMAND: Every.of(rates.command_hz),
-            topics.TRUE_LOCATION: Every.of(rates.location_hz),
-            topics.BATTERY: Every.of(rates.battery_hz),
-            topics.TRUE_WIND: Every.of(rates.wind_hz),
-            topics.INNOVATIONS: Every.of(rates.innovations_hz),
-        }
+        self._mirrored = bool(mirrors)
+        self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
         self._now_ns = 0
         self._flushed_ns = 0
-        self._mode: tuple[str, bool] | None = None
-        self._flown = FlownPath()
+        self._shown_s = 0.0
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write(topics.SCENE_GROUND, 0, scene.ground(0, area, self._fence))
         self._write_world(0)
@@ -80,60 +69,19 @@ class FlightLog:
         self.attach(CLASSIC_LAYOUT, "application/json", classic(look))
 
     def sampled(self, sample: VehicleSample) -> None:
-        """Write one sample of the vehicle."""
-        t_ns, truth, belief = sample.t_ns, sample.truth, sample.belief
-        self._now_ns = t_ns
-        stamp = messages.timestamp(t_ns)
-        true_m = messages.area_xyz(self._area, truth.pos_ned_m)
-        est_m = messages.area_xyz(self._area, belief.pos_ned_m)
-        position = messages.vector(true_m, grid=messages.POSITION_GRID)
-        attitude = messages.quaternion(truth.q_frd_to_ned)
-        if self._due[topics.TF].now(t_ns):
-            self._write(topics.TF, t_ns, messages.transform(stamp, position, attitude))
-        self._write(topics.TRUE_POSE, t_ns, messages.pose(stamp, position, attitude))
-        believed = messages.pose(
-            stamp,
-            messages.vector(est_m, grid=messages.POSITION_GRID),
-            messages.quaternion(belief.q_frd_to_ned),
-        )
-        self._write(topics.EST_POSE, t_ns, believed)
-        if self._due[topics.TRUE_VELOCITY].now(t_ns):
-            self._write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
-            self._write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
-        if sample.cmd_pos_ned_m is not None and self._due[topics.COMMAND].now(t_ns):
-            command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
-            self._write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
-        if sample.gnss is not None:
-            self._write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
-        if self._due[topics.TRUE_LOCATION].now(t_ns):
-            where = self._frame.to_geodetic(truth.pos_ned_m)
-            self._write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, where))
-        if self._due[topics.BATTERY].now(t_ns):
-            self._write(topics.BATTERY, t_ns, messages.battery(sample.battery))
-        if sample.wind_ned_mps is not None and self._due[topics.TRUE_WIND].now(t_ns):
-            self._write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
-        self._write_innovations(t_ns, sample.innovations)
-        self._note_mode(t_ns, sample.mode, sample.armed)
-        if self._flown.extend(t_ns, true_m):
-            self._write_flown(t_ns)
-        if t_ns - self._flushed_ns >= NS_PER_S:
+        """Take one sample of the vehicle; it is written within a second of simulated time."""
+        self._now_ns = sample.t_ns
+        self._vehicle.take(sample)
+        if sample.t_ns - self._flushed_ns >= NS_PER_S:
             self._flush()
+        elif self._mirrored and time.monotonic() - self._shown_s >= _FRAME_S:
+            self._show()
 
     def happened(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
         self._now_ns = event.t_ns
-        severity = event.severity if event.kind == "status" else _SEVERITY.get(event.kind, _NOTICE)
-        line = messages.log_line(event.t_ns, event.text, severity=severity, source=event.kind)
-        self._write(topics.LOG, event.t_ns, line)
-        values = {
-            "kind": event.kind,
-            "text": event.text,
-            "seq": event.seq,
-            "severity": severity,
-            "true_m": messages.area_xyz(self._area, event.truth.pos_ned_m),
-            "est_m": messages.area_xyz(self._area, event.belief.pos_ned_m),
-        }
-        self._write(topics.EVENTS, event.t_ns, messages.record(values))
+        self._vehicle.write_taken()
+        self._vehicle.event(event)
 
     def plan(
         self,
@@ -184,7 +132,7 @@ class FlightLog:
         seen = scene.devices(t_ns, self._devices, problem.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
         self._write_world(t_ns)
-        self._flown.forget()
+        self._vehicle.begin_path()
         self._flush()
 
     def uplinks(self, records: Sequence[UplinkRecord]) -> None:
@@ -200,8 +148,8 @@ class FlightLog:
         """Write a finished round, and hand the file to the disk."""
         t_ns = self._now_ns
         self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
-        self._write_flown(t_ns)
-        self._flown.forget()
+        self._vehicle.write_flown_path(t_ns)
+        self._vehicle.begin_path()
         self._flush()
         self._file.sync()
 
@@ -230,7 +178,7 @@ class FlightLog:
         topic = topics.MAVLINK_TO_VEHICLE if to_vehicle else topics.MAVLINK_FROM_VEHICLE
         self._write(topic, self._now_ns, data)
 
-    def note(self, text: str, *, severity: int = _NOTICE, source: str = "mission") -> None:
+    def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
         """Write a line of our own, at the present simulated time."""
         line = messages.log_line(self._now_ns, text, severity=severity, source=source)
         self._write(topics.LOG, self._now_ns, line)
@@ -249,8 +197,11 @@ class FlightLog:
 
     def close(self) -> None:
         """Complete the file. Closing twice is fine."""
-        for sink in self._sinks:
-            sink.close()
+        try:
+            self._vehicle.write_taken()
+        finally:
+            for sink in self._sinks:
+                sink.close()
 
     def __enter__(self) -> Self:
         return self
@@ -264,10 +215,21 @@ class FlightLog:
         self.close()
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        """Write a message after the samples that came before it."""
+        self._vehicle.write_taken()
+        self._emit(topic, t_ns, data)
+
+    def _emit(self, topic: Topic, t_ns: int, data: bytes) -> None:
         for sink in self._sinks:
             sink.write(topic, t_ns, data)
 
+    def _show(self) -> None:
+        """Let viewers see what was sampled."""
+        self._shown_s = time.monotonic()
+        self._vehicle.write_taken()
+
     def _flush(self) -> None:
+        self._vehicle.write_taken()
         self._flushed_ns = self._now_ns
         for sink in self._sinks:
             sink.flush()
@@ -281,20 +243,3 @@ class FlightLog:
         self._write(topics.DEVICES, t_ns, messages.record(values))
         if self._fence:
             self._write(topics.FENCE, t_ns, messages.fence(self._fence))
-
-    def _write_innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
-        for instant, group in itertools.groupby(items, key=lambda item: item.t_ns):
-            at_once = tuple(group)
-            due = self._due[topics.INNOVATIONS].now(instant)
-            if due or not all(item.accepted for item in at_once):
-                self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))
-
-    def _note_mode(self, t_ns: int, mode: str, armed: bool) -> None:
-        if (mode, armed) != self._mode:
-            self._mode = (mode, armed)
-            self._write(topics.MODE, t_ns, messages.record({"mode": mode, "armed": armed}))
-
-    def _write_flown(self, t_ns: int) -> None:
-        path = self._flown.message(t_ns)
-        if path is not None:
-            self._write(topics.FLOWN_PATH, t_ns, path)
