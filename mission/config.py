@@ -62,7 +62,8 @@ class MissionConfig(BaseModel):
         40_000.0,
         gt=0,
         le=1e7,
-        description="L_total, metres to fly in rounds; a run ends when the rest pays for no more",
+        description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
+        "a run ends when the rest pays for no whole round",
     )
     steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
     devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")

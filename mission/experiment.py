@@ -131,7 +131,10 @@ class Experiment:
             area=world.area, community_of=world.community_of,
             gate=world.config.channel.gate, rng=world.streams.generator(f"uplink/{number}"),
         )  # fmt: skip
-        cost_m = flight.flown_m if sortie.cost_m is None else sortie.cost_m
+        # Never more than the plan could have used: L_total pays for L_total / L_max rounds, also
+        # where wind or overshot corners make the flight longer than the plan.
+        flown_cost_m = min(flight.flown_m, problem.path_budget_m)
+        cost_m = flown_cost_m if sortie.cost_m is None else sortie.cost_m
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None and recalled.true_objective != true_objective:
             raise FlightError(

@@ -43,7 +43,7 @@ class RoundRecord:
     upper_bound: float  # NaN where the planner gives none
     plan_path_m: float
     flown_path_m: float
-    budget_used_m: float  # metres of L_total spent so far
+    budget_used_m: float  # metres of L_total spent so far, L_max a round at most
     scheduled: int
     delivered: int
     battery_remaining: float

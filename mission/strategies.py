@@ -22,7 +22,7 @@ class Sortie:
 
     plan: RoundPlan
     hold_s: float = 0.0  # hover at each stop
-    cost_m: float | None = None  # of L_total; None: the metres flown
+    cost_m: float | None = None  # of L_total; None: the metres flown, L_max at most
 
 
 class Strategy(Protocol):

@@ -1,5 +1,6 @@
 """What a run has added up to, round by round."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -7,6 +8,8 @@ from numpy.typing import NDArray
 
 from mission.config import MissionConfig
 from mission.records import RoundRecord
+
+_WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 
 
 @dataclass
@@ -50,11 +53,26 @@ class Tally:
         """
         if self.rounds_done >= mission.rounds:
             return True
-        barycenter = mission.strategy == "barycenter"
-        cost = mission.hover_cost_m if barycenter else mission.path_budget_m
+        cost = min(round_cost_m(mission), mission.total_budget_m)
         left = self.left_m(mission)
-        return left < min(cost, mission.total_budget_m) or left <= 0.0
+        return left < cost * _WITHIN_ROUNDING or left <= 0.0
 
     def left_m(self, mission: MissionConfig) -> float:
         """Metres of the path budget that are not spent."""
         return mission.total_budget_m - self.budget_used_m
+
+
+def round_cost_m(mission: MissionConfig) -> float:
+    """What a whole round costs of the path budget at most, in metres."""
+    return mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
+
+
+def rounds_paid_for(mission: MissionConfig) -> int:
+    """How many whole rounds the path budget pays for in any case; at most the mission's rounds.
+
+    There may be more of them: a flight that cuts corners costs less than its plan was allowed.
+    """
+    cost = round_cost_m(mission) * _WITHIN_ROUNDING
+    if cost == 0.0:
+        return mission.rounds
+    return min(mission.rounds, max(1, math.floor(mission.total_budget_m / cost)))

@@ -5,11 +5,11 @@ import math
 import time
 from collections.abc import Sequence
 
-from mission.config import MissionConfig
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
 from mission.sweep.results import read_run
 from mission.sweep.state import rounds_in
+from mission.tally import rounds_paid_for
 
 
 class TimeLeft:
@@ -47,13 +47,13 @@ class TimeLeft:
 
     def rounds(self, run: SweepRun) -> tuple[int, int]:
         """Flown so far, and expected in all."""
-        expected = expected_rounds(run.config.mission)
+        expected = rounds_paid_for(run.config.mission)
         return min(rounds_in(self._folder.run(run)), expected), expected
 
     def share(self) -> float:
         """The part of the sweep's rounds that is done, 0..1."""
-        total = sum(expected_rounds(run.config.mission) for run in self._runs)
-        left = sum(expected_rounds(run.config.mission) for run in self._left.values())
+        total = sum(rounds_paid_for(run.config.mission) for run in self._runs)
+        left = sum(rounds_paid_for(run.config.mission) for run in self._left.values())
         return 1.0 - (left - sum(self.rounds(run)[0] for run in self._running)) / total
 
     def text(self) -> str:
@@ -63,7 +63,7 @@ class TimeLeft:
             spent = self._with(run, now - self._begun[run.name], spent)
         pace = {name: s / rounds for name, (s, rounds) in spent.items() if rounds and s > 0.0}
         known = [
-            pace[run.strategy] * expected_rounds(run.config.mission)
+            pace[run.strategy] * rounds_paid_for(run.config.mission)
             for run in self._runs
             if run.strategy in pace
         ]
@@ -74,7 +74,7 @@ class TimeLeft:
         for run in (*self._running, *waiting):
             flown, expected = self.rounds(run) if run.name in self._begun else (0, 1)
             whole = (
-                pace[run.strategy] * expected_rounds(run.config.mission)
+                pace[run.strategy] * rounds_paid_for(run.config.mission)
                 if run.strategy in pace
                 else math.fsum(known) / len(known)
             )
@@ -88,14 +88,6 @@ class TimeLeft:
         before, rounds = spent.get(run.strategy, (0.0, 0))
         flown = rounds_in(self._folder.run(run))
         return {**spent, run.strategy: (before + seconds, rounds + flown)}
-
-
-def expected_rounds(mission: MissionConfig) -> int:
-    """How many rounds the path budget pays for, where it ends a run before its last round."""
-    cost = mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
-    if cost == 0.0:
-        return mission.rounds
-    return min(mission.rounds, max(1, math.floor(mission.total_budget_m / cost)))
 
 
 def duration(seconds: float) -> str:

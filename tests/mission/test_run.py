@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
@@ -156,6 +157,19 @@ def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
     # Of 300 m each; the 50 m that are left pay for no third one.
     assert len(rounds) == 2
     assert 570 <= float(rounds[-1]["budget_used_m"]) <= 612
+
+
+def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
+    """Rounds this short are flown longer than planned: a waver of the track is a share of them."""
+    out = tmp_path / "tight"
+    tight = ("--set", "mission.path_budget_m=40", "--set", "mission.total_budget_m=120")
+    assert fly(out, *tight, "--set", "mission.acceptance_radius_m=0.5", rounds=9) == 0
+    rounds = rows(out / "rounds.csv")
+    assert len(rounds) == 3
+    flown = [float(row["flown_path_m"]) for row in rounds]
+    assert sum(flown[:2]) > 80.0  # so that less than a round is left, were all of it charged
+    used = [float(row["budget_used_m"]) for row in rounds]
+    assert np.diff([0.0, *used]) == pytest.approx(np.minimum(flown, 40.0))
 
 
 def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:

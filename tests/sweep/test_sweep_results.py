@@ -13,8 +13,9 @@ from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
 from mission.sweep.results import Row, RunResult, jain, write_results
 from mission.sweep.stats import band, interval
-from mission.sweep.timeleft import TimeLeft, duration, expected_rounds
+from mission.sweep.timeleft import TimeLeft, duration
 from mission.sweep.view import final_rounds, percent
+from mission.tally import rounds_paid_for
 
 
 @pytest.mark.parametrize("count", [2, 3, 10])
@@ -163,7 +164,7 @@ def test_time_left_knows_what_earlier_calls_took(
 def test_the_paper_s_sweep_ends_by_its_budget() -> None:
     strategies = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
     grid = make_grid(builtin_config("paper-sweep.toml"), strategies=strategies, seeds=3)
-    expected = {run.strategy: expected_rounds(run.config.mission) for run in grid.runs}
+    expected = {run.strategy: rounds_paid_for(run.config.mission) for run in grid.runs}
     assert expected == {name: 400 if name == "barycenter" else 50 for name in strategies}
     assert len(grid.runs) == 15
 
