@@ -1,18 +1,18 @@
 """A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
 
-import fcntl
 import json
 import os
 import platform
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 from mission.errors import InputError
+from mission.lock import alone_in
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
@@ -72,26 +72,9 @@ class RunFolder:
                 self.path.rmdir()
             raise
 
-    @contextmanager
-    def lock(self) -> Iterator[None]:
-        """Keep other processes from flying into this folder while the block runs.
-
-        Raises:
-            InputError: one does already, or the folder cannot be written.
-        """
-        try:
-            self.checkpoint.mkdir(exist_ok=True)
-            file = (self.checkpoint / ".lock").open("a")
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot write: {error.strerror}") from None
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError(
-                    f"{self.path}: another aerofed run is at work in this folder"
-                ) from None
-            yield
+    def lock(self) -> AbstractContextManager[None]:
+        """Keep other processes from flying into this folder; see `alone_in`."""
+        return alone_in(self.path, self.checkpoint / ".lock", who="aerofed run")
 
     @property
     def config(self) -> Path:

@@ -1,15 +1,15 @@
 """A sweep's folder: what it was started with, which runs are done, one sweep in it at a time."""
 
-import fcntl
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mission.errors import InputError
 from mission.folder import RunFolder, write_atomically
+from mission.lock import alone_in
 from mission.sweep.grid import Axis, Grid, Point, points
 
 _LOCK = ".lock"
@@ -34,27 +34,9 @@ class SweepFolder:
     def manifest(self) -> Path:
         return self.path / "sweep.json"
 
-    @contextmanager
-    def lock(self) -> Iterator[None]:
-        """Make the folder, and keep other sweeps out while this one works in it.
-
-        Raises:
-            InputError: another one does, or the folder cannot be written.
-        """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            with (self.path / _LOCK).open("a") as file:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    raise InputError(
-                        f"{self.path}: another sweep is at work in this folder"
-                    ) from None
-                yield
-        except OSError as error:
-            raise InputError(
-                f"{self.path}: cannot write the sweep's folder: {error.strerror}"
-            ) from None
+    def lock(self) -> AbstractContextManager[None]:
+        """Make the folder, and keep other sweeps out while this one works in it; see `alone_in`."""
+        return alone_in(self.path, self.path / _LOCK, who="sweep")
 
     def check(self, grid: Grid, *, data_dir: Path | None) -> None:
         """Refuse a folder in which this sweep can neither start nor go on.

@@ -1,5 +1,6 @@
 """Which runs a sweep consists of, and what it refuses."""
 
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -149,3 +150,19 @@ def test_one_sweep_at_a_time(tmp_path: Path) -> None:
     folder = SweepFolder(tmp_path / "s")
     with folder.lock(), pytest.raises(InputError, match="another sweep is at work"), folder.lock():
         pass
+
+
+def test_a_file_is_no_folder_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "s").write_text("mine")
+    with pytest.raises(InputError, match=r"s: cannot write: File exists"):
+        SweepFolder(tmp_path / "s").lock().__enter__()
+
+
+def test_what_fails_under_the_lock_is_not_blamed_on_the_folder(tmp_path: Path) -> None:
+    failure = OSError(errno.EMFILE, "Too many open files")
+    with (
+        pytest.raises(OSError, match="Too many open files") as caught,
+        SweepFolder(tmp_path / "s").lock(),
+    ):
+        raise failure
+    assert caught.value is failure
