@@ -47,9 +47,9 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        lines = explain(error, RunConfig, path, given=given)
+        lines = explain(error, RunConfig, str(path), given=given)
         raise InputError("\n".join(lines)) from None
-    lines = [refusal(*fault, path, given) for fault in faults(config)]
+    lines = [refusal(*fault, str(path), given) for fault in faults(config)]
     if lines:
         raise InputError("\n".join(lines))
     return config

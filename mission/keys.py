@@ -164,7 +164,7 @@ def _words(key: Key, *, many: bool = False) -> str:
         return choices if len(arguments) == 1 else f"one of {choices}"
     if origin is tuple:
         element = _key((*key.path, 0), arguments[0], ())
-        return f"a list of {_count(key)}{_words(element, many=True)}"
+        return f"{'lists' if many else 'a list'} of {_count(key)}{_words(element, many=True)}"
     if origin is dict:
         return f"a table of {_words(_key(key.path, arguments[1], ()), many=True)} by name"
     one, several = _NOUNS.get(annotation, ("a table", "tables"))
@@ -183,6 +183,8 @@ def _count(key: Key) -> str:
 def _limits(key: Key) -> str:
     if key.example is not None:
         return f" such as {key.example!r}, matching {key.bound('pattern')}"
+    if key.annotation is str and key.bound("max_length") is not None:
+        return f" of {key.bound('min_length')} to {key.bound('max_length')} characters"
     low, high = key.bound("ge"), key.bound("le")
     if low is not None and high is not None:
         return f" from {_number(low)} to {_number(high)}"

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fl.radio import Channel
 from mission.folder import write_atomically
 from mission.planner.errors import PlanInputError
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.refusals import explain, shown
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
@@ -51,9 +52,9 @@ class ProblemEntry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    id: Annotated[str, Field(min_length=1, max_length=200)] | int
-    devices: list[Point]
-    importance: list[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]]
+    id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
+    devices: tuple[Point, ...]
+    importance: tuple[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)], ...]
     start: Point
     steps: int = Field(strict=True, ge=1, le=1000)
     per_step: int = Field(strict=True, ge=1)
@@ -94,14 +95,8 @@ def read_problems(path: Path) -> tuple[NamedProblem, ...]:
     except (json.JSONDecodeError, RecursionError) as error:
         raise PlanInputError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(data, list):
-        raise PlanInputError(f"{path}: holds {_kind(data)}: must be a list of problems")
-    try:
-        entries = TypeAdapter(list[ProblemEntry]).validate_python(data)
-    except ValidationError as error:
-        lines = [f"{path}: {line}" for line in _explain(error, data)]
-        if len(lines) > MOST_SHOWN:
-            lines[MOST_SHOWN:] = [f"{path}: and {len(lines) - MOST_SHOWN} more"]
-        raise PlanInputError("\n".join(lines)) from None
+        raise PlanInputError(f"{path}: holds {shown(data)}: must be a list of problems")
+    entries = _entries(path, data)
     seen: dict[str, int] = {}
     for index, entry in enumerate(entries):
         name = str(entry.id)
@@ -126,6 +121,28 @@ def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
     """
     content = {entry.id: _plan(entry) for entry in plans}
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:
+    """The file's entries, each of them right; a line for every wrong key of every entry."""
+    entries: list[ProblemEntry] = []
+    wrong: list[str] = []
+    for index, values in enumerate(data):
+        place = f"{path}: [{index}]"
+        if not isinstance(values, dict):
+            wrong.append(f"{place} = {shown(values)}: must be an object")
+            continue
+        if "id" in values:
+            place += f" (id {shown(values['id'])})"
+        try:
+            entries.append(ProblemEntry.model_validate(values))
+        except ValidationError as error:
+            wrong += explain(error, ProblemEntry, place, notation="JSON")
+    if len(wrong) > MOST_SHOWN:
+        wrong[MOST_SHOWN:] = [f"{path}: and {len(wrong) - MOST_SHOWN} more"]
+    if wrong:
+        raise PlanInputError("\n".join(wrong))
+    return entries
 
 
 def _problem(entry: ProblemEntry) -> RoundProblem:
@@ -158,31 +175,3 @@ def _plan(entry: NamedPlan) -> dict[str, Any]:
         "nodes": plan.nodes,
         "time_s": entry.time_s,
     }
-
-
-def _explain(error: ValidationError, data: list[Any]) -> list[str]:
-    """One line a wrong entry: where, which value, what is allowed."""
-    lines = []
-    for item in error.errors():
-        # The branch of a union (an id is a text or a number) is no place in the file.
-        where = [part for part in item["loc"] if part not in ("constrained-str", "int")]
-        index = where[0]
-        entry = data[index] if isinstance(index, int) else None
-        name = f" (id {entry['id']!r})" if isinstance(entry, dict) and "id" in entry else ""
-        key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in where[1:]).lstrip(".")
-        place = f"[{index}]{name}" + (f": {key}" if key else "")
-        if item["type"] == "missing":
-            lines.append(f"{place}: missing")
-        elif item["type"] == "extra_forbidden":
-            known = ChannelEntry if key.startswith("channel") else ProblemEntry
-            lines.append(f"{place}: unknown key (known: {', '.join(known.model_fields)})")
-        else:
-            value = item["input"]
-            shown = _kind(value) if isinstance(value, dict | list) else repr(value)
-            lines.append(f"{place} = {shown}: {item['msg']}")
-    return list(dict.fromkeys(lines))
-
-
-def _kind(value: Any) -> str:
-    names = {dict: "an object", list: "a list", str: "a text", bool: "true or false"}
-    return names.get(type(value), "null" if value is None else "a number")
