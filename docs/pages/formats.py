@@ -60,6 +60,6 @@ def _body() -> list[str]:
 
 
 def _fields(topic: topics.Topic) -> list[str]:
-    properties = json.loads(topic.schema)["properties"]
-    rows = (f"| `{name}` | {item.get('description', '')} |" for name, item in properties.items())
+    described = topics.fields(topic.schema).items()
+    rows = (f"| `{name}` | {item['description']} |" for name, item in described)
     return ["| column | what |", "|---|---|", *rows]

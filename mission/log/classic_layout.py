@@ -10,7 +10,13 @@ from typing import Any
 
 ATTACHMENT = "lichtblick-layout.json"
 
-_KINDS = {"ThreeDee": "3D", "Map": "map", "Plot": "Plot", "Log": "RosOut"}
+_KINDS = {
+    "ThreeDee": "3D",
+    "Map": "map",
+    "Plot": "Plot",
+    "StateTransitions": "StateTransitions",
+    "Log": "RosOut",
+}
 _TITLE_KEYS = ("lichtblickPanelTitle", "foxglovePanelTitle")
 _SERIES: dict[str, Any] = {"enabled": True, "timestampMethod": "receiveTime"}
 _LOG: dict[str, Any] = {"minLogLevel": 1, "searchTerms": []}
@@ -59,7 +65,7 @@ def _pairs(
 
 def _config(kind: str, content: dict[str, Any]) -> dict[str, Any]:
     config = dict(content["config"]) | dict.fromkeys(_TITLE_KEYS, content["title"])
-    if kind == "Plot":
+    if "paths" in config:
         config["paths"] = [_SERIES | series for series in config["paths"]]
     elif kind == "RosOut":
         config |= _LOG

@@ -4,48 +4,48 @@ It goes into every log as an attachment, beside the same in the older form (`cla
 `aerofed log export FILE --to attachments` takes both out.
 """
 
+import math
 from collections.abc import Sequence
+from typing import Literal
 
 from foxglove import layouts as fl
 
 from mission.area import Area
-from mission.log.topics import FRAME, SENSORS
+from mission.log.topics import BODY_FRAME, FRAME, SENSORS
 from mission.palette import FLOWN, PLANNED, community_colour
 
 ATTACHMENT = "foxglove-layout.json"
 
+_MAP_PX = 400  # what the map panel has for the area on an ordinary screen
+_WORLD_PX = 256  # of a web map at zoom 0
+_EQUATOR_M = 40_075_017.0
+
 
 def layout(area: Area, communities: Sequence[str]) -> bytes:
-    """The layout as JSON: scene and map; height, speed and error; learning; log."""
-    scene = fl.SplitContainer(
-        direction="column",
-        items=[
-            fl.SplitItem(proportion=3, content=_scene(area)),
-            fl.SplitItem(proportion=2, content=_map()),
-        ],
+    """The layout as JSON: scene, map, log; modes, learning, links, flight, estimator, battery."""
+    below = _split("row", (1, _map(area)), (1, _log()))
+    seen = _split("column", (3, _scene(area)), (2, below))
+    numbers = _split(
+        "column",
+        (1, _modes()),
+        (2, _learning(communities)),
+        (2, _per()),
+        (2, _height()),
+        (2, _estimator()),
+        (2, _battery()),
     )
-    numbers = fl.SplitContainer(
-        direction="column",
-        items=[
-            fl.SplitItem(proportion=2, content=_learning(communities)),
-            fl.SplitItem(proportion=2, content=_per()),
-            fl.SplitItem(proportion=2, content=_height()),
-            fl.SplitItem(proportion=2, content=_estimator()),
-            fl.SplitItem(proportion=2, content=_battery()),
-            fl.SplitItem(proportion=1, content=_log()),
-        ],
-    )
-    whole = fl.Layout(
-        content=fl.SplitContainer(
-            direction="row",
-            items=[
-                fl.SplitItem(proportion=3, content=scene),
-                fl.SplitItem(proportion=2, content=numbers),
-            ],
-        )
-    )
-    text: str = whole.to_json()
+    text: str = fl.Layout(content=_split("row", (3, seen), (2, numbers))).to_json()
     return text.encode()
+
+
+def _split(
+    direction: Literal["row", "column"], *items: tuple[float, fl.Content]
+) -> fl.SplitContainer:
+    """Contents beside each other, by their shares."""
+    return fl.SplitContainer(
+        direction=direction,
+        items=[fl.SplitItem(proportion=share, content=content) for share, content in items],
+    )
 
 
 def _scene(area: Area) -> fl.ThreeDeePanel:
@@ -54,10 +54,10 @@ def _scene(area: Area) -> fl.ThreeDeePanel:
     topics: dict[str, fl.BaseRendererTopicSettings] = {
         topic: fl.BaseRendererSceneUpdateTopicSettings(visible=True) for topic in shown
     }
-    topics["/plan/path"] = _path(PLANNED, 1.5)
-    topics["/flown/path"] = _path(FLOWN, 2.0)
+    topics["/plan/path"] = _path(PLANNED, 3.0)
+    topics["/flown/path"] = _path(FLOWN, 4.0)
     topics["/true/pose"] = fl.BaseRendererPoseTopicSettings(
-        visible=True, type="axis", axis_scale=15.0
+        visible=True, type="axis", axis_scale=30.0
     )
     topics["/est/pose"] = fl.BaseRendererPoseTopicSettings(
         visible=True, type="arrow", arrow_scale=(15.0, 1.5, 1.5), color="#D55E0099"
@@ -69,9 +69,12 @@ def _scene(area: Area) -> fl.ThreeDeePanel:
             follow_mode="follow-none",
             fixed_frame=FRAME,
             topics=topics,
-            scene=fl.BaseRendererSceneSettings(
-                background_color="#F7F8FA", transforms=fl.BaseRendererTransforms(visible=False)
-            ),
+            # The pose shows the aircraft; frames would draw a line to it from the area's corner.
+            transforms={
+                f"frame:{frame}": fl.BaseRendererLayerSettingsTransform(visible=False)
+                for frame in (FRAME, BODY_FRAME)
+            },
+            scene=fl.BaseRendererSceneSettings(background_color="#F7F8FA"),
             camera_state=fl.ThreeDeeCameraState(
                 perspective=True,
                 distance=1.3 * max(width, height),
@@ -90,14 +93,24 @@ def _path(colour: str, width_m: float) -> fl.BaseRendererPosesTopicSettings:
     )
 
 
-def _map() -> fl.MapPanel:
+def _map(area: Area) -> fl.MapPanel:
+    """The map, so far zoomed in that the area fits."""
+    parallel_m = _EQUATOR_M * math.cos(math.radians(area.home.lat_deg))
+    zoom = math.log2(parallel_m / _WORLD_PX * _MAP_PX / max(area.size_m))
     return fl.MapPanel(
         title="Map",
         config=fl.MapConfig(
             follow_topic="/true/location",
-            zoom_level=15.0,
-            topic_colors={"/true/location": FLOWN, "/gnss": "#D55E00"},
+            zoom_level=min(max(math.floor(zoom), 0), 19),
+            topic_colors={"/true/location": FLOWN, "/gnss": "#D55E00", "/plan/map": PLANNED},
         ),
+    )
+
+
+def _modes() -> fl.StateTransitionsPanel:
+    series = [fl.StateTransitionsSeries(value="/mode.mode", label="mode")]
+    return fl.StateTransitionsPanel(
+        title="Flight mode", config=fl.StateTransitionsConfig(paths=series, is_synced=True)
     )
 
 
@@ -105,7 +118,7 @@ def _learning(communities: Sequence[str]) -> fl.PlotPanel:
     series = [
         fl.PlotSeries(
             value=f'/learning{{community=="{name}"}}.accuracy',
-            label=f"accuracy {name}",
+            label=name,
             color=community_colour(index),
             show_line=True,
             line_size=2.0,
@@ -166,7 +179,8 @@ def _plot(
         config=fl.PlotConfig(
             paths=series,
             show_legend=True,
-            legend_display="floating",
+            legend_display="left",  # beside what it would hide
+            sidebar_dimension=130.0,
             is_synced=True,
             x_axis_val="timestamp",
             min_y_value=low,

@@ -16,6 +16,8 @@ from mission.records import UplinkRecord
 
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
+_TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+_OCTAGON = np.column_stack((np.cos(_TURN), np.sin(_TURN)))  # (8, 2) what a disc is on the map
 
 
 def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
@@ -54,12 +56,10 @@ def _zone(t_ns: int, name: str, zone: Zone) -> Any:
 
 def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
     """SceneUpdate of the devices: colour says community, size says importance."""
-    largest = float(importance.max(initial=0.0))
-    small, large = _DEVICE_SIZE_M
+    sizes_m = _sizes_m(importance)
     entities = []
     for k, (xy, community) in enumerate(zip(world.pos_m.tolist(), world.community_of, strict=True)):
-        share = float(importance[k]) / largest if largest > 0 else 0.0
-        size = small + (large - small) * math.sqrt(max(share, 0.0))
+        size = sizes_m[k]
         colour = palette.rgb(palette.community_colour(int(community)))
         body = fox.SpherePrimitive(
             pose=_at(xy[0], xy[1], size / 2),
@@ -83,6 +83,14 @@ def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
     return _update(entities)
 
 
+def _sizes_m(importance: Floats) -> list[float]:
+    """Diameters of the devices; the areas of their discs grow with importance."""
+    largest = float(importance.max(initial=0.0))
+    small, large = _DEVICE_SIZE_M
+    shares = (float(item) / largest if largest > 0 else 0.0 for item in importance)
+    return [small + (large - small) * math.sqrt(max(share, 0.0)) for share in shares]
+
+
 def link(t_ns: int, record: UplinkRecord, world: Devices) -> bytes:
     """SceneUpdate of one transmission: colour says true PER, a thin line that it was lost."""
     x, y = world.pos_m[record.device].tolist()
@@ -101,7 +109,10 @@ def link(t_ns: int, record: UplinkRecord, world: Devices) -> bytes:
 
 
 def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord) -> bytes:
-    """GeoJson of the devices, the planned path and the fence, for the map panel."""
+    """GeoJson of the devices, the planned path and the fence, for the map panel.
+
+    Devices are discs: of a point viewers make a pin, which has no colour and hides the path.
+    """
     features: list[Mapping[str, Any]] = [
         _feature(
             "LineString",
@@ -109,27 +120,24 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
             {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
         )
     ]
-    where = _lonlat(area, world.pos_m, 0.0)
+    sizes_m = _sizes_m(plan.importance)
     for k, community in enumerate(world.community_of):
-        colour = palette.community_colour(int(community))
-        features.append(
-            _feature(
-                "Point",
-                where[k],
-                {"name": f"device {k} ({world.community[k]})", "style": {"color": colour}},
-            )
-        )
+        ring = _ring(area, world.pos_m[k] + sizes_m[k] / 2 * _OCTAGON)
+        style = {"color": palette.community_colour(int(community)), "fillOpacity": 0.9}
+        name = f"device {k} ({world.community[k]})"
+        features.append(_feature("Polygon", [ring], {"name": name, "style": style}))
     for zone in fence:
-        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
         style = {"color": palette.FENCE, "weight": 2}
-        features.append(
-            _feature(
-                "LineString",
-                _lonlat(area, closed, 0.0),
-                {"name": "fence" if zone.keep_in else "no entry", "style": style},
-            )
-        )
+        name = "fence" if zone.keep_in else "no entry"
+        ring = _ring(area, zone.outline_m)
+        features.append(_feature("LineString", ring, {"name": name, "style": style}))
     return geojson(features)
+
+
+def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
+    """Corners (n, 2) in degrees, the first again at the end."""
+    around = _lonlat(area, corners_m, 0.0)
+    return [*around, around[0]]
 
 
 def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, float]]:

@@ -33,27 +33,45 @@ def _foxglove(name: str, message: Any, description: str) -> Topic:
 
 
 def _json(name: str, title: str, description: str, **properties: tuple[str, str]) -> Topic:
+    """A topic of records. Lichtblick and Foxglove Studio refuse one whose `properties` are more
+    than plain values and lists of them; what patterns say they leave alone, and plot all the same.
+    """
+    described = {
+        key: {**_TYPES[kind], "description": text} for key, (kind, text) in properties.items()
+    }
+    plain = {key for key, (kind, _) in properties.items() if kind in _PLAIN}
     schema = {
         "title": title,
         "description": description,
         "type": "object",
-        "properties": {
-            key: {**_TYPES[kind], "description": text} for key, (kind, text) in properties.items()
+        "properties": {key: value for key, value in described.items() if key in plain},
+        "patternProperties": {
+            f"^{key}$": value for key, value in described.items() if key not in plain
         },
-        "required": list(properties),
+        "required": list(described),
     }
     data = json.dumps(schema, separators=(",", ":")).encode()
     return Topic(name, title, "jsonschema", data, "json", description)
 
 
+def fields(schema: bytes) -> dict[str, dict[str, Any]]:
+    """What one of our JSON schemas says of each field, in the order in which they are written."""
+    told = json.loads(schema)
+    named = told["properties"] | {
+        pattern.strip("^$"): value for pattern, value in told["patternProperties"].items()
+    }
+    return {key: named[key] for key in told["required"]}
+
+
 _NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
 _TYPES: dict[str, dict[str, Any]] = {
     "integer": {"type": "integer"},
-    "number": {"type": ["number", "null"]},
+    "number": {"type": "number"},
     "boolean": {"type": "boolean"},
     "string": {"type": "string"},
     "numbers": _NUMBERS,
     "strings": {"type": "array", "items": {"type": "string"}},
+    "maybe": {"type": ["number", "null"]},
     "pairs": {"type": "array", "items": _NUMBERS},
     "outlines": {"type": "array", "items": {"type": "array", "items": _NUMBERS}},
     "innovation": {
@@ -65,8 +83,9 @@ _TYPES: dict[str, dict[str, Any]] = {
             "accepted": {"type": "boolean", "description": "whether it was used"},
         },
     },
-    "by_community": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
+    "by_community": {"type": "object", "additionalProperties": {"type": "number"}},
 }
+_PLAIN = frozenset({"boolean", "integer", "number", "string", "numbers", "strings"})
 
 TF = _foxglove(
     "/tf", fox.FrameTransform, "frame `area` to `aircraft` (x forward, y left, z up); 5 Hz"
@@ -118,7 +137,7 @@ PLAN = _json(
     schedule=("pairs", "[step, device] of each scheduled transmission, both from 0"),
     importance=("numbers", "(K,) delta of each device"),
     value=("number", "expected objective of the plan"),
-    upper_bound=("number", "proven bound on the objective; null where there is none"),
+    upper_bound=("maybe", "proven bound on the objective; null where there is none"),
     path_budget_m=("number", "L_max"),
     speed_mps=("number", "planned ground speed"),
     altitude_m=("number", "planned height above home; the greatest, where it varies"),
@@ -135,7 +154,7 @@ ROUNDS = _json(
     plan_objective=("number", "sum of importance (1 - PER) at the planned positions"),
     est_objective=("number", "the same at the believed positions of the transmissions"),
     true_objective=("number", "the same at the true positions"),
-    upper_bound=("number", "proven bound on the plan's objective; null where there is none"),
+    upper_bound=("maybe", "proven bound on the plan's objective; null where there is none"),
     plan_path_m=("number", "length of the planned path"),
     flown_path_m=("number", "length of the flown track"),
     budget_used_m=("number", "metres of L_total spent so far"),
@@ -153,17 +172,17 @@ UPLINKS = _json(
     device=("integer", "device, from 0 over all communities"),
     community=("string", "name of the device's community"),
     step=("integer", "time step of the plan, from 0"),
-    slot_t_s=("number", "simulated time of the transmission; null where never reached"),
+    slot_t_s=("maybe", "simulated time of the transmission; null where never reached"),
     plan_x_m=("number", "planned position, east"),
     plan_y_m=("number", "planned position, north"),
-    est_x_m=("number", "believed position, east"),
-    est_y_m=("number", "believed position, north"),
-    est_alt_m=("number", "believed height above home"),
-    true_x_m=("number", "true position, east"),
-    true_y_m=("number", "true position, north"),
-    true_alt_m=("number", "true height above home"),
+    est_x_m=("maybe", "believed position, east"),
+    est_y_m=("maybe", "believed position, north"),
+    est_alt_m=("maybe", "believed height above home"),
+    true_x_m=("maybe", "true position, east"),
+    true_y_m=("maybe", "true position, north"),
+    true_alt_m=("maybe", "true height above home"),
     plan_per=("number", "packet error rate at the planned position"),
-    est_per=("number", "packet error rate at the believed position"),
+    est_per=("maybe", "packet error rate at the believed position"),
     true_per=("number", "packet error rate at the true position; 1 where never reached"),
     importance=("number", "delta of the device in this round"),
     delivered=("boolean", "the update arrived"),
@@ -176,7 +195,7 @@ LEARNING = _json(
     community=("string", "name of the community"),
     accuracy=("number", "validation accuracy 0..1"),
     cov=("number", "fairness CoV psi"),
-    loss=("number", "mean local loss of the devices that trained; null where nobody did"),
+    loss=("maybe", "mean local loss of the devices that trained; null where nobody did"),
 )
 BATTERY = _json(
     "/battery",
@@ -200,7 +219,7 @@ EVENTS = _json(
     "Something that happened, with truth and belief of that instant",
     kind=("string", "mode, armed, reached, status, failsafe or fault"),
     text=("string", "what a person reads"),
-    seq=("number", "mission item for `reached`; else null"),
+    seq=("maybe", "mission item for `reached`; else null"),
     severity=("integer", "MAV_SEVERITY, 0 emergency .. 7 debug"),
     true_m=("numbers", "true x east, y north, height above home"),
     est_m=("numbers", "believed x east, y north, height above home"),

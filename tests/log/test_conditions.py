@@ -14,6 +14,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import Innovation
 from mission.log.export import tables
 from mission.log.reader import read_log
+from mission.log.topics import fields
 from mission.log.values import FlightData
 from mission.log.writer import FlightLog, LogRates
 from sitl.config import VehicleConfig
@@ -121,4 +122,4 @@ def test_the_schema_names_every_sensor(tmp_path: Path) -> None:
         for schema, _, message in make_reader(stream).iter_messages(topics=["/innovations"]):
             assert schema is not None
             values = json.loads(message.data)
-            assert list(values) == list(json.loads(schema.data)["properties"])
+            assert list(values) == list(fields(schema.data))

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.reader import read_log
-from mission.log.topics import TOPICS
+from mission.log.topics import TOPICS, fields
 from mission.log.writer import FlightLog, LogRates
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -216,12 +217,29 @@ def test_json_schemas_describe_every_field_that_is_written(made: Fixed) -> None:
         for schema, channel, message in make_reader(stream).iter_messages():
             if channel.message_encoding == "json":
                 assert schema is not None
-                described = json.loads(schema.data)["properties"]
+                described = fields(schema.data)
                 values = json.loads(message.data)
                 assert list(values) == list(described), channel.topic
                 for key, value in values.items():
                     assert "description" in described[key]
                     assert fits(value, described[key]), (channel.topic, key, value)
+
+
+def test_json_schemas_are_plain_enough_for_the_viewers() -> None:
+    """Lichtblick and Foxglove Studio 1.48 refuse a topic with any other kind of property."""
+    for topic in TOPICS:
+        if topic.schema_encoding == "jsonschema":
+            schema = json.loads(topic.schema)
+            for name, field in schema["properties"].items():
+                kind = field["items"]["type"] if field["type"] == "array" else field["type"]
+                assert kind in {"boolean", "string", "number", "integer"}, (topic.name, name)
+            patterns = {
+                name
+                for name in fields(topic.schema)
+                if any(re.search(pattern, name) for pattern in schema["patternProperties"])
+            }
+            assert not patterns & set(schema["properties"])
+            assert patterns | set(schema["properties"]) == set(schema["required"])
 
 
 def test_severity_becomes_the_level_of_a_log_line(tmp_path: Path) -> None:

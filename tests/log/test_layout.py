@@ -1,21 +1,26 @@
 """The layouts inside a log: every topic and message path of theirs is in that log's schemas."""
 
+import dataclasses
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pymap3d
 import pytest
 from foxglove import layouts as sdk
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
-from synthetic_flight import Fixed, fly
+from synthetic_flight import AREA, Fixed, fly
 
-from mission.log.layout import ATTACHMENT
+from mission.log.layout import ATTACHMENT, layout
 from mission.log.reader import read_log
+from mission.log.topics import fields
 
 NUMBERS = frozenset({FieldDescriptor.TYPE_DOUBLE, FieldDescriptor.TYPE_FLOAT})
 PATH = re.compile(r'(?P<topic>/[a-z_/]+)(?:\{(?P<key>\w+)=="(?P<value>[^"]+)"\})?\.(?P<field>.+)')
@@ -59,13 +64,15 @@ def schemas(path: Path) -> dict[str, tuple[Schema, list[bytes]]]:
     return found
 
 
-def is_number(schema: Schema, example: bytes, field: str) -> bool:
-    """Whether a dotted field leads to a number, by the schema that is in the file."""
+def is_shown(schema: Schema, example: bytes, field: str) -> bool:
+    """Whether a dotted field leads to what its panel shows, by the schema that is in the file:
+    numbers, of modes their names."""
     if schema.encoding == "jsonschema":
-        node = json.loads(schema.data)
-        for name in field.split("."):
+        first, *way = field.split(".")
+        node = fields(schema.data)[first]
+        for name in way:
             node = node["properties"][name]
-        return "number" in node["type"] or "integer" in node["type"]
+        return "number" in node["type"] or (schema.name, node["type"]) == ("aerofed.Mode", "string")
     decode = DecoderFactory().decoder_for("protobuf", schema)
     assert decode is not None
     kind: Descriptor = decode(example).DESCRIPTOR
@@ -90,7 +97,7 @@ def test_topics_and_message_paths_are_in_the_log(
         match = PATH.fullmatch(path)
         assert match, path
         schema, examples = there[match["topic"]]
-        assert is_number(schema, examples[0], match["field"]), path
+        assert is_shown(schema, examples[0], match["field"]), path
         if match["key"]:
             assert any(json.loads(e)[match["key"]] == match["value"] for e in examples), path
 
@@ -107,7 +114,58 @@ def test_every_panel_is_one_that_the_viewers_have(
     }  # fmt: skip
     assert classic["playbackConfig"]["speed"] == 1
     kinds = {name.split("!")[0] for name in classic["configById"]}
-    assert kinds == {"3D", "map", "Plot", "RosOut"}
+    assert kinds == {"3D", "map", "Plot", "StateTransitions", "RosOut"}
+
+
+def test_no_frame_draws_a_line_to_the_aircraft(
+    layouts: tuple[dict[str, Any], dict[str, Any]],
+) -> None:
+    """Foxglove Studio 1.48 and Lichtblick have no switch for all frames, only one for each."""
+    hidden = {"visible": False}
+    for config in layouts[1]["configById"].values():
+        if "cameraState" in config:
+            assert config["transforms"] == {"frame:area": hidden, "frame:aircraft": hidden}
+
+
+def test_devices_are_discs_on_the_map_where_they_stand(made: Fixed) -> None:
+    """A disc: leaflet makes a pin of a point, whatever its style."""
+    schema, (first, *_) = schemas(made.log)["/plan/map"]
+    decode = DecoderFactory().decoder_for("protobuf", schema)
+    assert decode is not None
+    features = json.loads(decode(first).geojson)["features"]
+    discs = [
+        f["geometry"]["coordinates"][0] for f in features if f["geometry"]["type"] == "Polygon"
+    ]
+    home = AREA.home
+    sizes_m = []
+    for ring, place_m in zip(discs, made.world.pos_m, strict=True):
+        lon, lat = np.array(ring).T
+        east, north, _ = pymap3d.geodetic2enu(
+            lat, lon, home.alt_msl_m, home.lat_deg, home.lon_deg, home.alt_msl_m
+        )
+        corners_m = np.column_stack((east, north)) + AREA.home_m
+        assert ring[0] == ring[-1]
+        from_middle_m = np.linalg.norm(corners_m - place_m, axis=1)
+        np.testing.assert_allclose(from_middle_m, from_middle_m[0], atol=0.02)
+        sizes_m.append(2 * from_middle_m[0])
+    order = np.argsort(made.problems[0].importance)
+    assert (np.diff(np.array(sizes_m)[order]) >= -0.05).all()
+    assert max(sizes_m) == pytest.approx(22.0, abs=0.05)
+
+
+@pytest.mark.parametrize("side_m", [150.0, 800.0, 30_000.0])
+@pytest.mark.parametrize("lat_deg", [-10.0, 47.4, 69.0])
+def test_the_map_is_zoomed_so_far_that_the_area_just_fits(side_m: float, lat_deg: float) -> None:
+    home = dataclasses.replace(AREA.home, lat_deg=lat_deg)
+    area = dataclasses.replace(AREA, size_m=(side_m, side_m / 2), home=home)
+    (config,) = (
+        panel["config"]
+        for panel in panels(json.loads(layout(area, ["digits"]))["content"])
+        if panel["panelType"] == "Map"
+    )
+    # Slippy map, web mercator: 2^zoom tiles of 256 pixels around the world.
+    metres_a_pixel = 156_543.034 * math.cos(math.radians(lat_deg)) / 2 ** config["zoomLevel"]
+    assert 200 < side_m / metres_a_pixel <= 400.5
 
 
 def test_the_classic_tree_holds_every_panel_once(
