@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from mission.config import RunConfig
 from mission.errors import InputError
+from mission.overrides import override
 from mission.precheck import faults
 from mission.refusals import explain, refusal
 
@@ -41,7 +42,7 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     for dotted, value in (overrides or {}).items():
-        _put(data, dotted, value)
+        override(data, dotted, value, path=path)
     given = frozenset(overrides or {})
     try:
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
@@ -49,49 +50,7 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     except ValidationError as error:
         lines = explain(error, RunConfig, str(path), given=given)
         raise InputError("\n".join(lines)) from None
-    lines = [refusal(*fault, str(path), given) for fault in faults(config)]
+    lines = [refusal(*fault, str(path), given=given) for fault in faults(config)]
     if lines:
         raise InputError("\n".join(lines))
     return config
-
-
-def parse_override(text: str) -> tuple[str, Any]:
-    """`a.b=value` into a dotted path and a TOML value; a bare word is a string.
-
-    Raises:
-        InputError: there is no `=` or no key.
-    """
-    key, sep, raw = text.partition("=")
-    key = key.strip()
-    if not sep or not key or any(not part for part in key.split(".")):
-        raise InputError(
-            f"--set {text}: expected KEY=VALUE with a dotted key, e.g. mission.steps=8"
-        )
-    try:
-        return key, tomllib.loads(f"value = {raw}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key, raw.strip()
-
-
-def _put(data: dict[str, Any], dotted: str, value: Any) -> None:
-    node: Any = data
-    parts = dotted.split(".")
-    for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
-        if isinstance(node, list):
-            if not part.isdigit() or int(part) >= len(node):
-                raise InputError(
-                    f"--set {dotted}: {'.'.join(parts[:depth])} is a list of {len(node)}, "
-                    f"so an index from 0 to {len(node) - 1} must follow, not {part!r}"
-                )
-            index: Any = int(part)
-        elif isinstance(node, dict):
-            index = part
-            if not last:
-                node.setdefault(part, {})
-        else:
-            raise InputError(f"--set {dotted}: {'.'.join(parts[:depth])} is not a table")
-        if last:
-            node[index] = value
-        else:
-            node = node[index]

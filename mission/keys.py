@@ -136,7 +136,8 @@ def _inner(annotation: Any, part: str | int) -> tuple[Any, tuple[Any, ...]] | No
         field = annotation.model_fields.get(part)
         return None if field is None else (field.annotation, _bounds(field))
     if get_origin(annotation) is tuple and isinstance(part, int):
-        return (arguments[0] if arguments[-1] is Ellipsis else arguments[part]), ()
+        elements = arguments[:1] if arguments[-1] is Ellipsis else arguments[part : part + 1]
+        return (elements[0], ()) if elements else None
     if get_origin(annotation) is dict and isinstance(part, str):
         return arguments[1], ()
     return None

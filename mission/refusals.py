@@ -41,7 +41,7 @@ def explain(
     return list(dict.fromkeys(lines))
 
 
-def refusal(name: str, value: Any, reason: str, source: str, given: Collection[str]) -> str:
+def refusal(name: str, value: Any, reason: str, source: str, *, given: Collection[str] = ()) -> str:
     """The line about one key and its value."""
     return f"{_blamed(name, source, given)}: {name} = {shown(value)}: {reason}"
 

@@ -39,8 +39,9 @@ def fly(
         Print nothing but errors.
     """
     # Only now: the configuration's models take half a second to import.
-    from mission.configfile import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config
     from mission.folder import free_folder
+    from mission.overrides import parse_override
 
     overrides = dict(parse_override(text) for text in set_)
     resolved = load_config(config or builtin_config("quickstart.toml"), overrides)

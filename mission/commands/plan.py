@@ -113,7 +113,8 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
 
 
 def _load(config: Path | None, set_: tuple[str, ...], more: dict[str, object]) -> "RunConfig":
-    from mission.configfile import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config
+    from mission.overrides import parse_override
 
     overrides = dict(parse_override(text) for text in set_) | more
     return load_config(config or builtin_config("quickstart.toml"), overrides)

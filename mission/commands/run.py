@@ -82,8 +82,9 @@ def run(
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         return _resume(resume, audience, stopwatch)
-    from mission.configfile import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config
     from mission.folder import RunFolder, free_folder
+    from mission.overrides import parse_override
     from mission.precheck import load_data
 
     path = config or builtin_config("quickstart.toml")

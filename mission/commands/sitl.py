@@ -37,7 +37,8 @@ def sitl(
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
     # Only now: the configuration's models take half a second to import.
-    from mission.configfile import builtin_config, load_config, parse_override
+    from mission.configfile import builtin_config, load_config
+    from mission.overrides import parse_override
 
     overrides = dict(parse_override(text) for text in set_)
     resolved = load_config(config or builtin_config("quickstart.toml"), overrides)

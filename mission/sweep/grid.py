@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from mission.config import RunConfig
-from mission.configfile import load_config, parse_override
+from mission.configfile import load_config
 from mission.errors import InputError
+from mission.overrides import parse_override
 
 Key = str | int | float | bool
 

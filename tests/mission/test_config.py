@@ -11,9 +11,10 @@ import pytest
 import tomli_w
 
 from mission.config import RunConfig
-from mission.configfile import builtin_config, load_config, parse_override
+from mission.configfile import builtin_config, load_config
 from mission.errors import InputError
 from mission.keys import every, top
+from mission.overrides import parse_override
 
 BASE = """
 [[communities]]
@@ -224,14 +225,69 @@ def test_an_override_without_key_or_value_is_refused(text: str) -> None:
         parse_override(text)
 
 
-def test_an_override_into_a_list_needs_an_index(write) -> None:
-    with pytest.raises(InputError, match="index from 0 to 0"):
-        load_config(write(BASE), {"communities.3.devices": 1})
+FAULTS = "vehicle.aircraft.faults"
 
 
-def test_an_override_into_a_value_is_refused(write) -> None:
-    with pytest.raises(InputError, match="seed is not a table"):
-        load_config(write("seed = 1" + BASE), {"seed.x": 1})
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("area.size_m.0=true", "must be a number above 0 and at most 100000, in m"),
+        ("area.size_m.1=[]", "must be a number above 0 and at most 100000, in m"),
+        (
+            "area.size_m.2=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not '2'",
+        ),
+        (
+            "area.size_m.x=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not 'x'",
+        ),
+        (
+            "area.size_m.-1=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not '-1'",
+        ),
+        (
+            "area.size_m.0.x=5",
+            "area.size_m.0 is a number above 0 and at most 100000, in m, and has nothing in it",
+        ),
+        (
+            "communities.3.devices=1",
+            "communities is a list of 1, so an index from 0 to 0 must follow, not '3'",
+        ),
+        (
+            "communities.devices=1",
+            "communities is a list of 1, so an index from 0 to 0 must follow, not 'devices'",
+        ),
+        ("communities.0.devices=true", "must be a whole number from 1 to 1000"),
+        ("communities.0=3", "must be a table"),
+        (f"{FAULTS}.0.at_s=true", f"{FAULTS} is a list of tables, and empty; give it as a whole"),
+        ("seed.x=1", "seed is a whole number from 0 to 9223372036854775807, and has nothing in it"),
+        ("mission.steps.x=1", "mission.steps is a whole number from 1 to 500, and has nothing in"),
+        ("planner.kind.x=3", "planner.kind is one of 'certified', 'sqp', 'paper', 'paper_lite"),
+        ("vehicle.parameters.GF_ACTION.x=1", "vehicle.parameters.GF_ACTION is a number, and has"),
+        ("vehicle.parameters.GF_ACTION=true", "must be a number"),
+        ("link.speed=true", "must be 'max' or a number above 0 and at most 1000"),
+        ("mission=3", "must be a table, written [mission]"),
+    ],
+)
+@pytest.mark.parametrize("text", ["", "seed = 1\n[mission]\nsteps = 3\n[area]\nsize_m = [9, 9]"])
+def test_an_override_of_another_type_is_refused(write, text: str, override: str, said: str) -> None:
+    key, _, value = override.partition("=")
+    with pytest.raises(InputError) as caught:
+        load_config(write(text + BASE), dict([parse_override(override)]))
+    assert str(caught.value).startswith(f"command line: {key} = {value}: {said}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "[area]\nsize_m = [800.0, 800.0]"])
+def test_one_element_of_a_list_is_overridden(write, text: str) -> None:
+    assert load_config(write(text + BASE), {"area.size_m.1": 500}).area.size_m == (800.0, 500.0)
+
+
+def test_a_file_s_own_fault_is_not_the_command_line_s(write) -> None:
+    path = write("[area]\nsize_m = 800" + BASE)
+    with pytest.raises(InputError) as caught:
+        load_config(path, {"area.size_m.1": 500})
+    assert str(caught.value).startswith(f"{path}: area.size_m = 800: must be a list of 2 numbers")
 
 
 def test_missing_file(tmp_path: Path) -> None:
