@@ -65,7 +65,7 @@ class Injector:
         instance = order.params[2] if math.isfinite(order.params[2]) else 0.0
         try:
             what = FailureUnit(int(unit)), FailureType(int(kind))
-        except ValueError:
+        except (ValueError, OverflowError):  # the latter where it is infinite
             return Refusal(Result.UNSUPPORTED)
         if not 0 <= instance <= _INSTANCES.get(what[0], 1):
             return Refusal(Result.DENIED, f"no instance {instance:g}")

@@ -97,7 +97,7 @@ def _fence(item: MissionItem) -> MissionResult:
     if item.command == Command.NAV_FENCE_RETURN_POINT:
         return MissionResult.UNSUPPORTED
     if item.command in _FENCE_POLYGONS:
-        if not item.params[0] >= 3:
+        if not 3 <= item.params[0] < math.inf:
             return MissionResult.INVALID_PARAM1
     elif item.command in _FENCE_CIRCLES:
         if not 0 < item.params[0] < math.inf:

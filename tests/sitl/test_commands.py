@@ -313,6 +313,21 @@ def test_messages_on_request_and_at_intervals() -> None:
     assert len(of(desk.pass_wall_time(5.0), "HEARTBEAT")) in (4, 5, 6)
 
 
+@pytest.mark.parametrize("number", [math.inf, -math.inf, NAN, 3e38, -3e38])
+def test_a_parameter_that_no_integer_holds_is_answered_like_any_other(number: float) -> None:
+    desk = Desk()
+    known = sorted(desk.vehicle.autopilot._commands.known)
+    for command in known:
+        for others in (0.0, 1.0, float(mav.MAVLINK_MSG_ID_ATTITUDE)):
+            for index in range(7):
+                params = [others] * 7
+                params[index] = number
+                desk.command(command, *params)
+    desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAVLINK_MSG_ID_ATTITUDE, number)
+    desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, mav.MAVLINK_MSG_ID_ATTITUDE)
+    assert of(desk.pass_wall_time(2.0), "HEARTBEAT")
+
+
 def test_heartbeats_and_telemetry_go_on_while_simulated_time_stands_still() -> None:
     desk = Desk()
     at = desk.vehicle.t_ns

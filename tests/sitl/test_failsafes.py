@@ -252,6 +252,17 @@ def test_a_polygon_that_lacks_corners_is_refused() -> None:
     assert "fence item 0: a polygon of 4 corners is needed" in desk.texts()
 
 
+def test_a_polygon_without_end_is_refused() -> None:
+    corner = item(
+        0,
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+        params=(math.inf, 0.0, 0.0, 0.0),
+        mission_type=mav.MAV_MISSION_TYPE_FENCE,
+    )
+    verdict = Desk().upload([corner], mav.MAV_MISSION_TYPE_FENCE)
+    assert verdict == mav.MAV_MISSION_INVALID_PARAM1
+
+
 INJECT = mav.MAV_CMD_INJECT_FAILURE
 
 

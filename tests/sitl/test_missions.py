@@ -185,6 +185,20 @@ def test_missions_that_cannot_be_are_refused_whole() -> None:
     assert current(desk)[:2] == (0, 1)
 
 
+@pytest.mark.parametrize("number", [NAN, math.inf, -math.inf, 1e30])
+def test_items_without_a_place_come_back_whatever_stood_there(number: float) -> None:
+    """Parameters five and six are floats in MISSION_ITEM, but not in MISSION_ITEM_INT."""
+    desk = Desk()
+    speed = mav.MAVLink_mission_item_message(
+        1, 1, 0, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_CHANGE_SPEED, 0, 1,
+        1.0, 5.0, -1.0, 0.0, number, number, 0.0, 0,
+    )  # fmt: skip
+    assert desk.upload([speed]) == ACCEPTED
+    heard = desk.send(mav.MAVLink_mission_request_int_message(1, 1, 0, 0))
+    back = the(heard, "MISSION_ITEM_INT")
+    assert (back.command, back.param2) == (mav.MAV_CMD_DO_CHANGE_SPEED, 5.0)
+
+
 def test_pause_and_resume_with_the_speed_that_ruled() -> None:
     desk = Desk()
     desk.take_off(30.0)

@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot import messages as m
-from sitl.autopilot.codec.units import deg_e7
+from sitl.autopilot.codec.units import deg_e7, int32
 from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
 from sitl.errors import ProtocolError
 
@@ -16,7 +16,7 @@ _EVERYBODY = m.Peer(0, 0)
 
 
 def _item(body: m.MissionItem, to: m.Peer) -> Any:
-    scaled = body.frame in GLOBAL_FRAMES
+    coordinate = deg_e7 if body.frame in GLOBAL_FRAMES else int32
     return mav.MAVLink_mission_item_int_message(
         to.system,
         to.component,
@@ -26,8 +26,8 @@ def _item(body: m.MissionItem, to: m.Peer) -> Any:
         0,
         int(body.autocontinue),
         *body.params,
-        deg_e7(body.x) if scaled else round(body.x),
-        deg_e7(body.y) if scaled else round(body.y),
+        coordinate(body.x),
+        coordinate(body.y),
         body.z,
         int(body.mission_type),
     )
@@ -86,8 +86,8 @@ def _pong(body: m.Pong, to: m.Peer) -> Any:
 
 
 def _interval(body: m.MessageInterval, _: m.Peer) -> Any:
-    interval_us = round(body.interval_s * 1e6) if body.interval_s > 0 else round(body.interval_s)
-    return mav.MAVLink_message_interval_message(body.message_id, interval_us)
+    interval_us = body.interval_s * 1e6 if body.interval_s > 0 else body.interval_s
+    return mav.MAVLink_message_interval_message(body.message_id, int32(interval_us))
 
 
 _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {

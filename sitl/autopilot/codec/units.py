@@ -14,9 +14,14 @@ def clamped(value: float, low: int, high: int) -> int:
     return round(min(max(value, low), high))
 
 
+def int32(value: float) -> int:
+    """A plain number, signed 32 bit."""
+    return clamped(value, -_INT32 - 1, _INT32)
+
+
 def deg_e7(angle_deg: float) -> int:
     """Degrees to 1e-7 degrees."""
-    return clamped(angle_deg * 1e7, -_INT32 - 1, _INT32)
+    return int32(angle_deg * 1e7)
 
 
 def from_deg_e7(value: int) -> float:
@@ -26,7 +31,7 @@ def from_deg_e7(value: int) -> float:
 
 def mm(length_m: float) -> int:
     """Metres to millimetres, signed 32 bit."""
-    return clamped(length_m * 1e3, -_INT32 - 1, _INT32)
+    return int32(length_m * 1e3)
 
 
 def umm(length_m: float) -> int:
