@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from sitl.errors import LinkError
@@ -94,8 +95,8 @@ class RawLink:
 class UdpLink:
     """MAVLink over UDP.
 
-    `udpout://host:port` sends to that address from a free port; `udpin://host:port` listens
-    there and sends to everybody who has spoken.
+    `udpout://host:port` sends to that address, which may be a broadcast one, from a free port;
+    `udpin://host:port` listens there and sends to everybody who has spoken.
     """
 
     def __init__(self, url: str) -> None:
@@ -106,7 +107,7 @@ class UdpLink:
         """
         scheme, separator, address = url.partition("://")
         host, colon, port = address.rpartition(":")
-        valid = separator and colon and host and port.isdecimal() and int(port) < 65536
+        valid = separator and colon and _named(host) and port.isdecimal() and int(port) < 65536
         if scheme not in ("udpin", "udpout") or not valid or (scheme == "udpout" and port == "0"):
             raise LinkError(f"{url}: no UDP address; udpin://HOST:PORT or udpout://HOST:PORT")
         self._url = url
@@ -116,7 +117,6 @@ class UdpLink:
         self._socket: socket.socket | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._joined = False
-        self.dropped = 0  # datagrams that the system would not take
 
     @property
     def port(self) -> int:
@@ -136,6 +136,7 @@ class UdpLink:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             sock.setblocking(False)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             if self._listens:
                 sock.bind(self._address)
             else:
@@ -172,10 +173,9 @@ class UdpLink:
         sock = self._opened()
         for datagram in _packed(frames):
             for peer in self._peers:
-                try:
+                # UDP may lose, also where a network goes away; the protocols above cope.
+                with suppress(OSError):
                     sock.sendto(datagram, peer)
-                except (BlockingIOError, ConnectionError):
-                    self.dropped += 1  # UDP may lose; the protocols above cope
 
     def close(self) -> None:
         if self._socket is not None:
@@ -188,6 +188,14 @@ class UdpLink:
         if self._socket is None:
             raise LinkError(f"{self._url}: not open")
         return self._socket
+
+
+def _named(host: str) -> bool:
+    """Whether `host` can be looked up at all: neither empty nor with a label that no name has."""
+    try:
+        return bool(host.encode("idna"))
+    except UnicodeError:
+        return False
 
 
 def _packed(frames: Sequence[bytes]) -> list[bytes]:

@@ -1,6 +1,7 @@
 """Links and the pace of simulated time."""
 
 import asyncio
+import errno
 import math
 import socket
 import time
@@ -18,7 +19,8 @@ from sitl.pace import Simulation
 @pytest.mark.parametrize(
     "url",
     ["", "udp://1.2.3.4:5", "udpin://:14550", "udpin://0.0.0.0:x", "udpin://0.0.0.0:70000",
-     "udpout://127.0.0.1:0", "udpin://0.0.0.0", "127.0.0.1:14550"],
+     "udpout://127.0.0.1:0", "udpin://0.0.0.0", "127.0.0.1:14550", "udpin://a..b:14550",
+     f"udpout://{'a' * 64}.org:14550"],
 )  # fmt: skip
 def test_addresses_that_are_none(url: str) -> None:
     with pytest.raises(LinkError, match="no UDP address"):
@@ -84,6 +86,35 @@ def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
                 if any(m.get_type() == "HEARTBEAT" for m in mav.MAVLink(None).parse_buffer(data)):
                     break
             sockets[0].close()
+
+    asyncio.run(run())
+
+
+def test_a_whole_network_may_be_told() -> None:
+    async def run() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+            station.bind(("", 0))
+            station.setblocking(False)
+            link = UdpLink(f"udpout://127.255.255.255:{station.getsockname()[1]}")
+            async with Simulation(Desk().vehicle, link):
+                loop = asyncio.get_running_loop()
+                data = await asyncio.wait_for(loop.sock_recv(station, 2048), 5.0)
+                assert data[0] == 0xFD
+
+    asyncio.run(run())
+
+
+def test_a_network_that_goes_away_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unplugged(socket.socket):
+        def sendto(self, *_: object) -> int:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    monkeypatch.setattr("sitl.links.socket.socket", Unplugged)
+    desk = Desk()
+
+    async def run() -> None:
+        async with Simulation(desk.vehicle, UdpLink("udpout://127.0.0.1:14550")):
+            await asyncio.sleep(0.1)
 
     asyncio.run(run())
 
