@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from mission.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.plancompare import PlanFlight
 from mission.rundata import flown, ground_speed
 
+_RALLY_STYLE: dict[str, Any] = {"marker": "^", "ms": 7, "mfc": "none", "mec": TEXT, "ls": ""}
 _NEAR_M = 1.0  # places closer than this share one label
 
 
@@ -41,6 +43,8 @@ def flight_map(flight: PlanFlight) -> Figure:
     rest = run.truth.between(int(track.t_ns[-1]), int(run.truth.t_ns[-1]))
     axes.plot(*rest.pos_m[:, :2].T, color=FLOWN, lw=0.9, ls=(0, (1, 2)), zorder=2.5)
     _places(axes, flight)
+    for place in flight.rally_m:
+        axes.plot(*place[:2], **_RALLY_STYLE, zorder=4)
     axes.set_title(f"{flight.source}: planned and flown", loc="left", fontsize=12, color=TEXT)
     missed = len(flight.places_m) - len(flight.reached)
     add_legend(
@@ -49,6 +53,7 @@ def flight_map(flight: PlanFlight) -> Figure:
             *path_handles(),
             Line2D([], [], color=FLOWN, lw=1.2, ls=(0, (1, 2)), label="after the last place"),
             home_handle(),
+            *([Line2D([], [], **_RALLY_STYLE, label="rally point")] * bool(flight.rally_m)),
             *([Line2D([], [], color=FENCE, marker="x", ls="", label="not reached")] * bool(missed)),
             *fence_handles(run),
         ],

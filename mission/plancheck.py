@@ -15,8 +15,10 @@ from mission.errors import InputError
 from sitl.autopilot import route
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.enums import GLOBAL_FRAMES, Command, MissionResult
+from sitl.autopilot.fence import Fence, breach_of, compile_fence
 from sitl.autopilot.items import PLACES, check_item
 from sitl.autopilot.messages import MissionItem
+from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
@@ -42,6 +44,7 @@ class PlannedPath:
     points_ned_m: Floats  # (P, 3); the first is home
     duration_s: float  # of a flight always at planned speed
     places: dict[int, Floats]  # (3,) NED by sequence number of the item
+    rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     returns: bool  # comes home and lands by itself, or lands elsewhere
 
     @property
@@ -70,7 +73,12 @@ def here_means(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[Missi
 
 
 def check_plan(
-    items: Sequence[MissionItem], fence: Sequence[MissionItem], *, vehicle: Vehicle, source: str
+    items: Sequence[MissionItem],
+    fence: Sequence[MissionItem],
+    rally: Sequence[MissionItem],
+    *,
+    vehicle: Vehicle,
+    source: str,
 ) -> PlannedPath:
     """Refuse what cannot or should not be flown; else the path.
 
@@ -82,23 +90,13 @@ def check_plan(
         wrong = _wrong(item, last=item.seq == len(items) - 1)
         if wrong:
             raise InputError(f"{source}: item {item.seq}, {command_name(item.command)}: {wrong}")
-    for item in fence:
-        result = check_item(item)
-        if result is not MissionResult.ACCEPTED:
-            raise InputError(
-                f"{source}: fence point {item.seq}, {command_name(item.command)}: "
-                f"refused by the autopilot: {result.name}"
-            )
+    drawn = _drawn(fence, vehicle, source)
     reason = route.check_mission(
         items, frame=flight.frame, home=flight.home, farthest_m=parameters["MIS_DIST_1WP"]
     )
     if reason:
         raise InputError(f"{source}: {reason}")
-    places = {
-        item.seq: flight.frame.to_ned(item.x, item.y, route.item_altitude(item, flight.home))
-        for item in items
-        if item.command in PLACES
-    }
+    places = {item.seq: _place(item, vehicle) for item in items if item.command in PLACES}
     if not places:
         raise InputError(f"{source}: no item leads anywhere")
     for item in items:
@@ -111,7 +109,52 @@ def check_plan(
                 f"{source}: item {item.seq}, {command_name(item.command)}: {height_m:.1f} m above "
                 f"home; 1 to {MAX_HEIGHT_M:g} m are allowed"
             )
-    return _path(items, places, vehicle)
+    for item in rally:
+        wrong = _wrong_rally(item, drawn, vehicle)
+        if wrong:
+            raise InputError(f"{source}: rally point {item.seq}: {wrong}")
+    rally_ned_m = tuple(_place(item, vehicle) for item in rally)
+    return _path(items, places, rally_ned_m, vehicle)
+
+
+def _drawn(items: Sequence[MissionItem], vehicle: Vehicle, source: str) -> Fence:
+    """The fence that the items draw."""
+    for item in items:
+        result = check_item(item)
+        if result is not MissionResult.ACCEPTED:
+            raise InputError(
+                f"{source}: fence point {item.seq}, {command_name(item.command)}: "
+                f"refused by the autopilot: {result.name}"
+            )
+    try:
+        return compile_fence(items, vehicle.autopilot.flight.frame)
+    except SitlInputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _place(item: MissionItem, vehicle: Vehicle) -> Floats:
+    """(3,) NED of an item."""
+    flight = vehicle.autopilot.flight
+    return flight.frame.to_ned(item.x, item.y, route.item_altitude(item, flight.home))
+
+
+def _wrong_rally(item: MissionItem, fence: Fence, vehicle: Vehicle) -> str:
+    """Why no return should lead to a rally point; empty if nothing."""
+    parameters, flight = vehicle.autopilot.parameters, vehicle.autopilot.flight
+    if item.x == item.y == 0.0:
+        return "it has no position"
+    result = check_item(item)
+    if result is not MissionResult.ACCEPTED:
+        return f"refused by the autopilot: {result.name}"
+    place = _place(item, vehicle)
+    distance_m = float(np.hypot(place[0], place[1]))
+    if distance_m > parameters["MIS_DIST_1WP"]:
+        return f"{distance_m:.0f} m from home; MIS_DIST_1WP allows less"
+    height_m = route.item_altitude(item, flight.home) - flight.home.alt_msl_m
+    if not 0.0 <= height_m <= MAX_HEIGHT_M:
+        return f"{height_m:.1f} m above home; 0 to {MAX_HEIGHT_M:g} m are allowed"
+    breach = breach_of(fence, place, home_ned_m=flight.home_ned_m, parameters=parameters)
+    return f"it is {breach}" if breach else ""
 
 
 def _wrong(item: MissionItem, *, last: bool) -> str:
@@ -141,7 +184,12 @@ def _wrong(item: MissionItem, *, last: bool) -> str:
     return ""
 
 
-def _path(items: Sequence[MissionItem], places: dict[int, Floats], vehicle: Vehicle) -> PlannedPath:
+def _path(
+    items: Sequence[MissionItem],
+    places: dict[int, Floats],
+    rally_ned_m: tuple[Floats, ...],
+    vehicle: Vehicle,
+) -> PlannedPath:
     flight, p = vehicle.autopilot.flight, vehicle.autopilot.parameters
     stages = route.compile_route(
         items,
@@ -176,4 +224,4 @@ def _path(items: Sequence[MissionItem], places: dict[int, Floats], vehicle: Vehi
         duration_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
     array = np.array(points)
     array.flags.writeable = False
-    return PlannedPath(array, duration_s, places, ends in _LAST)
+    return PlannedPath(array, duration_s, places, rally_ned_m, ends in _LAST)

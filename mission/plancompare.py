@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -66,6 +66,7 @@ class PlanFlight:
     plan: PlanRecord
     source: str  # name of the plan file
     places_m: Mapping[int, Floats]  # (3,) x east, y north, height; by number of the item
+    rally_m: tuple[Floats, ...]  # (3,) each: where a return might have led beside home
     reached: Mapping[int, EventRecord]  # the first passage of each place that was reached
     numbers: PlannedAndFlown
 
@@ -76,14 +77,17 @@ class PlanFlight:
 
 
 def flight_metadata(
-    source: str, places_m: Mapping[int, Floats], *, duration_s: float
+    source: str, places_m: Mapping[int, Floats], rally_m: Sequence[Floats], *, duration_s: float
 ) -> dict[str, str]:
-    """What the log has to hold beside the plan's path."""
-    return {
+    """What the log has to hold beside the plan's path; see `PlanFlight`."""
+    values = {
         "plan": source,
         "duration_s": repr(float(duration_s)),
         "places_m": json.dumps({str(seq): place.tolist() for seq, place in places_m.items()}),
     }
+    if rally_m:
+        values["rally_m"] = json.dumps([place.tolist() for place in rally_m])
+    return values
 
 
 def plain_numbers(numbers: PlannedAndFlown) -> dict[str, float | None]:
@@ -149,6 +153,7 @@ def plan_flight(run: LoadedRun) -> PlanFlight:
         plan,
         told["plan"],
         places_m,
+        tuple(np.array(place, dtype=np.float64) for place in json.loads(told.get("rally_m", "[]"))),
         passed,
         numbers,
     )

@@ -139,6 +139,7 @@ def _read_qgroundcontrol(path: Path, text: str) -> PlanFile:
     for part in ("geoFence", "rallyPoints"):
         if not isinstance(document.get(part, {}), dict):
             raise InputError(f"{path}: damaged: {part} is no table")
+    _check_rally(path, document.get("rallyPoints", {}).get("points", []))
     return PlanFile(path, text, _json_home(path, mission), home_is_item=False)
 
 
@@ -163,6 +164,17 @@ def _check_json_item(path: Path, where: str, item: Any) -> None:
     params = item.get("params")
     if not isinstance(params, list) or len(params) != 7 or not all(map(_is_param, params)):
         raise InputError(f"{path}: damaged: {where}.params are not seven numbers: {params!r}")
+
+
+def _check_rally(path: Path, points: Any) -> None:
+    if not isinstance(points, list):
+        raise InputError(f"{path}: damaged: rallyPoints.points is no list")
+    for index, point in enumerate(points):
+        if not isinstance(point, list) or len(point) != 3 or not all(map(_is_number, point)):
+            raise InputError(
+                f"{path}: damaged: rallyPoints.points[{index}] = {point!r}: must be latitude, "
+                "longitude and height above home"
+            )
 
 
 def _is_param(value: object) -> bool:

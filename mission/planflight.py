@@ -86,7 +86,6 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
             "name": source.stem,
             "plan": source.name,
             "seed": config.seed,
-            "ignored_rally_points": ready.imported.rally_points,
             **environment(),
         }
         folder.write_summary(summary)
@@ -95,10 +94,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
     with FlightLog(folder.log, area=ready.area, devices=nobody, fence=ready.fence) as log:
         log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
         log.attach(source.name, "text/plain", ready.plan.text.encode())
-        places_m = {seq: _xyz(ready.area, ned[None])[0] for seq, ned in ready.path.places.items()}
-        log.metadata(
-            METADATA, flight_metadata(source.name, places_m, duration_s=ready.path.duration_s)
-        )
+        log.metadata(METADATA, _metadata(ready))
         try:
             with stopwatch("fly"):
                 asyncio.run(_fly(ready, log))
@@ -134,7 +130,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
         console.print(f"interrupted; what was flown is in {folder.path}", soft_wrap=True)
         return INTERRUPTED
     if flight is not None and not quiet:
-        _say(console, flight.numbers, ready.imported, folder.path)
+        _say(console, flight.numbers, folder.path)
     return 0
 
 
@@ -159,13 +155,12 @@ def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
             raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
         planned = GeodeticPoint(first.x, first.y, ground)
         vehicle, imported = _at(planned, config, plan)
-    path = check_plan(imported.items, imported.fence, vehicle=vehicle, source=str(plan.path))
+    path = check_plan(
+        imported.items, imported.fence, imported.rally, vehicle=vehicle, source=str(plan.path)
+    )
     area_config = _area_around(path, vehicle.autopilot.flight.home)
     area = area_config.build()
-    try:
-        fence = fence_of(imported.fence, vehicle.autopilot.parameters, area)
-    except SitlInputError as error:
-        raise InputError(f"{plan.path}: {error}") from None
+    fence = fence_of(imported.fence, vehicle.autopilot.parameters, area)
     return _Ready(
         plan,
         imported,
@@ -188,13 +183,13 @@ def _at(home: GeodeticPoint, config: RunConfig, plan: PlanFile) -> tuple[Vehicle
     vehicle.greet()
     imported = import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
     items = here_means(imported.items, home)
-    return vehicle, Imported(items, imported.fence, imported.rally_points)
+    return vehicle, replace(imported, items=items)
 
 
 def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
     """The rectangle around the plan."""
-    low = path.points_ned_m[:, :2].min(axis=0) - _MARGIN_M
-    high = path.points_ned_m[:, :2].max(axis=0) + _MARGIN_M
+    points_m = np.vstack((path.points_ned_m, *path.rally_ned_m))[:, :2]
+    low, high = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
     return AreaConfig(
         size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
         home_m=(float(-low[1]), float(-low[0])),
@@ -212,6 +207,8 @@ async def _fly(ready: _Ready, log: FlightLog) -> None:
         await pilot.ready()
         if ready.imported.fence:
             await pilot.upload_fence(raw_items(ready.imported.fence))
+        if ready.imported.rally:
+            await pilot.upload_rally(raw_items(ready.imported.rally))
         _log_path(flyer.t_ns, log, ready)
         await pilot.arm()
         await pilot.fly_items(raw_items(ready.imported.items))
@@ -219,6 +216,17 @@ async def _fly(ready: _Ready, log: FlightLog) -> None:
             await pilot.landed()
         else:
             await pilot.land()
+
+
+def _metadata(ready: _Ready) -> dict[str, str]:
+    """What the log has to hold beside the plan's path."""
+    area, path = ready.area, ready.path
+    return flight_metadata(
+        ready.plan.path.name,
+        {seq: _xyz(area, ned[None])[0] for seq, ned in path.places.items()},
+        [_xyz(area, ned[None])[0] for ned in path.rally_ned_m],
+        duration_s=path.duration_s,
+    )
 
 
 def _log_path(t_ns: int, log: FlightLog, ready: _Ready) -> None:
@@ -259,10 +267,6 @@ def _track_csv(data: FlightData) -> str:
     return out.getvalue()
 
 
-def _say(console: Console, found: PlannedAndFlown, imported: Imported, folder: Path) -> None:
-    lines = found.lines()
-    if imported.rally_points:
-        lines.append(f"{imported.rally_points} rally points are not used")
-    lines.append(f"results in {folder}")
-    for line in lines:
+def _say(console: Console, found: PlannedAndFlown, folder: Path) -> None:
+    for line in (*found.lines(), f"results in {folder}"):
         console.print(line, soft_wrap=True, highlight=False, markup=False)

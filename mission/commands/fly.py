@@ -26,7 +26,8 @@ def fly(
     ----------
     plan
         A QGroundControl .plan or MAVLink .waypoints file. Take-off, waypoint, loiter time, change
-        speed, return and land may be in it; anything else is refused by name. Home is the plan's
+        speed, return and land may be in it, a fence and rally points; anything else is refused by
+        name. Home is the plan's
         planned home, else its first item.
     config
         TOML file; its vehicle.* and link.* count here.

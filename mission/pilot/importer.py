@@ -24,7 +24,7 @@ class Imported:
 
     items: tuple[MissionItem, ...]  # without the home that a waypoint file starts with
     fence: tuple[MissionItem, ...]
-    rally_points: int
+    rally: tuple[MissionItem, ...]
 
 
 def import_plan(plan: PlanFile, *, heartbeat: bytes) -> Imported:
@@ -57,7 +57,7 @@ async def _import(plan: PlanFile, *, heartbeat: bytes) -> Imported:
     return Imported(
         _counted(items[1:] if plan.home_is_item else items),
         _counted([_from_raw(item) for item in found.geofence_items]),
-        len(found.rally_items),
+        _counted([_from_raw(item) for item in found.rally_items]),
     )
 
 

@@ -114,6 +114,10 @@ class Pilot:
         """Upload a geofence."""
         await self._order("take the geofence", self._mission.upload_geofence(items))
 
+    async def upload_rally(self, items: list[MissionItem]) -> None:
+        """Upload the places beside home that a return may lead to."""
+        await self._order("take the rally points", self._mission.upload_rally_points(items))
+
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
         await self._until(

@@ -29,9 +29,6 @@ def flight_html(flight: PlanFlight) -> str:
     facts = [f"plan file {flight.source}"]
     if "seed" in summary:
         facts.append(f"seed {summary['seed']}")
-    rally = summary.get("ignored_rally_points", 0)
-    if rally:
-        facts.append(f"{rally} rally points are not used")
     sections = [
         html.heading(title, badge=status, good=status == "finished", facts=facts,
                      notice=flight.run.notice),
@@ -74,11 +71,19 @@ def _planned_and_flown(flight: PlanFlight) -> str:
             f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="6"><title>{name}</title></circle>'
             f'<text class="tick" x="{x + 9:.1f}" y="{y - 9:.1f}">{seq}</text>'
         )
+    for number, place in enumerate(flight.rally_m):
+        x, y = frame.at(place[:2])
+        marks.append(
+            f'<path class="rally" d="M{x:.1f} {y - 9:.1f}l8 14h-16z">'
+            f"<title>rally point {number}</title></path>"
+        )
     legend = [
         *map_legend(run),
         html.key("border-top:2px dotted var(--flown)", "after the last place"),
         "<span>numbers: items of the plan</span>",
     ]
+    if flight.rally_m:
+        legend.append("<span>triangles: rally points</span>")
     found = flight.numbers
     rows = "".join(
         f"<tr><td>{escape(label)}</td><td class=number>{escape(value)}</td></tr>"

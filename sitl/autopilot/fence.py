@@ -65,7 +65,16 @@ class Fence:
         return ""
 
 
-def cylinder_breach(pos_ned_m: Vector, *, home_ned_m: Vector, parameters: Parameters) -> str:
+def breach_of(
+    fence: Fence, pos_ned_m: Vector, *, home_ned_m: Vector, parameters: Parameters
+) -> str:
+    """What fence and cylinder have against being there; empty if nothing, or if switched off."""
+    if parameters["GF_ACTION"] == 0:
+        return ""
+    return fence.breach(pos_ned_m) or _cylinder_breach(pos_ned_m, home_ned_m, parameters)
+
+
+def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Parameters) -> str:
     """Whether a position is too far from home or too high; empty if not."""
     far, high = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
     offset = np.asarray(pos_ned_m) - np.asarray(home_ned_m)

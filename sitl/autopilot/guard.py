@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from flightdyn.aircraft import Aircraft
 from flightdyn.state import Vector
 from sitl.autopilot.failsafe import Cause, Failsafes
-from sitl.autopilot.fence import Fence, compile_fence, cylinder_breach
+from sitl.autopilot.fence import Fence, breach_of, compile_fence
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.messages import MissionItem
 from sitl.autopilot.monitor import Monitor
@@ -52,11 +52,10 @@ class Guard:
 
     def breach(self, pos_ned_m: Vector) -> str:
         """What the fence has against being there; empty if nothing."""
-        if not self.fence_enabled or self._parameters["GF_ACTION"] == 0:
+        if not self.fence_enabled:
             return ""
-        return self._fence.breach(pos_ned_m) or cylinder_breach(
-            pos_ned_m, home_ned_m=self._flight.home_ned_m, parameters=self._parameters
-        )
+        home_ned_m = self._flight.home_ned_m
+        return breach_of(self._fence, pos_ned_m, home_ned_m=home_ned_m, parameters=self._parameters)
 
     def position_ok(self) -> bool:
         """Whether the estimate of the position may be navigated by."""

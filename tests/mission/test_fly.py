@@ -179,6 +179,61 @@ def test_a_fence_that_is_none_is_refused_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
+def with_rally(folder: Path, *points: list[float], circle_m: float = 0.0) -> Path:
+    """Out to the north and an end in the air, from where the vehicle returns by itself."""
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5))
+    document["rallyPoints"]["points"] = list(points)
+    if circle_m:
+        circle = {"center": [47.4, 8.5], "radius": circle_m}
+        document["geoFence"]["circles"] = [{"inclusion": True, "version": 1, "circle": circle}]
+    path = folder / "rally.plan"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
+    # 50 m east of the last place, and one that is farther from there than home.
+    plan = with_rally(tmp_path, [47.4, 8.5 - 100 / 75_480, 0], [NORTH, 8.5 + 50 / 75_480, 0])
+    out = tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    data = np.genfromtxt(out / "track.csv", delimiter=",", names=True)
+    east, north = (data[f"true_{axis}_m"][-1] - data[f"true_{axis}_m"][0] for axis in "xy")
+    assert (east, north) == pytest.approx((50, 200), abs=4)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+    log = read_log(out / "flight.mcap")
+    assert "Returning to rally point 1" in {event.text for event in log.events}
+    # All of it lies on the map, which tells where they are.
+    assert (data["true_x_m"].min(), data["true_x_m"].max()) == pytest.approx((150, 200), abs=4)
+    assert call(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "<title>rally point 0</title>",
+        "<title>rally point 1</title>",
+        "triangles: rally points",
+    ):
+        assert words in page
+
+
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        ([0, 0, 0], "it has no position"),
+        ([99, 8.5, 0], "refused by the autopilot: INVALID_PARAM5_X"),
+        ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows less"),
+        ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
+        ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),
+        ([47.4 + 400 / 111_180, 8.5, 0], "it is outside the fence"),
+    ],
+)
+def test_a_rally_point_of_no_use_is_named_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], point: list[float], words: str
+) -> None:
+    plan, out = with_rally(tmp_path, [47.4, 8.501, 0], point, circle_m=300), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"aerofed: {plan}: rally point 1: {words}\n"
+    assert not out.exists()
+
+
 def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan, out = written(tmp_path, *CORNERS), tmp_path / "out"
     out.mkdir()

@@ -81,7 +81,7 @@ def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
 
 def test_a_qgroundcontrol_plan_is_read(tmp_path: Path) -> None:
     document = plan_document(simple(22, 15, 0, 0, None, 47.4, 8.5, 50), WAYPOINT)
-    document["rallyPoints"]["points"] = [[47.4, 8.5, 30]]
+    document["rallyPoints"]["points"] = [[47.4, 8.5, 30], [47.41, 8.49, 0]]
     document["geoFence"]["polygons"] = [
         {"inclusion": True, "version": 1, "polygon": [[47.3, 8.4], [47.5, 8.4], [47.5, 8.6]]}
     ]
@@ -93,7 +93,9 @@ def test_a_qgroundcontrol_plan_is_read(tmp_path: Path) -> None:
     assert [(i.seq, i.command, i.x, i.y, i.z) for i in found.items] == [
         (0, 22, 47.4, 8.5, 50.0), (1, 16, 47.401, 8.5, 60.0)
     ]  # fmt: skip
-    assert (len(found.fence), found.rally_points) == (3, 1)
+    assert len(found.fence) == 3
+    rally = [(i.seq, i.command, i.frame, i.x, i.y, i.z) for i in found.rally]
+    assert rally == [(0, 5100, 3, 47.4, 8.5, 30.0), (1, 5100, 3, 47.41, 8.49, 0.0)]
 
 
 ROW = "{}\t0\t3\t16\t0\t5\t0\t0\t47.401\t8.5\t60\t1\n"
@@ -116,6 +118,10 @@ def test_a_waypoint_file_may_have_no_home(tmp_path: Path) -> None:
     file = read_plan_file(path)
     assert file.home is None
     assert [item.seq for item in imported(file).items] == [0, 1]
+
+
+def rally_damage(points: Any) -> str:
+    return json.dumps(plan_document(WAYPOINT) | {"rallyPoints": {"points": points}})
 
 
 def json_damage(**changes: Any) -> str:
@@ -145,6 +151,10 @@ DAMAGED = {
              "'StructureScan' cannot be flown"),
     "home": (json.dumps(plan_document(WAYPOINT, plannedHomePosition="x")), "a.plan", "'x'"),
     "pole": (json.dumps(plan_document(WAYPOINT, plannedHomePosition=[91, 0, 0])), "a.plan", "91"),
+    "rally": (rally_damage([[47.4, 8.5, 0], [47, 8]]), "a.plan", "rallyPoints.points[1] = [47, 8]"),
+    # The importer would take this as latitude 0.
+    "rally words": (rally_damage([["47", 8, 0]]), "a.plan", "rallyPoints.points[0] = ['47', 8, 0]"),
+    "rally table": (rally_damage({}), "a.plan", "rallyPoints.points"),
     "header": ("QGC WPL 120\n" + HOME_ROW, "a.waypoints", "QGC WPL 110"),
     "rows": ("QGC WPL 110\n", "a.waypoints", "mission is empty"),
     "home only": ("QGC WPL 110\n" + HOME_ROW, "a.waypoints", "mission is empty"),
