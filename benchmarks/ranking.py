@@ -11,6 +11,7 @@ A run that is in the file already is not repeated: the same command goes on wher
 """
 
 import argparse
+import hashlib
 import json
 import math
 import os
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from fl import federation as learning
 from fl.uplink import deliver
+from mission.importing import is_import_path
 from mission.planner.problem import RoundProblem
 from mission.strategies import Strategy
 from mission.sweep.grid import SweepRun, make_grid, parse_axis
@@ -32,6 +34,7 @@ from mission.sweep.reproduction import reproduction
 from mission.sweep.results import FINAL_ROUNDS, Row, RunResult
 from mission.sweep.state import SweepState
 from mission.sweep.worker import ENVIRONMENT
+from mission.tally import Tally
 from mission.world import World, build_world
 
 Floats = NDArray[np.float64]
@@ -54,8 +57,8 @@ def go_out(
     world: World,
     strategy: Strategy,
     state: learning.FederationState,
+    tally: Tally,
     *,
-    index: int,
     start_m: Floats,
 ) -> Outing:
     """Plan a round, and draw who gets through from where the plan wants the aircraft."""
@@ -66,10 +69,10 @@ def go_out(
         start_m=start_m,
         steps=mission.steps,
         per_step=mission.devices_per_step,
-        path_budget_m=mission.path_budget_m,
+        path_budget_m=min(mission.path_budget_m, tally.left_m(mission)),
         channel=world.channel,
     )
-    sortie = strategy.sortie(index, problem)
+    sortie = strategy.sortie(tally.rounds_done, problem)
     plan = sortie.plan
     scheduled: Bools = np.asarray(plan.schedule.any(axis=0))
     where = plan.waypoints_m[plan.schedule.argmax(axis=0)]
@@ -77,9 +80,9 @@ def go_out(
     arrivals = deliver(
         world.channel, away,
         height_m=np.full(len(away), mission.altitude_m), transmitted=scheduled,
-        rng=world.streams.generator(f"uplink/{index + 1}"), gate=world.config.channel.gate,
+        rng=world.streams.generator(f"uplink/{tally.number}"), gate=world.config.channel.gate,
     )  # fmt: skip
-    cost = plan.path_m if sortie.cost_m is None else sortie.cost_m
+    cost = min(plan.path_m, problem.path_budget_m) if sortie.cost_m is None else sortie.cost_m
     return Outing(
         scheduled,
         arrivals.delivered,
@@ -94,33 +97,32 @@ def play(run: SweepRun, data_dir: Path | None) -> dict[str, Any]:
     """All rounds of one run: its row of `runs.csv`, and accuracy and CoV by round."""
     world = build_world(run.config, data_dir=data_dir)
     mission, federation, strategy = run.config.mission, world.federation, world.strategy
-    round_m = mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
+    tally = Tally.of(len(world.devices_m))
     everyone = np.ones(len(world.devices_m), dtype=np.bool_)
     state, learnt = learning.init(federation), []
     start_m = np.array(world.area.home_m, dtype=np.float64)
     if strategy is not None and strategy.approach_m is not None:
         start_m = strategy.approach_m
     outings: list[Outing] = []
-    used_m = 0.0
-    while len(outings) < mission.rounds and mission.total_budget_m - used_m >= round_m:
+    while not tally.is_over(mission):
         outing = (
-            Outing(everyone, everyone, np.zeros(0), start_m, 0.0, round_m)
+            Outing(everyone, everyone, np.zeros(0), start_m, 0.0, mission.path_budget_m)
             if strategy is None
-            else go_out(world, strategy, state, index=len(outings), start_m=start_m)
+            else go_out(world, strategy, state, tally, start_m=start_m)
         )
         state, lesson = learning.play_round(
             federation, state, scheduled=outing.scheduled, delivered=outing.delivered
         )
         outings.append(outing)
         learnt.append({"accuracy": lesson.accuracy, "cov": lesson.cov})
-        start_m, used_m = outing.end_m, used_m + outing.cost_m
+        start_m = outing.end_m
+        tally.rounds_done += 1
+        tally.budget_used_m += outing.cost_m
     arrived = np.sum([outing.delivered for outing in outings], axis=0)
     per = np.concatenate([outing.per for outing in outings])
-    flown_m = math.fsum(outing.path_m for outing in outings)
     summary: Row = {
         "rounds": len(outings),
-        "flown_m": flown_m,
-        "simulated_s": flown_m / mission.speed_mps,
+        "flown_m": math.fsum(outing.path_m for outing in outings),
         "delivered_share": float(arrived.sum() / sum(o.scheduled.sum() for o in outings)),
         "plan_per": float(per.mean()) if per.size else math.nan,
         "true_per": math.nan,
@@ -131,9 +133,13 @@ def play(run: SweepRun, data_dir: Path | None) -> dict[str, Any]:
             summary[f"final_{what}_{name}"] = float(np.mean([item[what][name] for item in last]))
         mine = arrived[federation.members(index)]
         summary[f"participation_{name}"] = float(mine.mean()) / len(outings)
-        owned = federation.communities[index].counts.any(axis=0)
-        summary[f"owned_classes_{name}"] = int(owned.sum())
-    return {"run": run.name, "summary": summary, "rounds": learnt}
+    return {**identity(run), "summary": summary, "rounds": learnt}
+
+
+def identity(run: SweepRun) -> dict[str, str]:
+    """What a line of the file is known by: a run of this name with other settings is another."""
+    settings = hashlib.sha256(run.config.to_toml().encode()).hexdigest()[:16]
+    return {"run": run.name, "settings": settings}
 
 
 def main() -> None:
@@ -153,8 +159,15 @@ def main() -> None:
         seeds=options.seeds,
         axes=[parse_axis(text) for text in options.axes],
     )
+    if any(map(is_import_path, grid.strategies)):
+        parser.error("strategies of one's own are flown by aerofed sweep")
     lines = options.out.read_text().splitlines() if options.out.exists() else []
-    done = {entry["run"]: entry for entry in map(json.loads, lines)}
+    wanted = [identity(run) for run in grid.runs]
+    done = {
+        entry["run"]: entry
+        for entry in map(json.loads, lines)
+        if {"run": entry["run"], "settings": entry.get("settings")} in wanted
+    }
     todo = [run for run in grid.runs if run.name not in done]
     with ProcessPoolExecutor(options.jobs, env=ENVIRONMENT) as pool, options.out.open("a") as out:
         for future in as_completed(pool.submit(play, run, options.data_dir) for run in todo):
