@@ -16,23 +16,21 @@ from mission.palette import FLOWN, PLANNED, community_colour
 
 ATTACHMENT = "foxglove-layout.json"
 
-_MAP_PX = 400  # what the map panel has for the area on an ordinary screen
+_MAP_PX = 300  # what the map panel has to spare on an ordinary screen
 _WORLD_PX = 256  # of a web map at zoom 0
 _EQUATOR_M = 40_075_017.0
 
 
 def layout(area: Area, communities: Sequence[str]) -> bytes:
-    """The layout as JSON: scene, map, log; modes, learning, links, flight, estimator, battery."""
+    """The layout as JSON: scene, map, log; modes, learning, links, flight, estimator, battery.
+
+    Without communities, as in a flight of a plan file, it has no learning and no links.
+    """
     below = _split("row", (1, _map(area)), (1, _log()))
     seen = _split("column", (3, _scene(area)), (2, below))
+    served = ((2, _learning(communities)), (2, _per())) if communities else ()
     numbers = _split(
-        "column",
-        (1, _modes()),
-        (2, _learning(communities)),
-        (2, _per()),
-        (2, _height()),
-        (2, _estimator()),
-        (2, _battery()),
+        "column", (1, _modes()), *served, (2, _height()), (2, _estimator()), (2, _battery())
     )
     text: str = fl.Layout(content=_split("row", (3, seen), (2, numbers))).to_json()
     return text.encode()
@@ -94,13 +92,15 @@ def _path(colour: str, width_m: float) -> fl.BaseRendererPosesTopicSettings:
 
 
 def _map(area: Area) -> fl.MapPanel:
-    """The map, so far zoomed in that the area fits."""
+    """The map, which viewers put about the take-off point; so far out that the area fits."""
+    reach_m = max(
+        max(home, size - home) for home, size in zip(area.home_m, area.size_m, strict=True)
+    )
     parallel_m = _EQUATOR_M * math.cos(math.radians(area.home.lat_deg))
-    zoom = math.log2(parallel_m / _WORLD_PX * _MAP_PX / max(area.size_m))
+    zoom = math.log2(parallel_m / _WORLD_PX * _MAP_PX / (2 * reach_m))
     return fl.MapPanel(
         title="Map",
         config=fl.MapConfig(
-            follow_topic="/true/location",
             zoom_level=min(max(math.floor(zoom), 0), 19),
             topic_colors={"/true/location": FLOWN, "/gnss": "#D55E00", "/plan/map": PLANNED},
         ),

@@ -18,6 +18,7 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_flight import AREA, Fixed, fly
 
+from mission.area import Area
 from mission.log.layout import ATTACHMENT, layout
 from mission.log.reader import read_log
 from mission.log.topics import fields
@@ -153,11 +154,17 @@ def test_devices_are_discs_on_the_map_where_they_stand(made: Fixed) -> None:
     assert max(sizes_m) == pytest.approx(22.0, abs=0.05)
 
 
+@pytest.mark.parametrize("home", [(0.5, 0.5), (0.0, 0.25), (1.0, 1.0)])
 @pytest.mark.parametrize("side_m", [150.0, 800.0, 30_000.0])
 @pytest.mark.parametrize("lat_deg", [-10.0, 47.4, 69.0])
-def test_the_map_is_zoomed_so_far_that_the_area_just_fits(side_m: float, lat_deg: float) -> None:
-    home = dataclasses.replace(AREA.home, lat_deg=lat_deg)
-    area = dataclasses.replace(AREA, size_m=(side_m, side_m / 2), home=home)
+def test_the_map_about_home_shows_the_whole_area_and_little_more(
+    home: tuple[float, float], side_m: float, lat_deg: float
+) -> None:
+    area = Area(
+        size_m=(side_m, side_m),
+        home_m=(home[0] * side_m, home[1] * side_m),
+        home=dataclasses.replace(AREA.home, lat_deg=lat_deg),
+    )
     (config,) = (
         panel["config"]
         for panel in panels(json.loads(layout(area, ["digits"]))["content"])
@@ -165,7 +172,18 @@ def test_the_map_is_zoomed_so_far_that_the_area_just_fits(side_m: float, lat_deg
     )
     # Slippy map, web mercator: 2^zoom tiles of 256 pixels around the world.
     metres_a_pixel = 156_543.034 * math.cos(math.radians(lat_deg)) / 2 ** config["zoomLevel"]
-    assert 200 < side_m / metres_a_pixel <= 400.5
+    reach_m = max(max(home), 1 - min(home)) * side_m
+    assert 75 < reach_m / metres_a_pixel <= 150.1
+    assert "followTopic" not in config
+
+
+def test_a_flight_of_a_plan_file_has_no_empty_panels_of_learning() -> None:
+    def topics_of(communities: list[str]) -> set[str]:
+        shown = panels(json.loads(layout(AREA, communities))["content"])
+        _, paths = topics_and_paths([panel["config"] for panel in shown])
+        return {re.split(r"[.{]", path)[0] for path in paths}
+
+    assert topics_of(["digits"]) - topics_of([]) == {"/learning", "/uplinks"}
 
 
 def test_the_classic_tree_holds_every_panel_once(
