@@ -122,7 +122,7 @@ async def many_missions(count: int) -> None:
     print(f"MAVSDK time-outs        {len(complaints.timeouts)} {complaints.timeouts[:3]}")
     print(f"places not reached in   {unreached}")
     print(f"progress steps lost     {untold} of {len(costs) * (len(plan.stops) + 1)}")
-    tenth = max(1, len(resident) // 10)
+    tenth = len(resident) // 10
     print(
         f"memory                  {resident[0]:.1f} MB after the first mission, "
         f"{resident[tenth]:.1f} after {tenth + 1}, {resident[-1]:.1f} after the last"

@@ -146,6 +146,7 @@ def long_search(problem: RoundProblem, seconds: float) -> tuple[float, float, fl
 
 def large(seconds: float, sizes: Sequence[tuple[int, float]]) -> None:
     """N = 50, against a search of that many CPU seconds."""
+    search(layout(0, devices=12, steps=10, channel="suburban", budget=800.0), 0.0)  # compiles
     print(f"\nN = 50, against {seconds:.0f} s of search; CPU ms")
     print(
         f"{'K':>5} {'L m':>6} {'channel':14} {'ms':>6} {'value':>8} {'annealing':>10}"
