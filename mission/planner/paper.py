@@ -105,9 +105,7 @@ def ascend(
         for _ in range(MAX_PATH_STEPS):
             inner = value
             try:
-                path = fit_budget(
-                    program.solve(problem, fit, path, schedule), problem.path_budget_m
-                )
+                path = program.solve(problem, fit, path, schedule)
             except SolverError as error:
                 logger.warning("path step given up: %s", error)
                 return

@@ -57,7 +57,6 @@ class PathProgram:
         if exact_cone:
             constraints.append(distance >= cp.norm(offset, axis=1))
         else:
-            self._direction = cp.Parameter((devices, 2))
             self._direction_serves = [cp.Parameter((devices, steps)) for _ in range(2)]
             self._direction_device = cp.Parameter(devices)
             along = sum(self._direction_serves[i] @ self._path[:, i] for i in range(2))
