@@ -1,8 +1,8 @@
 """Planned against flown: how far a run's flights were from their plans, and what it cost.
 
-Errors are measured on the true track; what the
-autopilot believed has its own numbers. Corner cutting is flown on purpose (the autopilot may cut
-a corner by its acceptance radius), so errors on straights and at corners stand apart.
+Errors are measured on the true track; what the autopilot believed has its own numbers. Corner
+cutting is flown on purpose (the autopilot may cut a corner by its acceptance radius), so errors on
+straights and at corners stand apart.
 """
 
 import math

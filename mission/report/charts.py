@@ -142,7 +142,8 @@ def _per_card(comparison: RunComparison) -> str:
     """Planned, believed and true PER, a row a device."""
     devices = [d for d in comparison.devices if d.scheduled]
     height = 24.0 + svg.BOTTOM + 20.0 * len(devices)
-    worst = max((d.true_per for d in devices), default=1.0)
+    rates = [rate for d in devices for rate in (d.plan_per, d.est_per, d.true_per)]
+    worst = max(filter(math.isfinite, rates), default=1.0)
     chart = Chart(
         "Packet error rate by device", "mean over its slots", "", (0.0, min(1.0, 1.08 * worst)),
         (0.0, 1.0), height=height,
@@ -154,7 +155,6 @@ def _per_card(comparison: RunComparison) -> str:
         f'y="{height - svg.BOTTOM + 16}" text-anchor="middle">{v:g}</text>'
         for v in svg.ticks(*chart.x)
     ]
-    chart.parts = []
     for row, device in enumerate(devices):
         y = svg.TOP + 14.0 + 20.0 * row
         chart.parts.append(

@@ -66,7 +66,7 @@ class MapFrame:
 
 
 def thin(points: Floats, tolerance: float) -> Floats:
-    """Ramer-Douglas-Peucker: the fewest points of a path that stay within `tolerance` of it."""
+    """Ramer-Douglas-Peucker: points of a path, enough for the others to lie within `tolerance`."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     stack = [(0, len(points) - 1)]

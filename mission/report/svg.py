@@ -18,7 +18,7 @@ _TICKS = 5
 
 @dataclass(frozen=True)
 class Series:
-    """One line, or dots, of a chart. NaN leaves a gap."""
+    """One line of a chart. NaN leaves a gap."""
 
     label: str
     colour: str
@@ -26,7 +26,6 @@ class Series:
     y: Sequence[float]
     dashed: bool = False
     dots: bool = True
-    line: bool = True
 
 
 @dataclass(frozen=True)
@@ -72,18 +71,17 @@ class Chart:
         return Scale(*self.y, self.height - BOTTOM, TOP)
 
     def add(self, series: Series) -> None:
-        """A line with or without dots, or dots alone."""
+        """A line with or without dots."""
         across, up = self.across, self.up
         points = [
             (across.at(x), up.at(y)) if math.isfinite(y) else None
             for x, y in zip(series.x, series.y, strict=True)
         ]
-        if series.line:
-            dash = ' stroke-dasharray="5 4"' if series.dashed else ""
-            self.parts.append(
-                f'<path d="{path(points)}" fill="none" stroke="{series.colour}" '
-                f'stroke-width="2" stroke-linejoin="round"{dash}/>'
-            )
+        dash = ' stroke-dasharray="5 4"' if series.dashed else ""
+        self.parts.append(
+            f'<path d="{path(points)}" fill="none" stroke="{series.colour}" '
+            f'stroke-width="2" stroke-linejoin="round"{dash}/>'
+        )
         if series.dots:
             for point, x, y in zip(points, series.x, series.y, strict=True):
                 if point is not None:
@@ -132,7 +130,7 @@ class Chart:
         self.legend.append((label, colour, False))
 
     def text(self) -> str:
-        """The chart as one `<svg>` element with its legend under the title."""
+        """The chart as one `<svg>` element; its title and legend stand outside of it."""
         return (
             f'<svg viewBox="0 0 {WIDTH:.0f} {self.height:.0f}" role="img" '
             f'aria-label="{escape(self.title)}">{self._axes()}{"".join(self.parts)}</svg>'
@@ -202,10 +200,10 @@ def line_chart(
     return chart
 
 
-def padded(values: Sequence[float], *, from_zero: bool = True) -> tuple[float, float]:
-    """A range with a little air above, from zero where all values are positive."""
+def padded(values: Sequence[float]) -> tuple[float, float]:
+    """A range with a little air above, from zero where no value is negative."""
     low, high = (min(values), max(values)) if values else (0.0, 1.0)
-    if from_zero and low >= 0:
+    if low >= 0:
         low = 0.0
     air = 0.06 * (high - low) or 0.5
     return (low if low == 0.0 else low - air, high + air)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -15,11 +16,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
 
+from mission.compare import compare_run
 from mission.errors import InputError
 from mission.log.writer import FlightLog
+from mission.report import svg
+from mission.report.charts import radio_cards
 from mission.report.maps import thin
 from mission.report.page import write_report
 from mission.report.svg import ticks
+from mission.rundata import load_run
 
 CHROMIUM = shutil.which("chromium")
 VOID = {"meta", "input", "br", "i"}
@@ -92,6 +97,18 @@ def test_it_shows_the_wind_and_what_the_estimator_refused(page: str) -> None:
         assert f"still believed; {refused} refused" in card
         assert card.count("<title>refused at 30.0 s") == refused
     assert "GNSS velocity against" not in page  # nothing of it in this log
+
+
+def test_every_error_rate_lies_on_its_chart(folder: Path) -> None:
+    run = load_run(folder)
+    comparison = compare_run(run)
+    devices = tuple(
+        replace(device, plan_per=0.9, est_per=0.5, true_per=0.1) for device in comparison.devices
+    )
+    _, card, _ = radio_cards(run.data, replace(comparison, devices=devices))
+    across = [float(cx) for cx in re.findall(r'<circle cx="([\d.]+)"', card)]
+    assert len(set(across)) == 3
+    assert max(across) <= svg.WIDTH - svg.RIGHT
 
 
 def test_a_bare_log_gets_a_report_too(tmp_path: Path) -> None:
