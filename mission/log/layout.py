@@ -28,9 +28,9 @@ def layout(area: Area, communities: Sequence[str]) -> bytes:
     """
     below = _split("row", (1, _map(area)), (1, _log()))
     seen = _split("column", (3, _scene(area)), (2, below))
-    served = ((2, _learning(communities)), (2, _per())) if communities else ()
+    served = ((5, _learning(communities)), (5, _per())) if communities else ()
     numbers = _split(
-        "column", (1, _modes()), *served, (2, _height()), (2, _estimator()), (2, _battery())
+        "column", (3, _modes()), *served, (5, _height()), (5, _estimator()), (5, _battery())
     )
     text: str = fl.Layout(content=_split("row", (3, seen), (2, numbers))).to_json()
     return text.encode()

@@ -16,6 +16,7 @@ from mission.records import UplinkRecord
 
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
+_LABEL_M = 18.0  # so far above what it names that it does not hide it
 _TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 _OCTAGON = np.column_stack((np.cos(_TURN), np.sin(_TURN)))  # (8, 2) what a disc is on the map
 
@@ -35,7 +36,7 @@ def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
     return _update(
         [
             _entity(t_ns, "area", lines=[edge]),
-            _entity(t_ns, "home", cylinders=[home], texts=[_label(*area.home_m, 8.0, "home")]),
+            _entity(t_ns, "home", cylinders=[home], texts=[_label(*area.home_m, _LABEL_M, "home")]),
             *(_zone(t_ns, f"fence {index}", zone) for index, zone in enumerate(fence)),
         ]
     )
@@ -76,7 +77,7 @@ def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
                 t_ns,
                 f"device {k}",
                 spheres=[body],
-                texts=[_label(xy[0], xy[1], size + 6.0, str(k))],
+                texts=[_label(xy[0], xy[1], size + _LABEL_M, str(k))],
                 metadata=[fox.KeyValuePair(key=key, value=value) for key, value in facts.items()],
             )
         )
