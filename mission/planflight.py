@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from fl.radio import CHANNEL_PRESETS
 from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.area import Area
+from mission.audience import Audience
 from mission.config import AreaConfig, RunConfig
 from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
 from mission.fence import fence_of
@@ -24,6 +24,7 @@ from mission.figure_flight import draw_flight
 from mission.flyer import open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
+from mission.log.live import live_views
 from mission.log.values import Devices, FlightData, Zone
 from mission.log.writer import FlightLog
 from mission.pilot.importer import Imported, import_plan, raw_items
@@ -32,7 +33,6 @@ from mission.plancompare import (
     KEY,
     METADATA,
     PlanFlight,
-    PlannedAndFlown,
     flight_metadata,
     plain_numbers,
     plan_flight,
@@ -65,7 +65,7 @@ class _Ready:
     config: RunConfig
 
 
-def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, quiet: bool) -> int:
+def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience) -> int:
     """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
 
     Raises:
@@ -78,6 +78,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
     with stopwatch("setup"):
         ready = _prepare(config, read_plan_file(source))
         check_link(config.link)
+        live = live_views(audience)
         folder = RunFolder.create(path)
         write_atomically(folder.config, ready.config.to_toml())
         write_atomically(folder.path / source.name, source.read_bytes())
@@ -91,7 +92,9 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
         folder.write_summary(summary)
     status, error = "failed", None
     nobody = Devices(np.zeros((0, 2)), ())
-    with FlightLog(folder.log, area=ready.area, devices=nobody, fence=ready.fence) as log:
+    with FlightLog(
+        folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
+    ) as log:
         log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
         log.attach(source.name, "text/plain", ready.plan.text.encode())
         log.metadata(METADATA, _metadata(ready))
@@ -127,10 +130,11 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: Console, q
     if error is not None:
         raise error
     if status == "interrupted":
-        console.print(f"interrupted; what was flown is in {folder.path}", soft_wrap=True)
+        audience.say(f"interrupted; what was flown is in {folder.path}")
         return INTERRUPTED
-    if flight is not None and not quiet:
-        _say(console, flight.numbers, folder.path)
+    if flight is not None:
+        for line in (*flight.numbers.lines(), f"results in {folder.path}"):
+            audience.say(line)
     return 0
 
 
@@ -265,8 +269,3 @@ def _track_csv(data: FlightData) -> str:
     for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True):
         writer.writerow([repr(t_ns / 1e9), *(f"{value:.3f}" for value in row)])
     return out.getvalue()
-
-
-def _say(console: Console, found: PlannedAndFlown, folder: Path) -> None:
-    for line in (*found.lines(), f"results in {folder}"):
-        console.print(line, soft_wrap=True, highlight=False, markup=False)

@@ -16,7 +16,7 @@ from mission.errors import INTERRUPTED, AerofedError, InputError
 from mission.experiment import Experiment
 from mission.flyers import await_vehicle, check_link
 from mission.folder import RunFolder, write_atomically
-from mission.log.live import LiveView
+from mission.log.live import LiveView, live_views
 from mission.log.mavlink import RecordedLink
 from mission.recorder import recording
 from mission.resumable import data_dir_of, read_checkpoint
@@ -66,7 +66,7 @@ def fly_session(
         world = build_world(config, data_dir=data_dir)
         if world.strategy is not None:
             check_link(config.link)
-        live = _live_view(audience)
+        live = live_views(audience)
         folder = RunFolder.create(path)
         with folder.unless_refused():
             await_vehicle(world, say=audience.say)
@@ -115,18 +115,10 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
             if world.strategy is not None:
                 check_link(config.link)
             found = checkpoint.load(world.federation, values)
-            live = _live_view(audience)
+            live = live_views(audience)
             SetAside(folder).take()
         ready = _Ready(world, folder, checkpoint, found.state, found.rounds, live)
         return _fly(ready, audience, stopwatch)
-
-
-def _live_view(audience: Audience) -> tuple[LiveView, ...]:
-    if audience.live_port is None:
-        return ()
-    view = LiveView(port=audience.live_port)
-    audience.say(f"live view: open {view.url} in Foxglove")
-    return (view,)
 
 
 def _fly(

@@ -1,13 +1,8 @@
 """`aerofed fly`."""
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from mission.terminal import Terminal
-
-RUNS = Path("runs")
+from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, audience, load
 
 
 def fly(
@@ -15,10 +10,10 @@ def fly(
     *,
     config: Path | None = None,
     out: Path | None = None,
-    set_: Annotated[
-        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
-    ] = (),
-    quiet: bool = False,
+    set_: Overrides = (),
+    live: Flag = False,
+    live_port: int = LIVE_PORT,
+    quiet: Flag = False,
 ) -> int:
     """Fly a QGroundControl plan or a waypoint file headless, and compare planned with flown.
 
@@ -36,18 +31,18 @@ def fly(
         Default: a new one under runs/.
     set_
         Override any key: --set vehicle.aircraft.wind.speed_mps=8 --set link.speed=1
+    live
+        Serve what is logged to Foxglove while it is flown, on the loopback address only; with
+        --set link.speed=1 in real time.
+    live_port
+        Port of the live view; 0 takes a free one.
     quiet
         Print nothing but errors.
     """
-    # Only now: the configuration's models take half a second to import.
-    from mission.configfile import builtin_config, load_config
-    from mission.folder import free_folder
-    from mission.overrides import parse_override
-
-    overrides = dict(parse_override(text) for text in set_)
-    resolved = load_config(config or builtin_config("quickstart.toml"), overrides)
+    watching = audience(quiet=quiet, live=live, live_port=live_port)
+    resolved = load(config, set_)
     # Only now, so that wrong input is answered at once.
+    from mission.folder import free_folder
     from mission.planflight import fly_plan
 
-    folder = out or free_folder(RUNS, plan.stem)
-    return fly_plan(resolved, plan, folder, console=Terminal(), quiet=quiet)
+    return fly_plan(resolved, plan, out or free_folder(RUNS, plan.stem), audience=watching)

@@ -2,22 +2,19 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mission.commands.options import Overrides, load
 from mission.errors import InputError
 from mission.terminal import Terminal
 
 if TYPE_CHECKING:
-    from mission.config import RunConfig
     from mission.planner.files import NamedPlan, NamedProblem
     from mission.world import World
-
-Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]
 
 
 def plan(
@@ -70,7 +67,7 @@ def plan(
         overrides["planner.kind"] = method
     if gap is not None:
         overrides["planner.gap"] = gap
-    resolved = _load(config, set_, overrides)
+    resolved = load(config, set_, overrides)
     world = None
     problems: Sequence[NamedProblem]
     if problem is None:
@@ -101,7 +98,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
     """
     from mission.planner.commands import budget_report
 
-    resolved = _load(config, set_, {})
+    resolved = load(config, set_)
     report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
@@ -110,14 +107,6 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
     if report.warning:
         Console(stderr=True, soft_wrap=True, highlight=False).print(f"warning: {report.warning}")
     return 0
-
-
-def _load(config: Path | None, set_: tuple[str, ...], more: dict[str, object]) -> "RunConfig":
-    from mission.configfile import builtin_config, load_config
-    from mission.overrides import parse_override
-
-    overrides = dict(parse_override(text) for text in set_) | more
-    return load_config(config or builtin_config("quickstart.toml"), overrides)
 
 
 def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", world: "World") -> None:

@@ -1,18 +1,14 @@
 """`aerofed run`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from mission.audience import Audience
+from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, audience, load
 from mission.errors import InputError
-from mission.terminal import Terminal
-
-if TYPE_CHECKING:
-    from mission.audience import Audience
-    from mission.stopwatch import Stopwatch
-
-RUNS = Path("runs")
+from mission.stopwatch import Stopwatch
 
 
 def run(
@@ -22,16 +18,14 @@ def run(
     data_dir: Path | None = None,
     seed: int | None = None,
     rounds: int | None = None,
-    set_: Annotated[
-        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
-    ] = (),
+    set_: Overrides = (),
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     vehicle: str | None = None,
-    live: Annotated[bool, Parameter(negative=())] = False,
-    live_port: int = 8765,
-    log_mavlink: Annotated[bool, Parameter(negative=())] = False,
+    live: Flag = False,
+    live_port: int = LIVE_PORT,
+    log_mavlink: Flag = False,
     resume: Path | None = None,
-    quiet: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Flag = False,
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
@@ -70,25 +64,14 @@ def run(
     quiet
         Print nothing but errors.
     """
-    if not 0 <= live_port <= 65535:
-        raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
-    from mission.audience import Audience
-    from mission.stopwatch import Stopwatch
-
+    watching = audience(quiet=quiet, live=live, live_port=live_port, log_mavlink=log_mavlink)
     stopwatch = Stopwatch()
-    audience = Audience(Terminal(), quiet, live_port if live else None, log_mavlink)
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
-        return _resume(resume, audience, stopwatch)
-    from mission.configfile import builtin_config, load_config
-    from mission.folder import RunFolder, free_folder
-    from mission.overrides import parse_override
-    from mission.precheck import load_data
-
-    path = config or builtin_config("quickstart.toml")
-    overrides = dict(parse_override(text) for text in set_)
+        return _resume(resume, watching, stopwatch)
+    overrides: dict[str, object] = {}
     if seed is not None:
         overrides["seed"] = seed
     if rounds is not None:
@@ -97,30 +80,33 @@ def run(
         overrides["link.gcs"] = list(gcs)
     if vehicle is not None:
         overrides |= {"link.kind": "external", "link.url": vehicle}
-    resolved = load_config(path, overrides)
+    resolved = load(config, set_, overrides)
     if log_mavlink and resolved.link.kind == "external":
         raise InputError(
             "--log-mavlink: an external autopilot is flown by MAVSDK alone; record on its side"
         )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
+    from mission.folder import RunFolder, free_folder
+    from mission.precheck import load_data
+
     folder = out or free_folder(
         RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
     )
     RunFolder.check(folder)
-    with stopwatch("setup"), audience.waiting("loading"):
+    with stopwatch("setup"), watching.waiting("loading"):
         load_data(resolved, data_dir)
         # Only now, so that wrong input is answered at once: numba, cvxpy and the rest take seconds.
         from mission.session import fly_session
-    return fly_session(resolved, folder, data_dir=data_dir, audience=audience, stopwatch=stopwatch)
+    return fly_session(resolved, folder, data_dir=data_dir, audience=watching, stopwatch=stopwatch)
 
 
-def _resume(path: Path, audience: "Audience", stopwatch: "Stopwatch") -> int:
+def _resume(path: Path, watching: Audience, stopwatch: Stopwatch) -> int:
     from mission.folder import RunFolder
     from mission.resumable import read_checkpoint
 
     if RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
-    with stopwatch("setup"), audience.waiting("loading"):
+    with stopwatch("setup"), watching.waiting("loading"):
         from mission.session import resume_session
-    return resume_session(path, audience=audience, stopwatch=stopwatch)
+    return resume_session(path, audience=watching, stopwatch=stopwatch)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from mission.commands.options import Overrides, load
 from mission.errors import InputError
 from mission.terminal import Terminal
 
@@ -15,9 +16,7 @@ def sitl(
     *,
     udp: Annotated[tuple[str, ...], Parameter(negative=())] = ("14540", "14550"),
     speed: float | Literal["max"] = 1.0,
-    set_: Annotated[
-        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
-    ] = (),
+    set_: Overrides = (),
 ) -> int:
     """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
 
@@ -36,12 +35,7 @@ def sitl(
     """
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
-    # Only now: the configuration's models take half a second to import.
-    from mission.configfile import builtin_config, load_config
-    from mission.overrides import parse_override
-
-    overrides = dict(parse_override(text) for text in set_)
-    resolved = load_config(config or builtin_config("quickstart.toml"), overrides)
+    resolved = load(config, set_)
     # Only now, so that wrong input is answered at once.
     from mission.serve import link_url, make_vehicle, serve
 

@@ -1,14 +1,12 @@
 """`aerofed sweep`."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
+from mission.commands.options import RUNS, Overrides
 from mission.errors import InputError
 from mission.terminal import Terminal
 
-RUNS = Path("runs")
 _PIPE_WIDTH = 160  # a file needs no line breaks
 ALL = "cov,no_cov,barycenter,rectangular,ideal"
 
@@ -22,9 +20,7 @@ def sweep(
     jobs: int | None = None,
     out: Path | None = None,
     data_dir: Path | None = None,
-    set_: Annotated[
-        tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)
-    ] = (),
+    set_: Overrides = (),
     engine: Literal["joblib", "ray"] = "joblib",
     address: str | None = None,
 ) -> int:

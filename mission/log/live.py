@@ -7,11 +7,10 @@ from typing import Any
 import foxglove
 from foxglove.websocket import Capability, ServerListener
 
+from mission.audience import Audience
 from mission.errors import LinkLostError
 from mission.log import topics
 from mission.log.topics import TOPICS, Topic
-
-DEFAULT_PORT = 8765
 
 # What somebody who connects in mid-run needs to see at once.
 _LATCHED = frozenset(
@@ -31,7 +30,7 @@ class LiveView:
     whatever its speed.
     """
 
-    def __init__(self, *, port: int = DEFAULT_PORT, host: str = "127.0.0.1") -> None:
+    def __init__(self, *, port: int, host: str = "127.0.0.1") -> None:
         """Start serving; port 0 takes a free one.
 
         Raises:
@@ -91,6 +90,19 @@ class LiveView:
     def close(self) -> None:
         """Stop serving. Closing twice is fine."""
         self._server.stop()
+
+
+def live_views(audience: Audience) -> tuple[LiveView, ...]:
+    """The view that the audience asked for, told to it; none where it asked for none.
+
+    Raises:
+        LinkLostError: see `LiveView`.
+    """
+    if audience.live_port is None:
+        return ()
+    view = LiveView(port=audience.live_port)
+    audience.say(f"live view: open {view.url} in Foxglove")
+    return (view,)
 
 
 class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker

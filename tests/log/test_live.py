@@ -1,6 +1,10 @@
 """The live view, watched by a viewer over a real socket."""
 
 import json
+import signal
+import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -83,6 +87,47 @@ def test_a_used_port_is_named() -> None:
         except LinkLostError:
             assert time.monotonic() < deadline, "the port is not given back"
             time.sleep(0.1)
+
+
+def test_a_flight_is_watched_live(tmp_path: Path) -> None:
+    plan, out = tmp_path / "north.waypoints", tmp_path / "out"
+    plan.write_text("QGC WPL 110\n" + "0 0 3 16 0 5 0 0 47.402 8.5 50 1\n".replace(" ", "\t"))
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "mission", "fly", str(plan), "--out", str(out), "--live",
+               "--live-port", str(port), "--set", "link.speed=1"]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 300
+        while True:
+            try:
+                viewer = FoxgloveClient(port)
+                break
+            except ConnectionRefusedError:
+                assert time.monotonic() < deadline, "nobody serves the live view"
+                assert process.poll() is None
+                time.sleep(0.1)
+        with viewer:
+            channels = viewer.channels()
+            topics = {channels[name]["id"]: name for name in ("/plan", "/plan/path", "/true/pose")}
+            viewer.subscribe(list(topics))
+            seen: dict[str, bytes] = {}
+            while len(seen) < len(topics):
+                number, _, data = viewer.message()
+                seen.setdefault(topics[number], data)
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=300)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert printed.splitlines() == [
+        f"live view: open ws://127.0.0.1:{port} in Foxglove",
+        f"interrupted; what was flown is in {out}",
+    ]
+    logged = load(out / "flight.mcap").messages
+    assert seen["/plan"] == logged["/plan"][0].data
+    assert seen["/plan/path"] == logged["/plan/path"][0].data
+    assert seen["/true/pose"] in {message.data for message in logged["/true/pose"]}
 
 
 class _NotClosing:

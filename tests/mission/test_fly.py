@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -306,3 +307,28 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
     assert "no room" in capsys.readouterr().err
     assert seen == ["running"]
     assert summary(out)["status"] == "failed"
+
+
+def test_a_live_view_changes_no_byte_of_a_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
+    for name, more in (("a", ()), ("b", ("--live", "--live-port", "0"))):
+        assert call(["fly", str(plan), "--out", str(tmp_path / name), "--quiet", *more]) == 0
+    assert capsys.readouterr().out == ""
+    logs = [(tmp_path / name / "flight.mcap").read_bytes() for name in "ab"]
+    assert logs[0] == logs[1]
+
+
+def test_a_live_port_that_is_none_or_in_use_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
+    fly = ["fly", str(plan), "--out", str(out), "--live", "--live-port"]
+    assert call([*fly, "70000"]) == 2
+    assert "--live-port 70000: must be from 0 to 65535" in capsys.readouterr().err
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert call([*fly, str(port)]) == 5
+    assert f"127.0.0.1:{port}: the port is in use" in capsys.readouterr().err
+    assert not out.exists()
