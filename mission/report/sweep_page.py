@@ -13,8 +13,7 @@ from mission.sweep.ends import final_rows, gain_rows
 from mission.sweep.gains import METHOD, gain_table, paired_gains
 from mission.sweep.results import RunResult
 from mission.sweep.state import SweepState, read_sweep
-from mission.sweep.stats import Interval
-from mission.sweep.view import final_rounds, over_seeds, percent
+from mission.sweep.view import final_rounds, number, over_seeds, percent
 
 # Section of each picture.
 _SECTIONS = {
@@ -147,14 +146,14 @@ def _outcome(state: SweepState) -> str:
             label,
             state.seeds(label),
             *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
-            *(_number(over_seeds(runs, f"final_cov_{name}"), 2) for name in communities),
-            _number(over_seeds(runs, "final_jain_communities"), 3),
+            *(number(over_seeds(runs, f"final_cov_{name}"), 2) for name in communities),
+            number(over_seeds(runs, "final_jain_communities"), 3),
             *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
             percent(over_seeds(runs, "delivered_share")),
-            _number(over_seeds(runs, "plan_per"), 3),
-            _number(over_seeds(runs, "true_per"), 3),
-            _number(over_seeds(runs, "rounds"), 0),
-            _number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
+            number(over_seeds(runs, "plan_per"), 3),
+            number(over_seeds(runs, "true_per"), 3),
+            number(over_seeds(runs, "rounds"), 0),
+            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
         ]
         for label, runs in groups_of(results).items()
     ]
@@ -188,7 +187,3 @@ def _runs(results: Sequence[RunResult]) -> str:
         )
     note = "aerofed report runs/RUN writes the report of one of them"
     return html.table("Every run", heads, rows, text=1, note=note)
-
-
-def _number(value: Interval, digits: int, *, unit: float = 1.0) -> str:
-    return "-" if math.isnan(value.mean) else f"{value.mean / unit:.{digits}f}"

@@ -1,13 +1,11 @@
 """A sweep as the tables of `docs/reproduction.md`: the outcome, and what fairness gains."""
 
-import math
 from collections.abc import Sequence
 
 from mission.sweep.curves import communities_of, groups_of
 from mission.sweep.gains import gain_table, paired_gains
 from mission.sweep.state import SweepState
-from mission.sweep.stats import Interval
-from mission.sweep.view import final_rounds, over_seeds, percent
+from mission.sweep.view import final_rounds, number, over_seeds, percent
 
 # What the paper reports of its method against the same without fairness (section V).
 PAPER = {("no_cov", "cifar10"): "+14 %", ("no_cov", "mnist"): "about equal"}
@@ -40,10 +38,10 @@ def _outcome(state: SweepState) -> list[str]:
             *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
             *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
             percent(over_seeds(runs, "delivered_share")),
-            _plain(over_seeds(runs, "plan_per"), 3),
-            _plain(over_seeds(runs, "true_per"), 3),
-            _plain(over_seeds(runs, "rounds"), 0),
-            _plain(over_seeds(runs, "flown_m"), 1, unit=1000.0),
+            number(over_seeds(runs, "plan_per"), 3),
+            number(over_seeds(runs, "true_per"), 3),
+            number(over_seeds(runs, "rounds"), 0),
+            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
         ]
         for label, runs in groups_of(state.results).items()
     ]
@@ -58,7 +56,3 @@ def _outcome(state: SweepState) -> list[str]:
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     rule = ["---", *("---:" for _ in heads[1:])]
     return [f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows)]
-
-
-def _plain(value: Interval, digits: int, *, unit: float = 1.0) -> str:
-    return "-" if math.isnan(value.mean) else f"{value.mean / unit:.{digits}f}"

@@ -10,8 +10,6 @@ from mission.sweep.curves import communities_of, groups_of
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 from mission.sweep.stats import Interval, interval
 
-_NUMBER = len("41.2 ± 11.3")
-
 
 def final_table(results: Sequence[RunResult]) -> Table:
     """A row for each strategy and setting: means over the seeds, with 95 % intervals."""
@@ -22,24 +20,20 @@ def final_table(results: Sequence[RunResult]) -> Table:
         caption=f"accuracy: {final_rounds(results)}; mean over seeds ± 95 % interval",
         caption_justify="left",
     )
-    table.add_column("strategy")
-    table.add_column("seeds", justify="right")
-    for name in communities:
-        table.add_column(f"{name} %", justify="right", min_width=_NUMBER)
-    for name in ("delivered", "participation", "metres flown"):
-        table.add_column(name, justify="right")
+    # Where room is short the names are broken: a number that is cut is another number.
+    table.add_column("strategy", overflow="fold")
+    for name in ("seeds", *(f"{name}\n%" for name in communities)):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("delivered\n%", "took part\n%", "flown\nkm"):
+        table.add_column(name, justify="right", no_wrap=True)
     for label, runs in groups_of(results).items():
-        means = {
-            key: interval([float(run.summary[key]) for run in runs]).mean
-            for key in ("delivered_share", "participation", "flown_m")
-        }
         table.add_row(
             label,
             str(len(runs)),
             *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
-            f"{100 * means['delivered_share']:.1f} %",
-            f"{100 * means['participation']:.1f} %",
-            f"{means['flown_m']:.0f}",
+            number(over_seeds(runs, "delivered_share"), 1, unit=0.01),
+            number(over_seeds(runs, "participation"), 1, unit=0.01),
+            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
         )
     return table
 
@@ -59,6 +53,11 @@ def final_rounds(results: Sequence[RunResult]) -> str:
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
     """Mean and interval of a column of `runs.csv`, over the runs that have it."""
     return interval([float(run.summary[column]) for run in runs if column in run.summary])
+
+
+def number(value: Interval, digits: int, *, unit: float = 1.0) -> str:
+    """The mean alone, in units of `unit`; `-` without a value."""
+    return "-" if math.isnan(value.mean) else f"{value.mean / unit:.{digits}f}"
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:

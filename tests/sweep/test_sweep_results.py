@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy import stats
 
 from mission.configfile import builtin_config
@@ -14,7 +15,7 @@ from mission.sweep.grid import Point, make_grid
 from mission.sweep.results import Row, RunResult, jain, write_results
 from mission.sweep.stats import band, interval
 from mission.sweep.timeleft import TimeLeft, duration
-from mission.sweep.view import final_rounds, percent
+from mission.sweep.view import final_rounds, final_table, percent
 from mission.tally import rounds_paid_for
 
 
@@ -106,6 +107,23 @@ def test_a_running_mean_skips_what_is_not_there() -> None:
 )
 def test_final_rounds_in_words(rounds: tuple[int, ...], words: str) -> None:
     assert final_rounds([result(1, [0.0] * n, [0.0] * n) for n in rounds]) == words
+
+
+@pytest.mark.parametrize("strategy", ["rectangular", "my_package.my_module:weighed_by_age"])
+def test_a_narrow_terminal_cuts_no_number(strategy: str) -> None:
+    summary: Row = {
+        "final_accuracy_cifar10": 0.412, "final_accuracy_mnist": 0.987,
+        "delivered_share": math.nan, "participation": 0.625, "flown_m": 39_876.5,
+    }  # fmt: skip
+    runs = [RunResult(Point(strategy, seed, ()), summary, ({},) * 20, {}) for seed in (1, 2)]
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(final_table(runs))
+    lines = capture.get().splitlines()
+    (row,) = (line for line in lines if "41.2" in line)
+    assert " ".join(row.split()).endswith(" 2 41.2 ± 0.0 98.7 ± 0.0 - 62.5 39.9")
+    assert "…" not in capture.get()
+    assert strategy in "".join(line[1:].partition(" ")[0] for line in lines)
 
 
 def test_time_left_follows_the_pace_of_every_strategy(
