@@ -1,6 +1,7 @@
 """What a person sees of a run: a live table on a terminal, plain lines elsewhere, or nothing."""
 
 import time
+from collections import deque
 from typing import Protocol
 
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -79,8 +80,8 @@ class LiveTable:
 
     def __init__(self, console: Console, *, rounds: int) -> None:
         self._rounds = rounds
-        self._records: list[RoundRecord] = []
-        self._factor = 0.0
+        # The newest rounds, each with how much faster than real time it was flown.
+        self._newest: deque[tuple[RoundRecord, float]] = deque(maxlen=self.ROWS)
         self._phase, self._since_s = "starting", time.monotonic()
         self._live = Live(self, console=console, refresh_per_second=8)
         self._live.start()
@@ -92,8 +93,7 @@ class LiveTable:
         self._live.console.print(text, highlight=False, markup=False)
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
-        self._records.append(record)
-        self._factor = real_time_factor
+        self._newest.append((record, real_time_factor))
 
     def close(self) -> None:
         self._phase = ""
@@ -101,7 +101,7 @@ class LiveTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The rounds so far, and the present phase."""
-        if self._records:
+        if self._newest:
             yield self._table()
         if self._phase:
             seconds = time.monotonic() - self._since_s
@@ -110,18 +110,18 @@ class LiveTable:
             yield Text(f"{self._phase} ...{waited}", style="dim")
 
     def _table(self) -> Table:
-        newest = self._records[-self.ROWS :]
-        flown = _is_flown(newest[-1])
+        newest, _ = self._newest[-1]
+        flown = _is_flown(newest)
         # Narrow enough for two communities in 80 columns.
         table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
-        communities = list(newest[-1].accuracy)
+        communities = list(newest.accuracy)
         for name in ("round", *flight, "delivered", *(f"accuracy\n{name}" for name in communities)):
             table.add_column(name, justify="right", vertical="bottom")
-        for record in newest:
+        for record, real_time_factor in self._newest:
             cells = (
                 f"{record.start_t_s + record.duration_s:.0f} s",
-                f"{self._factor:.0f}x",
+                f"{real_time_factor:.0f}x",
                 f"{record.plan_objective:.3f}",
                 f"{record.true_objective:.3f}",
                 _change(record),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder
@@ -15,7 +15,7 @@ from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.progress import Progress, make_progress
-from mission.records import DeviceRecord, Learnt
+from mission.records import DeviceRecord, Learnt, RoundRecord
 from mission.results import RoundResult
 from mission.setaside import SetAside
 from mission.stopwatch import Stopwatch
@@ -36,6 +36,9 @@ class FolderRecorder:
     checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
+    # Up to the end of the last round: simulated seconds, and wall seconds spent on flying them.
+    _flown_s: float = field(default=0.0, init=False)
+    _wall_s: float = field(default=0.0, init=False)
 
     def planned(
         self,
@@ -74,15 +77,19 @@ class FolderRecorder:
         if not result.remembered:
             SetAside(self.folder).discard()  # log and tables hold all that the old ones held
             self.checkpoint.save(self.world.federation, result.state, result.memory)
-        flight_s = self.stopwatch.wall_s.get("fly", 0.0)
-        elapsed_s = record.start_t_s + record.duration_s
-        self.progress.round_done(
-            record, real_time_factor=elapsed_s / flight_s if flight_s > 0.0 else 0.0
-        )
+        self.progress.round_done(record, real_time_factor=self._speed(record))
 
     def phase(self, name: str) -> None:
         """Show the phase."""
         self.progress.phase(name)
+
+    def _speed(self, record: RoundRecord) -> float:
+        """Simulated seconds a second, from the end of the round before to that of this one."""
+        flown_s = record.start_t_s + record.duration_s
+        wall_s = self.stopwatch.wall_s.get("fly", 0.0)
+        sim, wall = flown_s - self._flown_s, wall_s - self._wall_s
+        self._flown_s, self._wall_s = flown_s, wall_s
+        return sim / wall if wall > 0.0 else 0.0
 
     def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
         each = zip(self.world.community_of, learnt.device_accuracy, learnt.device_loss, strict=True)

@@ -3,11 +3,15 @@
 import io
 import re
 import time
+from dataclasses import replace
+from unittest.mock import Mock
 
 from rich.console import Console
 
 from mission.progress import LiveTable, PlainLines, Progress, make_progress
+from mission.recorder import FolderRecorder
 from mission.records import RoundRecord
+from mission.stopwatch import Stopwatch
 
 
 def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRecord:
@@ -57,6 +61,31 @@ def test_two_communities_fit_a_terminal() -> None:
     assert re.search(r"1/50 +130 s +42x +2\.000 1\.900 -5\.0 % +9/12 +0\.125 +0\.500", text)
     assert "by the way" in text
     assert "flying" not in text.splitlines()[-1]
+
+
+def test_every_row_keeps_its_own_speed() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80, no_color=True)
+    progress = LiveTable(console, rounds=50)
+    for number in range(1, LiveTable.ROWS + 3):
+        progress.round_done(record(number), real_time_factor=10.0 * number)
+    progress.close()
+    with console.capture() as caught:
+        console.print(progress)
+    shown_rows = re.findall(r"(\d+)/50 +130 s +(\d+)x", caught.get())
+    assert shown_rows == [(str(n), str(10 * n)) for n in range(3, LiveTable.ROWS + 3)]
+
+
+def test_a_round_s_speed_is_its_own() -> None:
+    """100 s of flight, take-off among them, in 2 s; then 60 s in 3 s."""
+    stopwatch, parts = Stopwatch(), Mock()
+    recorder = FolderRecorder(*[parts] * 7, parts.progress, stopwatch)
+    speeds = []
+    for number, start_s, duration_s, fly_wall_s in ((1, 20.0, 80.0, 2.0), (2, 100.0, 60.0, 5.0)):
+        stopwatch.wall_s["fly"] = fly_wall_s
+        one = replace(record(number), start_t_s=start_s, duration_s=duration_s)
+        recorder.finished(Mock(record=one, remembered=True))
+        speeds.append(parts.progress.round_done.call_args.kwargs["real_time_factor"])
+    assert speeds == [50.0, 20.0]
 
 
 def test_a_long_phase_says_for_how_long(monkeypatch) -> None:
