@@ -1,8 +1,8 @@
 """What can be chosen about the aircraft, its sensors and its weather."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flightdyn.faults import Fault
 
@@ -116,6 +116,15 @@ class MagConfig(_Model):
     hard_iron_gauss: float = Field(
         default=0.002, ge=0, le=0.2, description="std of the constant offset left by calibration"
     )
+
+    @model_validator(mode="after")
+    def _heading(self) -> Self:
+        if self.field_north_gauss == self.field_east_gauss == 0:
+            raise ValueError(
+                "field_north_gauss and field_east_gauss are both 0: where the field is upright it "
+                "tells no heading"
+            )
+        return self
 
 
 class SensorsConfig(_Model):

@@ -146,3 +146,8 @@ def test_configuration_survives_a_round_trip() -> None:
         {"sensors": SensorsConfig(kind="perfect"), "faults": [{"kind": "gnss_off", "at_s": 3}]}
     )
     assert AircraftConfig.model_validate_json(config.model_dump_json()) == config
+
+
+def test_an_upright_field_tells_no_heading() -> None:
+    with pytest.raises(ValidationError, match="tells no heading"):
+        MagConfig(field_north_gauss=0.0, field_east_gauss=0.0)
