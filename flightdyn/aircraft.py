@@ -1,5 +1,7 @@
 """The aircraft: physics, sensors, estimation, guidance and control, one tick at a time."""
 
+import math
+
 from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
@@ -49,7 +51,7 @@ class Aircraft:
         self._clock = clock
         self.dt_ns = clock.dt_ns
         self._interval = interval
-        heading = config.heading_deg * 3.141592653589793 / 180
+        heading = config.heading_deg * math.pi / 180
         self.vehicle = Multirotor(
             self.frame,
             config.wind,
@@ -235,10 +237,6 @@ class Aircraft:
     def end(self, fault: Fault) -> None:
         """End one fault in force, and no other; nothing happens where it is not in force."""
         self._faults.end(fault)
-
-    def clear_faults(self) -> None:
-        """End all faults in force."""
-        self._faults.clear()
 
     def arm(self) -> None:
         """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""

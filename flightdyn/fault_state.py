@@ -48,11 +48,6 @@ class FaultState:
         self._active = [(other, end) for other, end in self._active if other != fault]
         self._apply()
 
-    def clear(self) -> None:
-        """End all faults in force."""
-        self._active.clear()
-        self._apply()
-
     def update(self, t_ns: int) -> None:
         """Begin what is scheduled and end what is over."""
         while self._waiting and self._waiting[-1].at_s * 1e9 <= t_ns:

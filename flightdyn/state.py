@@ -55,13 +55,8 @@ class Innovation:
     kind: str  # "gnss position" (m, NED), "gnss velocity" (m/s, NED), "baro" (m), "heading" (rad)
     values: tuple[float, ...]
     stds: tuple[float, ...]  # expected of the values, in their units
-    nis: float  # normalised innovation squared
+    nis: float  # normalised innovation squared; on average as many as `values`, by the model
     gate: float  # the filter refuses a measurement whose `nis` reaches it
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom: the mean of `nis` where the filter's model holds."""
-        return len(self.values)
 
     @property
     def accepted(self) -> bool:

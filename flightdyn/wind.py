@@ -1,7 +1,6 @@
-"""Steady wind, gusts, and how strong turbulence is at a height above ground."""
+"""Steady wind and gusts."""
 
 import math
-from dataclasses import dataclass
 
 from flightdyn.config import GustConfig, WindConfig
 from flightdyn.frames import Triple
@@ -18,29 +17,6 @@ def steady_wind_ned(config: WindConfig) -> Triple:
 def wind_at_20ft(config: WindConfig) -> float:
     """Wind speed (m/s) at 20 ft above ground, which sets the strength of low turbulence."""
     return config.speed_mps if config.wind_at_20ft_mps is None else config.wind_at_20ft_mps
-
-
-@dataclass(frozen=True, slots=True)
-class TurbulenceScale:
-    """Standard deviations (m/s) and length scales (m) of the Dryden model at one height."""
-
-    sigma_horizontal_mps: float
-    sigma_vertical_mps: float
-    length_horizontal_m: float
-    length_vertical_m: float
-
-
-def low_altitude_turbulence(height_m: float, *, wind_20ft_mps: float) -> TurbulenceScale:
-    """MIL-F-8785C, 3.7.3.4 and figures 10, 11: turbulence below 1000 ft above ground."""
-    h = min(1000.0, max(10.0, height_m / FT_M))
-    shape = 0.177 + 0.000823 * h
-    sigma_w = 0.1 * wind_20ft_mps
-    return TurbulenceScale(
-        sigma_horizontal_mps=sigma_w / shape**0.4,
-        sigma_vertical_mps=sigma_w,
-        length_horizontal_m=h / shape**1.2 * FT_M,
-        length_vertical_m=h * FT_M,
-    )
 
 
 def gust_ned(gusts: tuple[GustConfig, ...], t_s: float) -> Triple:

@@ -91,11 +91,10 @@ class MissionCount:
 
 @dataclass(frozen=True, slots=True)
 class MissionRequest:
-    """One item is asked for; `as_int` for MISSION_REQUEST_INT."""
+    """One item is asked for."""
 
     seq: int
     mission_type: MissionType
-    as_int: bool = True
 
 
 @dataclass(frozen=True, slots=True)

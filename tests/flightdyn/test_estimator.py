@@ -202,7 +202,7 @@ def observe(seed: int, seconds: float) -> Errors:
         rows.append((np.array(e), covariance, np.array(now), navigation.receiver.error_ned_m))
         for innovation in estimator.innovations:
             assert innovation.accepted or innovation.nis < 40
-            nis[innovation.kind].append(innovation.nis / innovation.dof)
+            nis[innovation.kind].append(innovation.nis / len(innovation.values))
         estimator.innovations.clear()
     return Errors(*(np.array(column) for column in zip(*rows, strict=True)), nis=nis)
 

@@ -185,7 +185,8 @@ def test_configured_faults_begin_on_their_own() -> None:
     assert [fault.kind for fault in aircraft.faults] == ["wind_burst"]
     run(aircraft, 1.5)
     assert [fault.kind for fault in aircraft.faults] == ["wind_burst", "gnss_off"]
-    aircraft.clear_faults()
+    for fault in aircraft.faults:
+        aircraft.end(fault)
     assert aircraft.faults == ()
 
 

@@ -71,9 +71,6 @@ class PointMass:
     def end(self, fault: Fault) -> None:
         self.faults = tuple(other for other in self.faults if other != fault)
 
-    def clear_faults(self) -> None:
-        self.faults = ()
-
     def arm(self) -> None:
         self.armed = True
 

@@ -111,12 +111,8 @@ _DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
     mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: _item_int,
     mav.MAVLINK_MSG_ID_MISSION_ITEM: _item_float,
     mav.MAVLINK_MSG_ID_MISSION_COUNT: _with_type(lambda msg, t: m.MissionCount(msg.count, t)),
-    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _with_type(
-        lambda msg, t: m.MissionRequest(msg.seq, t, as_int=True)
-    ),
-    mav.MAVLINK_MSG_ID_MISSION_REQUEST: _with_type(
-        lambda msg, t: m.MissionRequest(msg.seq, t, as_int=False)
-    ),
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _with_type(lambda msg, t: m.MissionRequest(msg.seq, t)),
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST: _with_type(lambda msg, t: m.MissionRequest(msg.seq, t)),
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _with_type(lambda _, t: m.MissionRequestList(t)),
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: _with_type(_partial),
     mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: _with_type(_partial),
