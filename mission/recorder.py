@@ -116,7 +116,12 @@ def recording(
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(
-                folder.log, area=world.area, devices=devices, fence=_fence(world), mirrors=mirrors
+                folder.log,
+                area=world.area,
+                devices=devices,
+                fence=_fence(world),
+                mirrors=mirrors,
+                raw_mavlink=audience.log_mavlink,
             )
         )
         rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))

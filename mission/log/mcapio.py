@@ -5,12 +5,15 @@ from typing import IO
 from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from mission.log.topics import TOPICS
+from mission.log.topics import RAW, TOPICS
 
 LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
 
 # A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
 _CHUNK_BYTES = 4 << 20
+
+# Ids of the channels of raw bytes.
+RAW_CHANNELS = range(len(TOPICS) - len(RAW) + 1, len(TOPICS) + 1)
 
 
 def new_writer(stream: IO[bytes]) -> Writer:
@@ -25,13 +28,17 @@ def new_writer(stream: IO[bytes]) -> Writer:
     return writer
 
 
-def register(writer: Writer) -> None:
-    """Register every topic, in one order, so that ids mean the same in every log of ours."""
+def register(writer: Writer, *, raw: bool) -> None:
+    """Register every topic, in one order, so that ids mean the same in every log of ours.
+
+    Topics of raw bytes, the last, only where there will be such (`raw`).
+    """
     schemas, channels = our_channels()
     for schema in schemas.values():
         writer.register_schema(schema.name, schema.encoding, schema.data)
-    for channel in channels.values():
-        writer.register_channel(channel.topic, channel.message_encoding, channel.schema_id)
+    for number, channel in channels.items():
+        if raw or number not in RAW_CHANNELS:
+            writer.register_channel(channel.topic, channel.message_encoding, channel.schema_id)
 
 
 def our_channels() -> tuple[dict[int, Schema], dict[int, Channel]]:

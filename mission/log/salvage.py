@@ -16,7 +16,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from mission.log import framing
 from mission.log.framing import HEAD, BrokenRecordError, Frame
-from mission.log.mcapio import our_channels
+from mission.log.mcapio import RAW_CHANNELS, our_channels
 
 _OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _SUMMARY = frozenset((Opcode.SCHEMA, Opcode.CHANNEL))
@@ -56,6 +56,10 @@ class Saved:
         if not ours:
             return self.schemas, self.channels
         schemas, channels = our_channels()
+        used = {m.channel_id for batch in self.batches if isinstance(batch, list) for m in batch}
+        for number in RAW_CHANNELS:
+            if number not in used:
+                del channels[number]
         return {**schemas, **self.schemas}, {**channels, **self.channels}
 
 

@@ -27,14 +27,18 @@ class McapSink:
     The bytes are a function of what is written and flushed: nothing of the wall clock goes in.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Start the file, replacing one that is there; raises LogError if it cannot be made."""
+    def __init__(self, path: Path, *, raw: bool) -> None:
+        """Start the file, replacing one that is there; `raw`: with channels of raw MAVLink.
+
+        Raises:
+            LogError: it cannot be made.
+        """
         self.path = path
         with self._named():
             self._file = path.open("wb")
         with self._named():
             self._writer = new_writer(self._file)
-            register(self._writer)
+            register(self._writer, raw=raw)
         self._channel = {channel.topic: number for number, channel in our_channels()[1].items()}
         self._sequence = dict.fromkeys(self._channel.values(), 0)
 

@@ -265,10 +265,13 @@ MAVLINK_FROM_VEHICLE = Topic(
     "/mavlink/from_vehicle", "", "", b"", "mavlink", "raw frames of the vehicle, by option"
 )
 
+# Declared where they are wanted only: viewers complain of channels that they cannot read. Last
+# among the topics, so that the numbers of the others do not depend on them.
+RAW = (MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE)
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
-    *(MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE),
     *(TRUE_WIND, INNOVATIONS, FENCE),
+    *RAW,
 )

@@ -44,8 +44,11 @@ class FlightLog:
         fence: Sequence[Zone] = (),
         rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
+        raw_mavlink: bool = False,
     ) -> None:
         """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
+
+        `raw_mavlink`: whether `mavlink` will be called.
 
         Raises:
             LogError: the file cannot be made.
@@ -54,7 +57,7 @@ class FlightLog:
         self._frame = area.frame
         self._devices = devices
         self._fence = tuple(fence)
-        self._file = McapSink(path)
+        self._file = McapSink(path, raw=raw_mavlink)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         self._mirrored = bool(mirrors)
         self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
@@ -62,7 +65,6 @@ class FlightLog:
         self._flushed_ns = 0
         self._shown_s = 0.0
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
-        self._write(topics.SCENE_GROUND, 0, scene.ground(0, area, self._fence))
         self._write_world(0)
         look = layout(area, devices.communities)
         self.attach(LAYOUT, "application/json", look)
@@ -235,7 +237,11 @@ class FlightLog:
             sink.flush()
 
     def _write_world(self, t_ns: int) -> None:
-        """Devices and fence, at the start and with every plan: no damage takes them away."""
+        """Ground, devices and fence, at the start and with every plan.
+
+        No damage takes them away, and viewers that drop what comes at the very start have them.
+        """
+        self._write(topics.SCENE_GROUND, t_ns, scene.ground(t_ns, self._area, self._fence))
         values = {
             "pos_m": self._devices.pos_m.tolist(),
             "community": list(self._devices.community),

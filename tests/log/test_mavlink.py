@@ -50,7 +50,8 @@ class Loop:
 
 def recorded(path: Path) -> Loop:
     inner = Loop()
-    with FlightLog(path, area=AREA, devices=devices(np.random.default_rng(1))) as log:
+    world = devices(np.random.default_rng(1))
+    with FlightLog(path, area=AREA, devices=world, raw_mavlink=True) as log:
         link = RecordedLink(inner, log)
         inner.arrived = [(b"".join(frames()[:2]), None)]
         assert link.receive() == [(b"".join(frames()[:2]), None)]
