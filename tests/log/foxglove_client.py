@@ -8,12 +8,14 @@ import socket
 import struct
 from typing import Any, Self
 
+from patience import HANG_S
+
 
 class FoxgloveClient:
     """Connects, learns the channels, subscribes, and reads messages in order of arrival."""
 
     def __init__(self, port: int) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port), timeout=20)
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=HANG_S)
         self._buffer = b""
         key = base64.b64encode(os.urandom(16)).decode()
         self._socket.sendall(

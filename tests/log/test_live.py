@@ -5,11 +5,11 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from foxglove_client import FoxgloveClient
+from patience import HANG_S, until
 from synthetic_flight import fly
 
 from mission.errors import LinkLostError
@@ -79,14 +79,15 @@ def test_a_used_port_is_named() -> None:
         live.close()
         live.close()
     # The server lets go of its port a little after it was told to stop.
-    deadline = time.monotonic() + 20
-    while True:
-        try:
-            LiveView(port=live.port).close()
-            break
-        except LinkLostError:
-            assert time.monotonic() < deadline, "the port is not given back"
-            time.sleep(0.1)
+    until(lambda: free(live.port), "the port is not given back")
+
+
+def free(port: int) -> bool:
+    try:
+        LiveView(port=port).close()
+    except LinkLostError:
+        return False
+    return True
 
 
 def test_a_flight_is_watched_live(tmp_path: Path) -> None:
@@ -98,16 +99,8 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
                "--live-port", str(port), "--set", "link.speed=1"]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        deadline = time.monotonic() + 300
-        while True:
-            try:
-                viewer = FoxgloveClient(port)
-                break
-            except ConnectionRefusedError:
-                assert time.monotonic() < deadline, "nobody serves the live view"
-                assert process.poll() is None
-                time.sleep(0.1)
-        with viewer:
+        until(lambda: process.poll() is not None or answers(port), "nobody serves the live view")
+        with FoxgloveClient(port) as viewer:
             channels = viewer.channels()
             topics = {channels[name]["id"]: name for name in ("/plan", "/plan/path", "/true/pose")}
             viewer.subscribe(list(topics))
@@ -116,7 +109,7 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
                 number, _, data = viewer.message()
                 seen.setdefault(topics[number], data)
         process.send_signal(signal.SIGINT)
-        printed, _ = process.communicate(timeout=300)
+        printed, _ = process.communicate(timeout=HANG_S)
     finally:
         process.kill()
     assert process.returncode == 130
@@ -128,6 +121,11 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     assert seen["/plan"] == logged["/plan"][0].data
     assert seen["/plan/path"] == logged["/plan/path"][0].data
     assert seen["/true/pose"] in {message.data for message in logged["/true/pose"]}
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 class _NotClosing:

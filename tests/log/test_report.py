@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from patience import HANG_S
 from synthetic_flight import AREA, devices, fly
 
 from mission.compare import compare_run
@@ -161,7 +162,7 @@ def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
             "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}",
             f"--window-size={width},1500", f"--screenshot={shot}", "--dump-dom", html.as_uri(),
         ],
-        check=True, capture_output=True, text=True, timeout=120,
+        check=True, capture_output=True, text=True, timeout=HANG_S,
     )  # fmt: skip
     assert "CONSOLE" not in done.stderr
     found = re.search(r'data-result="([^"]*)"', done.stdout)

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from patience import HANG_S
+
 
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -24,12 +26,12 @@ def served(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert "Ctrl-C ends" in line, process.communicate(timeout=30)
+        assert "Ctrl-C ends" in line, process.communicate(timeout=HANG_S)
         yield process
     except BaseException:
         process.kill()
-        process.communicate(timeout=30)
+        process.communicate(timeout=HANG_S)
         raise
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=HANG_S)
     assert (process.returncode, errors) == (0, "")

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import until
 from test_run import SMALL, digests, fly, refused, rows
 
 from mission.cli import call
@@ -29,11 +30,11 @@ def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
     """Start a run and kill it without warning, some time after it finished so many rounds."""
     command = [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", str(ROUNDS)]
     process = subprocess.Popen([*command, *SMALL])
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and process.poll() is None:
-        if (out / "uplinks.csv").exists() and len(rows(out / "rounds.csv")) >= after_rounds:
-            break
-        time.sleep(0.01)
+
+    def far_enough() -> bool:
+        return (out / "uplinks.csv").exists() and len(rows(out / "rounds.csv")) >= after_rounds
+
+    until(lambda: process.poll() is not None or far_enough(), poll_s=0.01)
     time.sleep(delay_s)
     process.send_signal(signal.SIGKILL)
     process.wait()

@@ -10,12 +10,12 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from patience import HANG_S, until
 
 from mission.cli import call
 
@@ -187,13 +187,9 @@ def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
         [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", "500", *SMALL],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        if (out / "rounds.csv").exists() and len(rows(out / "rounds.csv")) >= 1:
-            break
-        time.sleep(0.05)
+    until(lambda: (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv")))
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 130, errors
     assert "Traceback" not in errors
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"

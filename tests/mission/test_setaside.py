@@ -3,10 +3,10 @@
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from patience import until
 from test_checkpoint import killed
 
 from mission.cli import call
@@ -78,9 +78,7 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     aside = out / "checkpoint" / "interrupted"
     command = [sys.executable, "-m", "mission", "run", "--resume", str(out), "--quiet"]
     process = subprocess.Popen(command)
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and not (aside / NAMES[-1]).exists():
-        time.sleep(0.005)
+    until((aside / NAMES[-1]).exists, poll_s=0.005)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert {name: (aside / name).read_bytes() for name in NAMES} == before

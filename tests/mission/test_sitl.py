@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from patience import HANG_S
 from pymavlink import mavutil
 from serving import free_port, served
 
@@ -16,11 +17,9 @@ ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
 READY = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
 
 
-def wait_for(
-    client: Any, kind: str, fit: Callable[[Any], bool] = bool, *, timeout_s: float = 60
-) -> Any:
+def wait_for(client: Any, kind: str, fit: Callable[[Any], bool] = bool) -> Any:
     """The next message of a kind that fits."""
-    limit = time.monotonic() + timeout_s
+    limit = time.monotonic() + HANG_S
     while time.monotonic() < limit:
         message = client.recv_match(type=kind, blocking=True, timeout=1.0)
         if message is not None and fit(message):

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import HANG_S, until
 from test_run import SMALL, rows
 
 from mission.cli import call
@@ -41,13 +42,9 @@ def test_a_polite_kill_is_an_interruption(tmp_path: Path, launcher: list[str]) -
     out = tmp_path / "run"
     command = [*launcher, *AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        if (out / "rounds.csv").exists() and rows(out / "rounds.csv"):
-            break
-        time.sleep(0.05)
+    until(lambda: (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv")))
     process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANG_S)
     assert (process.returncode, "Traceback" in errors) == (130, False)
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
 
@@ -60,7 +57,7 @@ def test_ctrl_c_while_the_program_loads_is_no_traceback(tmp_path: Path, delay_s:
     )
     time.sleep(delay_s)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANG_S)
     # Before Python itself is up nobody can answer the signal but Python.
     assert process.returncode in (130, -signal.SIGINT)
     if process.returncode == 130:
@@ -85,7 +82,7 @@ except KeyboardInterrupt:
 
 def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
     process = subprocess.run(
-        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=HANG_S
     )
     assert (process.returncode, process.stderr) == (130, "")
 

@@ -11,6 +11,7 @@ import numpy as np
 from mavsdk.asyncio import Configuration, Mavsdk, System
 from mavsdk.component_type import ComponentType
 from mavsdk.plugins.mission import MissionItem, MissionPlan
+from patience import HANG_S
 
 from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
@@ -75,7 +76,7 @@ async def over_raw(
         core = mavsdk._mavsdk
         core.subscribe_raw_bytes_to_be_sent(link.feed)
         link.attach(core.pass_received_raw_bytes)
-        system = await mavsdk.first_autopilot(timeout_s=10.0)
+        system = await mavsdk.first_autopilot(timeout_s=HANG_S)
         assert system is not None
         yield system, simulation
         link.detach()
@@ -87,7 +88,7 @@ async def over_udp(vehicle: Vehicle) -> AsyncIterator[tuple[System, Simulation]]
     link = UdpLink("udpin://127.0.0.1:0")
     async with Simulation(vehicle, link) as simulation, client() as mavsdk:
         await mavsdk.add_any_connection(f"udpout://127.0.0.1:{link.port}")
-        system = await mavsdk.first_autopilot(timeout_s=10.0)
+        system = await mavsdk.first_autopilot(timeout_s=HANG_S)
         assert system is not None
         yield system, simulation
 
@@ -96,17 +97,17 @@ def client() -> Mavsdk:
     return Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 
 
-async def until(condition: Callable[[], bool], *, timeout_s: float = 20.0) -> None:
+async def until(condition: Callable[[], bool]) -> None:
     """Wait in wall time."""
-    limit = time.monotonic() + timeout_s
+    limit = time.monotonic() + HANG_S
     while not condition():
         assert time.monotonic() < limit, "waited in vain"
         await asyncio.sleep(0.005)
 
 
-async def until_true(ask: Callable[[], Awaitable[bool]], *, timeout_s: float = 20.0) -> None:
+async def until_true(ask: Callable[[], Awaitable[bool]]) -> None:
     """Wait for the answer yes."""
-    limit = time.monotonic() + timeout_s
+    limit = time.monotonic() + HANG_S
     while not await ask():
         assert time.monotonic() < limit, "waited in vain"
         await asyncio.sleep(0.005)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.plugins.mission_raw import MissionItem
+from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import client, make_vehicle
 
@@ -60,7 +61,7 @@ def test_upload_and_download() -> None:
             core = mavsdk._mavsdk
             core.subscribe_raw_bytes_to_be_sent(link.feed)
             link.attach(core.pass_received_raw_bytes)
-            raw = MissionRawAsync(await mavsdk.first_autopilot(timeout_s=10.0))
+            raw = MissionRawAsync(await mavsdk.first_autopilot(timeout_s=HANG_S))
             await raw.upload_mission(items)
             assert len(vehicle.autopilot.flight.mission.items) == 3
             back = await raw.download_mission()

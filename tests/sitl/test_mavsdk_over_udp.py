@@ -21,6 +21,7 @@ from mavsdk.plugins.geofence import Circle, FenceType, GeofenceData, Point, Poly
 from mavsdk.plugins.mission_raw import MissionItem, MissionRawError
 from mavsdk.plugins.param import ParamError
 from mavsdk.plugins.telemetry import FixType, FlightMode, LandedState
+from patience import HANG_S
 from sitl_mavsdk import HOME, Recorder, make_vehicle, mission_plan, over_udp, until, until_true
 
 from flightdyn.frames import LocalFrame
@@ -178,7 +179,7 @@ def test_telemetry() -> None:
                 "landed_state", "in_air", "armed", "health", "altitude", "fixedwing_metrics",
                 "ground_truth", "velocity_ned", "attitude_angular_velocity_body",
             )  # fmt: skip
-            async with asyncio.timeout(20.0):
+            async with asyncio.timeout(HANG_S):
                 values = await asyncio.gather(
                     *(first(getattr(telemetry, f"subscribe_{name}")()) for name in names)
                 )

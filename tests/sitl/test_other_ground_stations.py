@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from patience import HANG_S
 from pymavlink import mavutil, mavwp
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
@@ -61,7 +62,7 @@ class Station:
         self.link.mav.heartbeat_send(6, 8, 0, 0, 4)
 
     def wait(self, kind: str, condition: Callable[[Any], bool] = lambda _: True) -> Any:
-        limit = time.monotonic() + 20.0
+        limit = time.monotonic() + HANG_S
         while time.monotonic() < limit:
             message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
             self.say_hello()
@@ -76,7 +77,7 @@ class Station:
 
     def fly(self, mission: Path) -> None:
         self.say_hello()
-        self.link.wait_heartbeat(timeout=10.0)
+        self.link.wait_heartbeat(timeout=HANG_S)
         self.wait("SYS_STATUS", lambda s: bool(s.onboard_control_sensors_health & 0x10000000))
         self.link.param_fetch_all()
         names: set[str] = set()
@@ -137,7 +138,7 @@ class MavProxy:
             await self.hears(answer, since=before)
 
     async def hears(self, text: str, *, since: int = 0) -> None:
-        limit = time.monotonic() + 30.0
+        limit = time.monotonic() + HANG_S
         while text not in self.said[since:]:
             assert time.monotonic() < limit, f"no {text!r} in {self.said!r}"
             await asyncio.sleep(0.02)

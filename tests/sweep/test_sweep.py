@@ -10,10 +10,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from patience import HANG_S, until
 
 from mission.cli import call
 from mission.sweep.engine import Ended
@@ -42,13 +42,6 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def tables(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in TABLES}
-
-
-def until(condition: Callable[[], bool], *, seconds: float = 300.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
 
 
 class Inline:
@@ -176,7 +169,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path
     first = out / "runs" / "cov-seed1"
     until((first / "flight.mcap").is_file)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
-    printed, errors = process.communicate(timeout=180)
+    printed, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 130, errors
     assert errors == ""
     assert "interrupted; 0 of 2 runs are done; the same command goes on from here" in printed
@@ -266,7 +259,7 @@ def test_ray_finds_the_same_though_a_worker_is_killed(swept: Path, tmp_path: Pat
     until(lambda: process.poll() is not None or (log.is_file() and log.stat().st_size > 0))
     if process.poll() is None:
         os.kill(writer_of(log), signal.SIGKILL)
-    printed, errors = process.communicate(timeout=180)
+    printed, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 0, errors
     assert printed.count("cov-seed1: its worker died; the run is repeated") == 1
     assert tables(out) == tables(swept)

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from patience import HANG_S
 
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Point
@@ -165,7 +166,7 @@ def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
             f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1500",
             "--dump-dom", html.as_uri(),
         ],
-        check=True, capture_output=True, text=True, timeout=120,
+        check=True, capture_output=True, text=True, timeout=HANG_S,
     )  # fmt: skip
     assert "CONSOLE" not in done.stderr
     found = re.search(r'data-result="([^"]*)"', done.stdout)
