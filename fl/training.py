@@ -127,4 +127,9 @@ def in_parallel(jobs: Sequence[Callable[[], Result]], *, workers: int) -> list[R
     if workers <= 1 or len(jobs) <= 1:
         return [job() for job in jobs]
     with ThreadPoolExecutor(min(workers, len(jobs))) as pool:
-        return [future.result() for future in [pool.submit(job) for job in jobs]]
+        try:
+            return [future.result() for future in [pool.submit(job) for job in jobs]]
+        except BaseException:
+            # Ctrl-C waits for what is under way, not for what nobody will ask for.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
