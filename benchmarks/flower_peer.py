@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from plain_loop import PlainNet, arrays_of, load_arrays, random_loader, train_plainly
+from plain_loop import arrays_of, load_arrays, random_loader, train_plainly
 
 from fl.convnet import ConvNet
+from fl.modules.builtin import PlainNet
 
 ROUNDS = 4
 

@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
-from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, loader_of, plain_epoch
+from plain_loop import LEARNING_RATE, MOMENTUM, MU, loader_of, plain_epoch
 
 from fl.convnet import ConvNet
 from fl.datasets import Split
 from fl.models import make_network
-from fl.modules import ModuleNetwork
+from fl.modules.builtin import BuiltInNetwork, PlainNet
 from fl.training import LocalSettings, LocalTask, Network, scaling_of
 
 BATCH = 16
@@ -73,11 +73,13 @@ def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: 
 
     def ours(network: Network) -> None:
         settings = LocalSettings(LEARNING_RATE, MOMENTUM, MU, BATCH, 1)
-        for device, share in enumerate(shares):
-            task = LocalTask(share, np.random.Generator(np.random.PCG64(device)))
-            network.train(split, model, task, scaling=scaling, settings=settings)
+        tasks = [
+            LocalTask(share, np.random.Generator(np.random.PCG64(device)))
+            for device, share in enumerate(shares)
+        ]
+        network.train(split, model, tasks, scaling=scaling, settings=settings)
 
-    module = ModuleNetwork(lambda: PlainNet(net), name=name, classes=10)
+    module = BuiltInNetwork(net, name=name, device="cpu")
     return Jobs(
         net=net,
         steps=sum(-(-share.size // BATCH) for share in shares),

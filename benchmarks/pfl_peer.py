@@ -14,9 +14,10 @@ from pfl.data.sampling import get_user_sampler
 from pfl.hyperparam.base import NNTrainHyperParams
 from pfl.metrics import Metrics, Weighted
 from pfl.model.pytorch import PyTorchModel
-from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, random_loader
+from plain_loop import LEARNING_RATE, MOMENTUM, MU, random_loader
 
 from fl.convnet import ConvNet
+from fl.modules.builtin import PlainNet
 
 ROUNDS = 4
 

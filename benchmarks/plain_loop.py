@@ -18,31 +18,6 @@ LEARNING_RATE = 0.01
 MOMENTUM = 0.9
 
 
-class PlainNet(nn.Module):
-    """The same network as `fl.convnet.ConvNet`."""
-
-    def __init__(self, net: ConvNet) -> None:
-        super().__init__()
-        height, width, depth = net.image_shape
-        first, second = net.channels
-        self.conv1 = nn.Conv2d(depth, first, 5, padding=net.padding[0])
-        self.conv2 = nn.Conv2d(first, second, 5, padding=net.padding[1])
-        features = self._features(torch.zeros(1, depth, height, width)).numel()
-        layers: list[nn.Module] = []
-        for width_in, width_out in zip((features, *net.hidden), net.hidden, strict=False):
-            layers += [nn.Linear(width_in, width_out), nn.ReLU()]
-        self.dense = nn.Sequential(*layers, nn.Linear(net.hidden[-1], net.classes))
-
-    def _features(self, x: torch.Tensor) -> torch.Tensor:
-        x = F.max_pool2d(F.relu(self.conv1(x)), 2)
-        return F.max_pool2d(F.relu(self.conv2(x)), 2)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Logits of images (batch, channels, height, width)."""
-        logits: torch.Tensor = self.dense(self._features(x).flatten(1))
-        return logits
-
-
 def loader_of(images: torch.Tensor, labels: torch.Tensor, *, batch: int) -> Loader:
     """Shuffled batches of one device's data."""
     return DataLoader(TensorDataset(images, labels), batch_size=batch, shuffle=True)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from fl import partition
 from fl.algorithms import Algorithm, make_algorithm
-from fl.config import BUILT_IN_NETWORKS, CommunityConfig, LearningConfig
+from fl.config import CommunityConfig, LearningConfig
 from fl.datasets import Dataset, load
+from fl.device import check_device
 from fl.errors import SettingError
 from fl.models import make_network
 from fl.training import Network, Scaling, scaling_of
@@ -131,14 +132,7 @@ def build(
     for name in names:
         if names.count(name) > 1:
             raise SettingError("communities.name", name, "is given twice")
-    if learning.device != "cpu" and all(
-        config.network in BUILT_IN_NETWORKS for config in communities
-    ):
-        raise SettingError(
-            "learning.device",
-            learning.device,
-            "is for torch modules of your own; the built-in networks train on the processor",
-        )
+    check_device(learning.device)
     loaded: dict[tuple[str, str | None], Dataset] = {}
     built = []
     for config in communities:
@@ -181,7 +175,11 @@ def _community(
     counts = partition.class_counts(labels, shares, classes=classes)
     counts.setflags(write=False)
     network = make_network(
-        config.network, image_shape=dataset.image_shape, classes=classes, device=device
+        config.network,
+        image_shape=dataset.image_shape,
+        classes=classes,
+        device=device,
+        devices=config.devices,
     )
     orphans = np.flatnonzero(counts.sum(axis=0) == 0)
     if orphans.size:

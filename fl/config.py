@@ -144,6 +144,5 @@ class LearningConfig(_Frozen):
     )
     device: Literal["cpu", "cuda"] = Field(
         "cpu",
-        description="where torch modules of your own train; the built-in networks are compiled for"
-        " the processor",
+        description="where networks train: the processor, or a GPU by way of torch",
     )

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,12 +72,28 @@ class ConvNet:
         self,
         split: Split,
         model: Vector,
-        task: LocalTask,
+        tasks: Sequence[LocalTask],
         *,
         scaling: Scaling,
         settings: LocalSettings,
+    ) -> list[LocalResult]:
+        """Local training of each task from the global `model` (P,), in any number of threads."""
+        images = _images(split, scaling)
+        return [self._train(images, model, task, settings) for task in tasks]
+
+    def correct_per_class(
+        self, split: Split, model: Vector, *, scaling: Scaling
+    ) -> NDArray[np.int64]:
+        """How many images of each class the model gets right, (classes,)."""
+        correct = np.zeros(self.classes, dtype=np.int64)
+        weights = _aligned(model.shape)
+        weights[:] = model
+        local.count_correct(_images(split, scaling), self._shape, self._room(), weights, correct)
+        return correct
+
+    def _train(
+        self, images: local.Images, model: Vector, task: LocalTask, settings: LocalSettings
     ) -> LocalResult:
-        """Local training from the global `model` (P,); any number of threads at a time."""
         order = batch_order(task, settings)
         order = np.pad(order, ((0, 0), (0, -order.shape[1] % WIDTH)), constant_values=-1)
         weights, anchor = _aligned(model.shape), _aligned(model.shape)
@@ -90,20 +107,8 @@ class ConvNet:
             np.float32(settings.momentum),
             np.float32(settings.mu),
         )
-        loss = local.train(
-            _images(split, scaling), order, self._shape, self._room(), vectors, rates
-        )
+        loss = local.train(images, order, self._shape, self._room(), vectors, rates)
         return LocalResult(weights, len(order), loss)
-
-    def correct_per_class(
-        self, split: Split, model: Vector, *, scaling: Scaling
-    ) -> NDArray[np.int64]:
-        """How many images of each class the model gets right, (classes,)."""
-        correct = np.zeros(self.classes, dtype=np.int64)
-        weights = _aligned(model.shape)
-        weights[:] = model
-        local.count_correct(_images(split, scaling), self._shape, self._room(), weights, correct)
-        return correct
 
     @cached_property
     def _shape(self) -> Shape:

@@ -110,8 +110,9 @@ def play_round(
 
     Only devices whose update arrives are trained: nobody would ever see the others', and every
     device draws from its own stream, so the result is the same. Up to `workers` devices train at
-    a time, one thread each, with the same result for any number. Raises `DivergedError` naming
-    round, community and device.
+    a time, one thread each, with the same result for any number; on a GPU a community's train
+    together, the same within rounding whoever they are. Raises `DivergedError` naming round,
+    community and device.
     """
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
         raise ValueError(f"scheduled and delivered must be of shape {federation.p.shape}")
@@ -123,18 +124,20 @@ def play_round(
     sent = fair.windowed_accuracy(state.eps_history)
     eps_received = np.where(delivered, sent, state.eps_received)
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
-    arrived = [
-        (index, int(device))
-        for index in range(len(federation.communities))
-        for device in np.flatnonzero(delivered[federation.members(index)])
-    ]
+    parts: list[tuple[int, list[int]]] = []  # a community, and devices that it trains in one call
+    for index, community in enumerate(federation.communities):
+        arrived = np.flatnonzero(delivered[federation.members(index)]).tolist()
+        if community.network.parallel:
+            parts += [(index, [device]) for device in arrived]
+        elif arrived:
+            parts.append((index, arrived))
     results = in_parallel(
-        [partial(_train, federation, state, index, device) for index, device in arrived],
+        [partial(_train, federation, state, index, devices) for index, devices in parts],
         workers=workers,
     )
     trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
-    for (index, device), result in zip(arrived, results, strict=True):
-        trained[index][device] = result
+    for (index, devices), result in zip(parts, results, strict=True):
+        trained[index].update(zip(devices, result, strict=True))
     lessons = in_parallel(
         [partial(_learn, federation, state, *each) for each in enumerate(trained)],
         workers=workers,
@@ -189,18 +192,23 @@ class _Lesson:
     correct: Indices  # (classes,)
 
 
-def _train(federation: Federation, state: FederationState, index: int, device: int) -> LocalResult:
-    """Local training of one device, which counts within its community."""
+def _train(
+    federation: Federation, state: FederationState, index: int, devices: Sequence[int]
+) -> list[LocalResult]:
+    """Local training of devices, which count within their community."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
-    result = community.network.train(
+    results = community.network.train(
         community.dataset.train,
         state.models[index],
-        LocalTask(
-            samples=community.shares[device],
-            rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-            correction=algorithm.correction(state.algorithm[index], device),
-        ),
+        [
+            LocalTask(
+                samples=community.shares[device],
+                rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
+                correction=algorithm.correction(state.algorithm[index], device),
+            )
+            for device in devices
+        ],
         scaling=community.scaling,
         settings=LocalSettings(
             learning_rate=learning.learning_rate,
@@ -210,9 +218,10 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
             epochs=learning.local_epochs,
         ),
     )
-    if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
-        raise DivergedError(number, community.name, device, result.loss)
-    return result
+    for device, result in zip(devices, results, strict=True):
+        if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
+            raise DivergedError(number, community.name, device, result.loss)
+    return results
 
 
 def _learn(

@@ -14,26 +14,45 @@ def parameter_count(network: Network) -> int:
 
 
 def make_network(
-    name: str, *, image_shape: tuple[int, int, int], classes: int, device: str = "cpu"
+    name: str,
+    *,
+    image_shape: tuple[int, int, int],
+    classes: int,
+    device: str = "cpu",
+    devices: int = 1,
 ) -> Network:
     """The network `name` for a task: "lenet", "mcmahan" or "package.module:callable".
 
     LeNet (LeCun et al. 1998): 6 and 16 feature maps, 120 and 84 hidden units; the padding is
     LeNet-5's where the images are 28 or 32 pixels wide, and "same" where they are too small.
     McMahan et al. 2017: 32 and 64 maps, 512 hidden units, "same" padding. A callable is called
-    without arguments and returns the module, which trains on the torch device `device`.
-    `NetworkError` says what does not fit, `SettingError` that there is no such device.
+    without arguments and returns the module. On the torch device "cuda" the `devices` of a
+    community train together. `NetworkError` says what does not fit.
     """
     smallest = min(image_shape[:2])
-    if name in BUILT_IN_NETWORKS and smallest < 4:
-        raise NetworkError(name, f"images of {image_shape} are too small, 4 x 4 is the least")
-    if name == "lenet":
-        first = 0 if smallest >= 32 else 2
-        second = 0 if (smallest + 2 * first - 4) // 2 >= 14 else 2
-        return ConvNet(image_shape, (6, 16), (first, second), (120, 84), classes)
-    if name == "mcmahan":
-        return ConvNet(image_shape, (32, 64), (2, 2), (512,), classes)
-    # Imported here: only a user's module needs torch, which takes seconds.
-    from fl.modules import ModuleNetwork
+    if name in BUILT_IN_NETWORKS:
+        if smallest < 4:
+            raise NetworkError(name, f"images of {image_shape} are too small, 4 x 4 is the least")
+        if name == "lenet":
+            first = 0 if smallest >= 32 else 2
+            second = 0 if (smallest + 2 * first - 4) // 2 >= 14 else 2
+            net = ConvNet(image_shape, (6, 16), (first, second), (120, 84), classes)
+        else:
+            net = ConvNet(image_shape, (32, 64), (2, 2), (512,), classes)
+        if device == "cpu":
+            return net
+        # Imported here: compiled code needs no torch, which takes seconds.
+        from fl.modules.builtin import BuiltInNetwork
 
-    return ModuleNetwork.imported(name, image_shape=image_shape, classes=classes, device=device)
+        return BuiltInNetwork(net, name=name, device=device, devices=devices)
+    from fl.modules.network import ModuleNetwork
+    from fl.modules.users import imported
+
+    return ModuleNetwork(
+        imported(name),
+        name=name,
+        image_shape=image_shape,
+        classes=classes,
+        device=device,
+        devices=devices,
+    )

@@ -62,7 +62,7 @@ class Network(Protocol):
 
     @property
     def parallel(self) -> bool:
-        """Whether several threads may call it at a time."""
+        """Whether several threads may call it at a time; else it is given all tasks at once."""
         ...
 
     def initial(self, rng: np.random.Generator) -> Vector:
@@ -73,12 +73,12 @@ class Network(Protocol):
         self,
         split: Split,
         model: Vector,
-        task: LocalTask,
+        tasks: Sequence[LocalTask],
         *,
         scaling: Scaling,
         settings: LocalSettings,
-    ) -> LocalResult:
-        """Local training from the global `model` (P,).
+    ) -> list[LocalResult]:
+        """Local training of each task from the global `model` (P,).
 
         SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
         the batches of `batch_order`.

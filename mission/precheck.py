@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fl.config import BUILT_IN_NETWORKS
 from fl.datasets import load
+from fl.device import check_device
 from fl.errors import LearningInputError, SettingError
 from fl.partition import check_owners
 from mission.errors import InputError
@@ -42,6 +43,10 @@ def faults(config: "RunConfig") -> Iterator[Fault]:
     yield from _parameters(config.vehicle)
     for index, community in enumerate(config.communities):
         yield from _community(community, f"communities.{index}")
+    try:
+        check_device(config.learning.device)
+    except SettingError as error:
+        yield Fault(error.key, error.value, error.allowed)
     if is_import_path(config.mission.strategy):
         yield from _code("mission.strategy", config.mission.strategy)
     if config.planner.factory is not None:

@@ -1,47 +1,9 @@
-"""The same networks as plain `torch.nn.Module`s, trained by torch's own SGD: the reference."""
-
-import itertools
+"""Textbook training of plain `torch.nn.Module`s by torch's own SGD: the reference."""
 
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import nn
-
-from fl.convnet import ConvNet
-
-
-class PlainNet(nn.Module):
-    """Convolution, ReLU, pooling twice, dense layers: in the order in which one writes them."""
-
-    def __init__(self, net: ConvNet) -> None:
-        super().__init__()
-        height, width, depth = net.image_shape
-        first, second = net.channels
-        self.conv1 = nn.Conv2d(depth, first, 5, padding=net.padding[0])
-        self.conv2 = nn.Conv2d(first, second, 5, padding=net.padding[1])
-        with torch.no_grad():
-            features = self.features(torch.zeros(1, depth, height, width)).numel()
-        widths = [features, *net.hidden, net.classes]
-        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(widths))
-
-    def features(self, x: torch.Tensor) -> torch.Tensor:
-        x = F.max_pool2d(F.relu(self.conv1(x)), 2)
-        return F.max_pool2d(F.relu(self.conv2(x)), 2)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        x = self.features(x).flatten(1)
-        for index, layer in enumerate(self.dense):
-            x = layer(F.relu(x) if index else x)
-        return x
-
-    def load(self, flat: np.ndarray) -> "PlainNet":
-        """Take over a flat vector of `ConvNet`, which lies as torch's own parameters do."""
-        nn.utils.vector_to_parameters(torch.from_numpy(flat.copy()), self.parameters())
-        return self
-
-    def flat(self) -> np.ndarray:
-        """The way back."""
-        return nn.utils.parameters_to_vector(self.parameters()).detach().numpy()
 
 
 def train_plainly(

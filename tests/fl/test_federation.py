@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_net import PlainNet, train_plainly
+from reference_net import train_plainly
 
 from fl import federation as fed
 from fl.checkpoint import from_bytes, to_bytes
 from fl.community import assignment_text
 from fl.config import CommunityConfig, LearningConfig
 from fl.convnet import ConvNet
-from fl.errors import CheckpointError, DivergedError, LearningInputError
+from fl.errors import CheckpointError, DivergedError, LearningInputError, SettingError
+from fl.modules.builtin import PlainNet
 from flightdyn.random import RandomStreams
 
 DIGITS = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
@@ -304,9 +305,13 @@ def test_names_must_differ() -> None:
         build(FAST, DIGITS, replace_name(SHAPES, "digits"))
 
 
-def test_a_gpu_is_for_the_users_own_modules() -> None:
-    with pytest.raises(LearningInputError, match=r"learning\.device = 'cuda': .* of your own"):
-        build(FAST.model_copy(update={"device": "cuda"}))
+def test_a_gpu_that_is_not_there_is_refused_before_data_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fl.modules.cuda.is_there", lambda: False)
+    mnist = CommunityConfig(name="mnist", task="mnist")
+    with pytest.raises(SettingError, match=r"learning\.device = 'cuda': must be 'cpu': torch sees"):
+        build(FAST.model_copy(update={"device": "cuda"}), mnist)
 
 
 def replace_name(config: CommunityConfig, name: str) -> CommunityConfig:

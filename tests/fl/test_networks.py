@@ -5,24 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from reference_net import PlainNet
+from devices import DEVICES
 from torch import nn
 
 from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.errors import NetworkError, SettingError
+from fl.errors import NetworkError
 from fl.models import make_network, parameter_count
+from fl.modules.builtin import PlainNet
 from fl.training import LocalSettings, LocalTask, scaling_of
 
 SHAPE = (8, 8, 1)
 ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
-
-DEVICES = [
-    "cpu",
-    pytest.param(
-        "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-    ),
-]
 
 
 class Small(nn.Module):
@@ -102,9 +96,7 @@ def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> No
     def run(devices: list[int]) -> list[np.ndarray]:
         tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
         before = torch.random.get_rng_state()
-        results = [
-            net.train(split, model, task, scaling=scaling, settings=settings) for task in tasks
-        ]
+        results = net.train(split, model, tasks, scaling=scaling, settings=settings)
         assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
         assert results[0].loss < 2.0
         return [result.model for result in results]
@@ -136,9 +128,9 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     settings = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
     mine, theirs = (
         network.train(
-            split, model, LocalTask(np.arange(70), rng(1), shift),
+            split, model, [LocalTask(np.arange(70), rng(1), shift)],
             scaling=scaling, settings=settings,
-        )
+        )[0]
         for network in (own, net)
     )  # fmt: skip
     assert (mine.steps, theirs.steps) == (10, 10)
@@ -148,12 +140,6 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
         network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
     ]
     np.testing.assert_array_equal(*counts)
-
-
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
-def test_a_device_that_is_not_there_is_refused() -> None:
-    with pytest.raises(SettingError, match=r"learning\.device = 'cuda': torch sees no CUDA"):
-        make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10, device="cuda")
 
 
 @pytest.mark.parametrize(
@@ -206,7 +192,7 @@ def test_images_too_small_for_the_built_in_networks() -> None:
             expected = tuple(tuple(value.shape) for value in plain.parameters())
             assert net.shapes == expected
             task = LocalTask(np.arange(3), rng(1))
-            result = net.train(
-                split, net.initial(rng(1)), task, scaling=scaling_of(split), settings=ONE
+            (result,) = net.train(
+                split, net.initial(rng(1)), [task], scaling=scaling_of(split), settings=ONE
             )
             assert np.isfinite(result.model).all()

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from reference_net import PlainNet, train_plainly
+from reference_net import train_plainly
 
 from fl.convnet import ConvNet
 from fl.datasets import Split
 from fl.models import make_network, parameter_count
+from fl.modules.builtin import PlainNet
 from fl.training import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
 
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
@@ -84,8 +85,8 @@ def test_training_is_textbook_fedprox(
     images = floats(split, scaling)
     # No multiple of the batch, and less than a batch.
     for samples in (np.arange(0, 72), np.arange(70, 74)):
-        result = net.train(
-            split, model, LocalTask(samples, rng(10)), scaling=scaling, settings=settings
+        (result,) = net.train(
+            split, model, [LocalTask(samples, rng(10))], scaling=scaling, settings=settings
         )
         plain = PlainNet(net).load(model)
         batches = batches_of(samples, 10, settings)
@@ -104,15 +105,15 @@ def test_one_step_follows_the_gradient_to_rounding() -> None:
     net = conv_net("lenet", (32, 32, 3))
     model, scaling = net.initial(rng(1)), scaling_of(split)
     step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
-    moved = net.train(
-        split, model, LocalTask(np.arange(16), rng(1)), scaling=scaling, settings=step
-    ).model
+    (moved,) = net.train(
+        split, model, [LocalTask(np.arange(16), rng(1))], scaling=scaling, settings=step
+    )
     plain = PlainNet(net).load(model).double()
     x = torch.from_numpy(floats(split, scaling).astype(np.float64)).permute(0, 3, 1, 2)
     loss = torch.nn.functional.cross_entropy(plain(x), torch.from_numpy(split.labels.copy()))
     slopes = torch.autograd.grad(loss, list(plain.parameters()))
     exact = torch.cat([slope.reshape(-1) for slope in slopes]).numpy()
-    np.testing.assert_allclose(model - moved, exact, rtol=1e-4, atol=2e-7)
+    np.testing.assert_allclose(model - moved.model, exact, rtol=1e-4, atol=2e-7)
 
 
 def test_correction_is_added_to_every_gradient() -> None:
@@ -121,13 +122,9 @@ def test_correction_is_added_to_every_gradient() -> None:
     model, scaling = net.initial(rng(2)), scaling_of(split)
     shift = rng(3).standard_normal(model.size).astype(np.float32)
     one_step = LocalSettings(learning_rate=0.1, momentum=0.9, mu=0.1, batch_size=40, epochs=1)
-    plain, corrected = (
-        net.train(
-            split, model, LocalTask(np.arange(40), rng(1), c), scaling=scaling, settings=one_step
-        ).model
-        for c in (None, shift)
-    )
-    np.testing.assert_allclose(plain - corrected, 0.1 * shift, atol=1e-6)
+    tasks = [LocalTask(np.arange(40), rng(1), c) for c in (None, shift)]
+    plain, corrected = net.train(split, model, tasks, scaling=scaling, settings=one_step)
+    np.testing.assert_allclose(plain.model - corrected.model, 0.1 * shift, atol=1e-6)
 
 
 def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
@@ -137,7 +134,7 @@ def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
 
     def train(k: int) -> LocalResult:
         task = LocalTask(np.arange(k, 80, 3), rng(k))
-        return net.train(split, model, task, scaling=scaling, settings=SETTINGS)
+        return net.train(split, model, [task], scaling=scaling, settings=SETTINGS)[0]
 
     alone = [train(k) for k in range(3)]
     with ThreadPoolExecutor(3) as pool:
@@ -181,9 +178,8 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     split = random_split((28, 28, 1), 330)
     net = conv_net("lenet", (28, 28, 1))
     scaling, start = scaling_of(split), net.initial(rng(4))
-    model = net.train(
-        split, start, LocalTask(np.arange(330), rng(1)), scaling=scaling, settings=SETTINGS
-    ).model
+    task = LocalTask(np.arange(330), rng(1))
+    model = net.train(split, start, [task], scaling=scaling, settings=SETTINGS)[0].model
     plain = PlainNet(net).load(model)
     with torch.no_grad():
         x = torch.from_numpy(floats(split, scaling)).permute(0, 3, 1, 2)
@@ -202,7 +198,7 @@ def test_an_old_processor_computes_the_same_bytes(tmp_path: Path) -> None:
         "net = conv_net('lenet', (8, 8, 1));"
         "split = random_split((8, 8, 1), 40); model = net.initial(rng(2));"
         "task = LocalTask(np.arange(40), rng(1)); scaling = scaling_of(split);"
-        "done = net.train(split, model, task, scaling=scaling, settings=SETTINGS);"
+        "done, = net.train(split, model, [task], scaling=scaling, settings=SETTINGS);"
         "print(hashlib.sha256(done.model.tobytes()).hexdigest(), done.loss)"
     )
     old = {
