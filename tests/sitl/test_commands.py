@@ -290,11 +290,28 @@ def test_modes_that_do_not_exist_or_cannot_be() -> None:
     assert "Set mode refused: not armed" in desk.texts()
 
 
+@pytest.mark.parametrize(("off_m", "begins_m"), [(0.5, 0.5), (3.0, 0.0)])
+def test_a_path_begins_at_the_point_that_is_held(off_m: float, begins_m: float) -> None:
+    """The estimate wavers about that point; far off, something else is wrong."""
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.mass.cmd_pos_ned_m = np.array([off_m, 0.0, -30.0])
+    assert desk.vehicle.autopilot.flight.go_to(np.array([70.0, 0.0, -30.0])) is None
+    assert desk.mass.paths[-1].points_ned_m[0] == pytest.approx([begins_m, 0.0, -30.0], abs=1e-6)
+
+
 def test_messages_on_request_and_at_intervals() -> None:
     desk = Desk()
     for number in (148, 242, 264, 115, 141, 42):
         before = len(desk.heard)
         assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, number) == OK
+        assert [message.get_msgId() for message in desk.heard[before:]] == [number, 77]
+    for older, number in (
+        (mav.MAV_CMD_GET_HOME_POSITION, 242),
+        (mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 148),
+    ):
+        before = len(desk.heard)
+        assert desk.command(older) == OK
         assert [message.get_msgId() for message in desk.heard[before:]] == [number, 77]
     assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 9999) == UNSUPPORTED
     assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, NAN) == UNSUPPORTED
@@ -308,6 +325,10 @@ def test_messages_on_request_and_at_intervals() -> None:
     assert desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 115) == OK
     assert of(desk.heard, "MESSAGE_INTERVAL")[-1].interval_us == -1
     assert not of(desk.pass_wall_time(1.0), "HIL_STATE_QUATERNION")
+    assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 500_000) == OK
+    assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 0) == OK  # the default again
+    assert desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 30) == OK
+    assert of(desk.heard, "MESSAGE_INTERVAL")[-1].interval_us == 100_000
     # The sign of life cannot be turned off.
     assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, -1) == OK
     assert len(of(desk.pass_wall_time(5.0), "HEARTBEAT")) in (4, 5, 6)

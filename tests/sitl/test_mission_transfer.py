@@ -498,6 +498,8 @@ def test_refusals_name_what_is_wrong() -> None:
     assert verdict(x=91.0) is r.INVALID_PARAM5_X
     assert verdict(y=181.0) is r.INVALID_PARAM6_Y
     assert verdict(z=math.nan) is r.INVALID_PARAM7
+    assert verdict(z=15_000.0) is r.INVALID_PARAM7
+    assert verdict(z=15_000.0, frame=0) is r.ACCEPTED  # above mean sea level
     assert verdict(params=(-1.0, 0.0, 0.0, 0.0)) is r.INVALID_PARAM1
     assert verdict(params=(0.0, -1.0, 0.0, 0.0)) is r.INVALID_PARAM2
     assert verdict(command=178, frame=2, params=(1.0, 0.0, 0.0, 0.0)) is r.INVALID_PARAM2

@@ -199,16 +199,24 @@ def test_items_without_a_place_come_back_whatever_stood_there(number: float) -> 
     assert (back.command, back.param2) == (mav.MAV_CMD_DO_CHANGE_SPEED, 5.0)
 
 
-def test_pause_and_resume_with_the_speed_that_ruled() -> None:
+MODE, PAUSE = mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_DO_PAUSE_CONTINUE
+
+
+@pytest.mark.parametrize(
+    ("pause", "go_on"), [((MODE, 129, 4, 3), (MODE, 129, 4, 4)), ((PAUSE, 0), (PAUSE, 1))]
+)
+def test_pause_and_resume_with_the_speed_that_ruled(
+    pause: tuple[int, ...], go_on: tuple[int, ...]
+) -> None:
     desk = Desk()
     desk.take_off(30.0)
     desk.upload([speed_item(0, 8.0), item(1, WAYPOINT, north=80.0), item(2, WAYPOINT, north=160.0)])
     start(desk)
     desk.fly(seconds=15.0)
-    assert desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 4, 3) == mav.MAV_RESULT_ACCEPTED
+    assert desk.command(*pause) == mav.MAV_RESULT_ACCEPTED
     desk.fly()
     assert current(desk) == (2, 3, mav.MISSION_STATE_PAUSED, 2)
-    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    assert desk.command(*go_on) == mav.MAV_RESULT_ACCEPTED
     assert desk.mass.paths[-1].speeds_mps == pytest.approx([8.0])
     desk.fly()
     assert reached(desk) == [0, 1, 2]
@@ -224,6 +232,9 @@ def test_set_current_is_answered_and_jumps() -> None:
     heard = desk.send(mav.MAVLink_mission_set_current_message(1, 1, 9))
     assert the(heard, "MISSION_CURRENT").seq == 2
     assert "Set current item refused" in "".join(desk.texts())
+    command = mav.MAV_CMD_DO_SET_MISSION_CURRENT
+    for seq, result, now in ((3, 0, 3), (9, 2, 3), (-5, 2, 3), (-1, 0, 3), (2, 0, 2)):
+        assert (desk.command(command, seq), current(desk)[0]) == (result, now), seq
     start(desk)
     desk.fly()
     assert reached(desk) == [2, 3]
