@@ -21,14 +21,14 @@ _RALLY_STYLE: dict[str, Any] = {"marker": "^", "ms": 7, "mfc": "none", "mec": TE
 _NEAR_M = 1.0  # places closer than this share one label
 
 
-def draw_flight(flight: PlanFlight, folder: Path) -> tuple[Path, ...]:
-    """Draw `map.png` and `profile.png` into `folder`; returns the files.
+def draw_flight(flight: PlanFlight, folder: Path) -> None:
+    """Draw `map.png` and `profile.png` into `folder`.
 
     Raises:
         InputError: they cannot be written.
     """
     pictures = {"map.png": flight_map(flight), "profile.png": profiles([flight])}
-    return save_figures(pictures, folder)
+    save_figures(pictures, folder)
 
 
 def flight_map(flight: PlanFlight) -> Figure:

@@ -20,8 +20,8 @@ _ROW = 0.42  # of a strategy among the ends
 _DOTTED = 12  # points of a line that are few enough to be marked
 
 
-def draw_sweep(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
-    """Draw the sweep's pictures into `folder/figures`; returns the files.
+def draw_sweep(folder: Path, results: Sequence[RunResult]) -> None:
+    """Draw the sweep's pictures into `folder/figures`.
 
     Raises:
         InputError: they cannot be written.
@@ -34,7 +34,7 @@ def draw_sweep(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
     if gains:
         label = "final accuracy of cov less the other's, same seed (points)"
         figures["gains.png"] = _ends(gains, label, zero=True)
-    return save_figures(figures, folder / "figures")
+    save_figures(figures, folder / "figures")
 
 
 def _curves(picture: Picture) -> Figure:

@@ -88,11 +88,14 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
     return RunResult(point, row, rounds, dict(summary["wall_s"]))
 
 
-def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...]:
-    """`runs` and `rounds` as CSV and Parquet, and `timings.csv`; returns the files.
+def write_results(folder: Path, results: Sequence[RunResult]) -> None:
+    """Write `runs` and `rounds` as CSV and Parquet, and `timings.csv`.
 
     The same runs give the same bytes, however many workers flew them; only wall times, which
     stand in a table of their own, differ.
+
+    Raises:
+        InputError: a table cannot be written.
     """
     tables = {
         "runs": [result.summary for result in results],
@@ -101,15 +104,11 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> tuple[Path, ...
             {**r.point.keys, **{f"{k}_s": v for k, v in r.wall_s.items()}} for r in results
         ],
     }
-    written = []
     for name, rows in tables.items():
         columns = list(dict.fromkeys(key for row in rows for key in row))
-        path = folder / f"{name}.csv"
-        write_atomically(path, _csv(columns, rows))
-        written.append(path)
+        write_atomically(folder / f"{name}.csv", _csv(columns, rows))
         if name != "timings":
-            written.append(_parquet(folder / f"{name}.parquet", columns, rows))
-    return tuple(written)
+            _parquet(folder / f"{name}.parquet", columns, rows)
 
 
 def jain(values: Sequence[float]) -> float:
@@ -162,7 +161,7 @@ def _csv(columns: Sequence[str], rows: Sequence[Row]) -> str:
     return out.getvalue()
 
 
-def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> Path:
+def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
     arrays = []
     for column in columns:
         values = [row.get(column) for row in rows]
@@ -178,7 +177,6 @@ def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> Path:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot write the table: {error}") from None
-    return path
 
 
 def _mean(values: Sequence[float]) -> float:
