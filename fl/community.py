@@ -33,7 +33,6 @@ class Community:
     config: CommunityConfig
     dataset: Dataset
     network: Network
-    scaling: Scaling
     shares: tuple[Indices, ...]  # training samples of each device
     counts: Indices  # (K_c, classes) training samples of each device and class
 
@@ -41,6 +40,11 @@ class Community:
     def name(self) -> str:
         """Its name in the settings."""
         return self.config.name
+
+    @cached_property
+    def scaling(self) -> Scaling:
+        """What the network sees of a pixel; planning needs none."""
+        return scaling_of(self.dataset.train)
 
     @cached_property
     def p(self) -> Floats:
@@ -184,4 +188,4 @@ def _community(
     orphans = np.flatnonzero(counts.sum(axis=0) == 0)
     if orphans.size:
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
-    return Community(config, dataset, network, scaling_of(dataset.train), tuple(shares), counts)
+    return Community(config, dataset, network, tuple(shares), counts)

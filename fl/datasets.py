@@ -126,7 +126,6 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
     that asks again while the files are as they were gets the same data set again: an archive
     takes seconds to unpack, and a sweep has many runs.
     """
-    # Imported here: scikit-learn takes a second.
     if task in ("digits", "colour-shapes"):
         from fl import bundled
 

@@ -25,6 +25,7 @@ __all__ = [
     "RoundLearning",
     "accuracy",
     "build",
+    "first_importance",
     "importance",
     "init",
     "play_round",
@@ -86,13 +87,23 @@ def init(federation: Federation) -> FederationState:
     )
 
 
+def first_importance(federation: Federation) -> Floats:
+    """delta (K,) for the first round, with or without fairness; no model is needed for it."""
+    devices = federation.p.size
+    return _importance(federation, np.full(devices, fair.INITIAL_COV), np.ones(devices, np.bool_))
+
+
 def importance(federation: Federation, state: FederationState, *, fairness: bool) -> Floats:
     """delta (K,) for the next round; without `fairness` psi counts as 1 (No-CoV)."""
     cov = state.cov[federation.community_of] if fairness else np.ones(federation.p.size)
+    return _importance(federation, cov, state.missed)
+
+
+def _importance(federation: Federation, cov: Floats, missed: Bools) -> Floats:
     return fair.importance(
         federation.p,
         cov,
-        state.missed,
+        missed,
         boost=federation.learning.importance_boost,
         floor=federation.learning.cov_floor,
     )

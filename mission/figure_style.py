@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -37,7 +38,11 @@ def save_figure(figure: Figure, target: Path) -> None:
     drawn, kind = io.BytesIO(), target.suffix[1:].lower()
     try:
         with rc_context({"svg.hashsalt": "aerofed"}):
-            figure.savefig(drawn, format=kind or "none", metadata=_UNDATED.get(kind))
+            if kind == "png":
+                # The bytes of savefig, which would draw everything a first time for nobody.
+                FigureCanvasAgg(figure).print_png(drawn)  # type: ignore[no-untyped-call]
+            else:
+                figure.savefig(drawn, format=kind or "none", metadata=_UNDATED.get(kind))
     except ValueError:
         raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
     write_atomically(target, drawn.getvalue())

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fl import federation as learning
-from mission import figures
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
 from mission.config import RunConfig
@@ -161,6 +160,8 @@ def _fly(
     # The figures read the finished log and tables.
     try:
         with stopwatch("figures"), audience.waiting("drawing figures"):
+            from mission import figures  # with it matplotlib, which nothing before needs
+
             figures.draw_run(folder.path)
     except AerofedError as failure:
         if error is None:  # otherwise a consequence of what went wrong before

@@ -13,8 +13,8 @@ from mission.errors import InputError
 from mission.terminal import Terminal
 
 if TYPE_CHECKING:
+    from mission.ground import Ground
     from mission.planner.files import NamedPlan, NamedProblem
-    from mission.world import World
 
 
 def plan(
@@ -68,20 +68,20 @@ def plan(
     if gap is not None:
         overrides["planner.gap"] = gap
     resolved = load(config, set_, overrides)
-    world = None
+    ground = None
     problems: Sequence[NamedProblem]
     if problem is None:
-        from mission.world import build_world
+        from mission.ground import build_ground
 
-        world = build_world(resolved, data_dir=data_dir)
-        problems = (NamedProblem("round-1", world.first_problem()),)
+        ground = build_ground(resolved, data_dir=data_dir)
+        problems = (NamedProblem("round-1", ground.first_problem()),)
     elif qgc is not None:
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
     else:
         problems = read_problems(problem)
     plans = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
-    if qgc is not None and world is not None:
-        _write_qgc(qgc, problems[0], plans[0], world)
+    if qgc is not None and ground is not None:
+        _write_qgc(qgc, problems[0], plans[0], ground)
     _print(plans)
     return 0
 
@@ -109,15 +109,15 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
     return 0
 
 
-def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", world: "World") -> None:
+def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", ground: "Ground") -> None:
     from mission.flightplan import FlightPlan, stops_of
     from mission.planfile import write_round_plan
     from mission.planner.flyable import acceptance_radius
 
-    mission = world.config.mission
+    mission = ground.config.mission
     radius = acceptance_radius(entry.problem, made.plan, mission.acceptance_radius_m)
     flight = FlightPlan(stops_of(made.plan), mission.altitude_m, mission.speed_mps, radius)
-    write_round_plan(path, flight, world.area)
+    write_round_plan(path, flight, ground.area)
 
 
 def _print(plans: "tuple[NamedPlan, ...]") -> None:

@@ -375,19 +375,6 @@ def test_npz_damaged_or_something_else(tmp_path: Path) -> None:
         load("npz", data_dir=tmp_path, data_file="mine.npz")
 
 
-def test_bundled_tasks_need_no_folder() -> None:
-    digits, shapes = load("digits", data_dir=None), load("colour-shapes", data_dir=None)
-    assert len(digits.train.labels) + len(digits.validation.labels) == 1797
-    assert digits.image_shape == (8, 8, 1)
-    assert digits.train.images.max() == 240
-    assert shapes.image_shape == (16, 16, 3)
-    for split in (shapes.train, shapes.validation):
-        assert np.ptp(np.bincount(split.labels, minlength=10)) == 0
-    assert "generated" in shapes.provenance.source
-    again = load("colour-shapes", data_dir=None)
-    np.testing.assert_array_equal(shapes.train.images, again.train.images)
-
-
 def test_small_real_data(shared_data: Path) -> None:
     mnist = load("mnist", data_dir=shared_data / "small")
     assert (len(mnist.train.labels), len(mnist.validation.labels)) == (6000, 1000)

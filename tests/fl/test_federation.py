@@ -140,7 +140,10 @@ def test_cov_and_importance_over_rounds_are_as_specified() -> None:
     federation = build(FAST, DIGITS, SHAPES)
     state = fed.init(federation)
     assert state.cov.tolist() == [1.0, 1.0]
-    np.testing.assert_allclose(fed.importance(federation, state, fairness=True), 1.5 * federation.p)
+    for fairness in (True, False):
+        first = fed.importance(federation, state, fairness=fairness)
+        np.testing.assert_allclose(first, 1.5 * federation.p)
+        np.testing.assert_array_equal(fed.first_importance(federation), first)
     eps, rounds = [state.eps_history[0]], []
     for arrived in ({0, 1, 4}, {2}, {0, 5}, {1, 4, 5, 6}, set(), {3, 0, 4}, {1}):
         state, learnt = play(federation, state, *arrived)

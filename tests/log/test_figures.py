@@ -30,6 +30,21 @@ def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
         assert 0.01 < (image[..., :3].min(axis=2) < 0.95).mean() < 0.6  # ink, and paper
 
 
+def test_a_picture_has_the_bytes_that_matplotlib_itself_saves(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=2)
+    draw_run(tmp_path)
+    run = load_run(tmp_path).data
+    drawn = {
+        "map": overview(run),
+        "rounds": round_maps(run),
+        "learning": learning_curves(run.rounds),
+    }
+    for name, figure in drawn.items():
+        figure.savefig(tmp_path / "plain.png")
+        ours = tmp_path / "figures" / f"{name}.png"
+        assert ours.read_bytes() == (tmp_path / "plain.png").read_bytes()
+
+
 def test_maps_show_the_planned_and_the_true_path_with_equal_axes(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     run = load_run(tmp_path).data
