@@ -1,6 +1,7 @@
 """The `aerofed` command, also as `python -m mission`."""
 
 import gc
+import os
 import sys
 
 from mission.errors import INTERRUPTED
@@ -11,6 +12,8 @@ def main() -> None:
     # Some 300,000 objects live as long as the program. Looking through them again and again for
     # garbage, as Python's defaults have it, took a twentieth of a short run.
     gc.set_threshold(20_000, 20, 50)
+    # NumPy and SciPy would each start a thread a core; no matrix here is large enough to share.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from mission.cli import main as run
 
