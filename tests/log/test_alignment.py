@@ -55,6 +55,13 @@ def test_corners_ignore_coincident_and_collinear_waypoints() -> None:
     assert fit.length_m == 200.0
 
 
+def test_a_corner_is_a_turn_from_the_leg_before() -> None:
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 90.0], [60.0, 90.0]])
+    fit = align(line((0, 0), (100, 0)), path)
+    np.testing.assert_allclose(fit.corners_m, [100.0, 190.0])
+    np.testing.assert_allclose(fit.corner_points_m, [[100.0, 0.0], [100.0, 90.0]])
+
+
 def test_a_hover_is_one_point() -> None:
     fit = align(np.array([[3.0, 4.0], [0.0, 1.0]]), np.zeros((5, 2)))
     np.testing.assert_allclose(fit.cross_m, [5.0, 1.0])

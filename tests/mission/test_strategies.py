@@ -1,5 +1,7 @@
 """The baselines' paths and schedules, against geometry done by hand and HiGHS."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -74,6 +76,15 @@ def test_schedule_of_a_fixed_path_is_the_lp_optimum() -> None:
     assert plan.value == pytest.approx(-answer.fun, rel=1e-9)
     assert (plan.schedule.sum(axis=0) <= 1).all()
     assert (plan.schedule.sum(axis=1) <= given.per_step).all()
+
+
+def test_a_tour_goes_on_round_by_round_from_where_the_aircraft_is() -> None:
+    here = np.array([401.0, 398.0])
+    given = replace(problem(devices=np.array([[0.0, 400.0], [9.0, 9.0]])), start_m=here)
+    way = Rectangular(SQUARE, 800.0).sortie(1, given).plan.waypoints_m
+    np.testing.assert_array_equal(way[0], here)
+    assert np.linalg.norm(way - [0.0, 400.0], axis=1).min() < 1e-9
+    np.testing.assert_allclose(way[-1], [0.0, 0.0], atol=1e-9)
 
 
 def test_barycenter_hovers_where_it_is() -> None:
