@@ -218,11 +218,6 @@ class Aircraft:
         return "crashed" if self.crashed else self.navigation.why_not_ready()
 
     @property
-    def gnss_healthy(self) -> bool:
-        """Whether a GNSS position was believed within the last second and a half."""
-        return self.navigation.gnss_healthy()
-
-    @property
     def faults(self) -> tuple[Fault, ...]:
         """The faults in force."""
         return self._faults.active

@@ -203,11 +203,6 @@ class InertialNavigation:
         """What the filter was given after an instant, against what it expected."""
         return self.estimator.innovations_after(t_ns)
 
-    def gnss_healthy(self) -> bool:
-        """Whether a position of the receiver was believed lately."""
-        last_ns = self.estimator.fused_ns["gnss position"]
-        return self._clock.t_ns - last_ns < _GNSS_LOST_NS
-
     def _believed_rates(self) -> Triple:
         (p, q, r), b = self._rates, self._gyro_bias
         return (p - b[0], q - b[1], r - b[2])
@@ -215,7 +210,8 @@ class InertialNavigation:
     def why_not_ready(self) -> str:
         """Empty once the filter may be flown on."""
         estimator = self.estimator
-        if not self.gnss_healthy():
+        # The receiver's positions count where they are believed.
+        if self._clock.t_ns - estimator.fused_ns["gnss position"] >= _GNSS_LOST_NS:
             return "no GNSS"
         if float(max(estimator.std(slice(0, 2)))) > 5.0:
             return "position uncertain"

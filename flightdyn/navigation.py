@@ -32,8 +32,6 @@ class Navigation(Protocol):
 
     def innovations_after(self, t_ns: int, /) -> tuple[Innovation, ...]: ...
 
-    def gnss_healthy(self) -> bool: ...
-
     def why_not_ready(self) -> str: ...
 
 
@@ -94,7 +92,3 @@ class TrueNavigation:
     def why_not_ready(self) -> str:
         """Always ready."""
         return ""
-
-    def gnss_healthy(self) -> bool:
-        """The truth never fails."""
-        return True

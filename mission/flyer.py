@@ -83,7 +83,6 @@ class SimulatedFlyer(Flyer):
 
     pilot: Pilot
     vehicle: Vehicle
-    simulation: Simulation
     recorder: FlightRecorder
     area: Area
     mission: MissionConfig
@@ -157,14 +156,14 @@ async def open_simulated(
         if tap is not None:
             link = tap(link)
         async with (
-            Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed) as simulation,
+            Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed),
             connect(
                 "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
                 raw_link=raw_link,
                 stall_timeout_s=config.link.stall_timeout_s,
             ) as pilot,
         ):
-            flyer = SimulatedFlyer(pilot, vehicle, simulation, recorder, area, config.mission)
+            flyer = SimulatedFlyer(pilot, vehicle, recorder, area, config.mission)
             try:
                 yield flyer
             except asyncio.CancelledError:

@@ -4,7 +4,6 @@ import asyncio
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
@@ -17,19 +16,6 @@ _CHUNK_WALL_S = 0.02  # and wall time, where the pace is ordered
 # time, as telemetry comes in wall time.
 _BREATH_EVERY_S = 0.02
 _BREATH_S = 0.001
-
-
-@dataclass(slots=True)
-class Statistics:
-    """How long simulated time has run, and what it cost."""
-
-    sim_s: float = 0.0
-    wall_s: float = 0.0  # while simulated time ran
-
-    @property
-    def real_time_factor(self) -> float:
-        """Simulated seconds in one of wall time; NaN before any."""
-        return self.sim_s / self.wall_s if self.wall_s > 0 else math.nan
 
 
 class Simulation:
@@ -50,7 +36,6 @@ class Simulation:
         if not speed > 0:
             raise ValueError(f"speed = {speed}: must be positive")
         self.vehicle = vehicle
-        self.statistics = Statistics()
         self._links: Sequence[Link] = links
         chunk_s = min(_CHUNK_S, _CHUNK_WALL_S * speed)
         self._chunk = max(1, round(chunk_s * 1e9 / vehicle.aircraft.dt_ns))
@@ -147,18 +132,16 @@ class Simulation:
         for _ in range(self._chunk):
             if not step() and not self._free_running:
                 break
-        sim_s = (vehicle.t_ns - started_ns) * 1e-9
-        self.statistics.sim_s += sim_s
         if math.isinf(self._speed):
             breath = time.monotonic() > self._breathed + _BREATH_EVERY_S
             await asyncio.sleep(_BREATH_S if breath else 0)
             if breath:
                 self._breathed = time.monotonic()
         else:
+            sim_s = (vehicle.t_ns - started_ns) * 1e-9
             # A machine that falls behind does not rush afterwards.
             self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
-        self.statistics.wall_s += time.monotonic() - began
 
     def _close(self) -> None:
         for link in self._links:

@@ -1,7 +1,6 @@
 """A simulated vehicle and a MAVSDK client that talks to it."""
 
 import asyncio
-import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -66,31 +65,29 @@ def make_vehicle(
 
 
 @asynccontextmanager
-async def over_raw(
-    vehicle: Vehicle, *, speed: float = math.inf
-) -> AsyncIterator[tuple[System, Simulation]]:
+async def over_raw(vehicle: Vehicle) -> AsyncIterator[System]:
     """The vehicle flown by MAVSDK within this process."""
     link = RawLink()
-    async with Simulation(vehicle, link, speed=speed) as simulation, client() as mavsdk:
+    async with Simulation(vehicle, link), client() as mavsdk:
         await mavsdk.add_any_connection("raw://")
         core = mavsdk._mavsdk
         core.subscribe_raw_bytes_to_be_sent(link.feed)
         link.attach(core.pass_received_raw_bytes)
         system = await mavsdk.first_autopilot(timeout_s=HANG_S)
         assert system is not None
-        yield system, simulation
+        yield system
         link.detach()
 
 
 @asynccontextmanager
-async def over_udp(vehicle: Vehicle) -> AsyncIterator[tuple[System, Simulation]]:
+async def over_udp(vehicle: Vehicle) -> AsyncIterator[System]:
     """The vehicle flown by MAVSDK over a UDP port that the system chose."""
     link = UdpLink("udpin://127.0.0.1:0")
-    async with Simulation(vehicle, link) as simulation, client() as mavsdk:
+    async with Simulation(vehicle, link), client() as mavsdk:
         await mavsdk.add_any_connection(f"udpout://127.0.0.1:{link.port}")
         system = await mavsdk.first_autopilot(timeout_s=HANG_S)
         assert system is not None
-        yield system, simulation
+        yield system
 
 
 def client() -> Mavsdk:

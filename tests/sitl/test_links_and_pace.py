@@ -124,13 +124,12 @@ def test_simulated_time_is_never_faster_than_ordered() -> None:
     async def run() -> tuple[float, float]:
         desk = Desk()
         desk.take_off()
-        async with Simulation(desk.vehicle, RawLink(), speed=4.0) as simulation:
+        async with Simulation(desk.vehicle, RawLink(), speed=4.0):
             began, from_ns = time.monotonic(), desk.vehicle.t_ns
             desk.vehicle.autopilot.flight.go_to(desk.mass.frame.to_ned(47.4003, 8.5, 518.0))
             await until(lambda: not desk.vehicle.moving)
             wall = time.monotonic() - began
             sim = (desk.vehicle.t_ns - from_ns) * 1e-9
-            assert simulation.statistics.sim_s == pytest.approx(sim)
             return sim, wall
 
     sim, wall = asyncio.run(run())
@@ -217,8 +216,9 @@ def test_hovering_while_time_runs_freely() -> None:
         vehicle.step()
 
     async def run() -> None:
-        async with Simulation(vehicle, RawLink(), free_running=True) as simulation:
-            await until(lambda: simulation.statistics.sim_s > 30.0)
+        end_ns = vehicle.t_ns + 30_000_000_000
+        async with Simulation(vehicle, RawLink(), free_running=True):
+            await until(lambda: vehicle.t_ns > end_ns)
 
     asyncio.run(run())
     off = [s.belief.pos_ned_m - [0.0, 0.0, -12.0] for s in recorder.samples[-250:]]

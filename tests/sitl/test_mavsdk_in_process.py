@@ -4,7 +4,6 @@ import asyncio
 import threading
 
 import numpy as np
-import pytest
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.mission import MissionAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
@@ -20,7 +19,7 @@ BACK = [(80.0, 60.0, 40.0), (0.0, 60.0, 45.0)]
 async def fly_two_missions(recorder: Recorder) -> None:
     """Take off, fly two missions one after the other in the air, hold, return, land."""
     vehicle = make_vehicle(recorder)
-    async with over_raw(vehicle) as (system, simulation):
+    async with over_raw(vehicle) as system:
         action, mission, telemetry = (
             ActionAsync(system),
             MissionAsync(system),
@@ -53,7 +52,6 @@ async def fly_two_missions(recorder: Recorder) -> None:
         await action.hold()
         await action.return_to_launch()
         await until(lambda: not vehicle.aircraft.armed)
-        assert simulation.statistics.sim_s == pytest.approx(vehicle.t_ns * 1e-9)
 
 
 def test_two_missions_in_one_flight() -> None:

@@ -52,7 +52,7 @@ async def resting(vehicle: Vehicle) -> None:
 def test_action() -> None:
     async def run() -> None:
         vehicle = make_vehicle(recorder := Recorder())
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             action = ActionAsync(system)
             with pytest.raises(ActionError, match="COMMAND_DENIED"):
                 await action.takeoff()
@@ -90,7 +90,7 @@ def test_action() -> None:
 def test_mission_holds_at_points_and_pauses() -> None:
     async def run() -> None:
         vehicle = make_vehicle(recorder := Recorder())
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             await take_off(system, vehicle, 20.0)
             mission = MissionAsync(system)
             points = [(0.0, 0.0, 20.0), (60.0, 0.0, 20.0), (60.0, 40.0, 25.0)]
@@ -130,7 +130,7 @@ def raw_item(
 def test_mission_raw_with_fence_and_rally_lists() -> None:
     async def run() -> None:
         vehicle = make_vehicle(recorder := Recorder())
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             await take_off(system, vehicle, 20.0)
             raw = MissionRawAsync(system)
             items = [raw_item(0, 16, 0, 0, 20.0), raw_item(1, 16, 50.0, 0, 20.0)]
@@ -169,7 +169,7 @@ async def first(stream: Any) -> Any:
 def test_telemetry() -> None:
     async def run() -> None:
         vehicle = make_vehicle()
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             telemetry = TelemetryAsync(system)
             await take_off(system, vehicle, 20.0)
             await telemetry.set_rate_ground_truth(10.0)
@@ -236,7 +236,7 @@ def check_telemetry(heard: dict[str, Any], vehicle: Vehicle) -> None:
 def test_param_info_failure_and_status_text() -> None:
     async def run() -> None:
         vehicle = make_vehicle(recorder := Recorder())
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             param = ParamAsync(system)
             assert await param.get_param_float("RTL_RETURN_ALT") == 30.0
             await param.set_param_float("RTL_RETURN_ALT", 44.5)
@@ -294,7 +294,7 @@ def test_geofence() -> None:
 
     async def run() -> None:
         vehicle = make_vehicle()
-        async with over_udp(vehicle) as (system, _):
+        async with over_udp(vehicle) as system:
             action = await take_off(system, vehicle, 20.0)
             corners = [point(-80, -80), point(80, -80), point(80, 80), point(-80, 80)]
             fence = GeofenceAsync(system)
