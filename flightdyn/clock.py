@@ -10,11 +10,11 @@ class SimClock:
 
     __slots__ = ("dt_ns", "tick")
 
-    def __init__(self, rate_hz: int, *, tick: int = 0) -> None:
+    def __init__(self, rate_hz: int) -> None:
         if rate_hz <= 0 or NS_PER_S % rate_hz:
             raise FlightInputError(f"rate {rate_hz} Hz: a tick must be a whole number of ns")
         self.dt_ns = NS_PER_S // rate_hz
-        self.tick = tick
+        self.tick = 0
 
     @property
     def t_ns(self) -> int:
