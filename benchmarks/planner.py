@@ -5,7 +5,10 @@ certified planner at a gap of 0.1 %: "optimum" is the share reached of the best 
 "short of bound" what is missing at most to the true optimum. Large instances are compared with
 the better of two long searches: simulated annealing, which shares nothing with the planner
 (`planner_annealing.py`), and the planner's own exploration from hundreds of starts; about half of
-the seconds each. Layouts are drawn from seeds that no constant of the planner was chosen on. Run:
+the seconds each. Layouts are drawn from seeds that no constant of the planner was chosen on.
+
+Reward and bound need tables of the channel out to a reach, which a process makes once and then
+keeps. Plans are timed with them at hand; what they cost has a line of its own by channel. Run:
 
     python benchmarks/planner.py [--quick] [--layouts 20] [--long 60] [--figures DIR]
 """
@@ -25,6 +28,7 @@ import numpy as np
 from planner_annealing import search
 
 from fl.radio import CHANNEL_PRESETS
+from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.commands import served_radius
 from mission.planner.config import PlannerConfig
@@ -32,6 +36,7 @@ from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.figure import draw_plan
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.reward import conjugates, reward_table
 from mission.planner.sqp import SqpPlanner
 
 CHANNELS = ("suburban+10dB", "suburban", "suburban+30dB")
@@ -66,6 +71,22 @@ def timed(planner: Planner, problem: RoundProblem) -> tuple[RoundPlan, float]:
     return plan, spent
 
 
+def tabled(problem: RoundProblem) -> float:
+    """CPU milliseconds of the channel's tables for a problem, as the first of a process has them.
+
+    What its own devices cost on top is taken off.
+    """
+    for table in (reward_table, conjugates):
+        table.cache_clear()
+    spent = []
+    for _ in range(2):  # to be made, at hand
+        start = time.process_time()
+        devices, _ = instance(problem)
+        relax(problem, devices)
+        spent.append((time.process_time() - start) * 1e3)
+    return spent[0] - spent[1]
+
+
 def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
     """K = 12, N in {8, 10}: every method on every layout; every plan is checked to 1 mm."""
     methods: dict[str, Planner] = {
@@ -88,6 +109,13 @@ def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
             for steps in (8, 10)
             for seed in range(layouts)
         ]
+        title = f"{channel} ({served_radius(CHANNEL_PRESETS[channel]):.0f} m)"
+        tables = [tabled(problem) for problem in problems]
+        print(
+            f"{title:30} {'tables, once a channel and reach':87} {np.median(tables):11.2f}"
+            f" {max(tables):7.1f}",
+            flush=True,
+        )
         best = [tight.plan(problem) for problem in problems]
         for name, planner in methods.items():
             planner.plan(problems[0])  # compiles what there is to compile
@@ -105,7 +133,6 @@ def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
                 getattr(again, key).tobytes() == getattr(made[-1][0], key).tobytes()
                 for key in ("waypoints_m", "schedule")
             )
-            title = f"{channel} ({served_radius(CHANNEL_PRESETS[channel]):.0f} m)"
             print(
                 f"{title:30} {name:14} {value:7.4f} {bound:7.4f} {np.mean(share):14.4f}"
                 f" {min(share):7.4f} {np.mean(short):14.2%} {np.mean(gaps):10.2%} {max(gaps):7.2%}"
