@@ -90,7 +90,9 @@ class Rectangular:
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The next stretch of the tour, with the best schedule on it."""
-        tour = stretch(self.corners_m, round_index * self.length_m, self.length_m, problem.steps)
+        # Shorter than L_max where less of L_total is left.
+        length_m = min(self.length_m, problem.path_budget_m)
+        tour = stretch(self.corners_m, round_index * self.length_m, length_m, problem.steps)
         # Where the last round ended, which is on the tour but for the error of flight.
         tour[0] = problem.start_m
         return Sortie(finish(problem, tour))

@@ -87,6 +87,13 @@ def test_a_tour_goes_on_round_by_round_from_where_the_aircraft_is() -> None:
     np.testing.assert_allclose(way[-1], [0.0, 0.0], atol=1e-9)
 
 
+def test_a_round_of_the_tour_is_as_short_as_what_is_left_of_the_budget() -> None:
+    given = replace(problem(devices=np.array([[9.0, 9.0]])), path_budget_m=500.0)
+    way = Rectangular(SQUARE, 800.0).sortie(0, given).plan.waypoints_m
+    assert np.linalg.norm(way - [400.0, 0.0], axis=1).min() < 1e-9
+    np.testing.assert_allclose(way[-1], [400.0, 100.0])
+
+
 def test_barycenter_hovers_where_it_is() -> None:
     given = problem(devices=np.array([[0.0, 10.0], [20.0, 0.0], [5.0, 5.0]]))
     sortie = Barycenter(np.array([8.3, 5.0]), 5.0, 100.0).sortie(3, given)
