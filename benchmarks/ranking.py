@@ -7,7 +7,8 @@ the PER at the planned and at the true position, which a flown sweep's tables sh
     python benchmarks/ranking.py configs/paper-sweep.toml --data-dir DATA --seeds 8 \
         --strategies cov,no_cov --set channel.preset=suburban,suburban+10dB --out ranking.jsonl
 
-A run that is in the file already is not repeated: the same command goes on where it was ended.
+A run that is in the file already is not repeated: the same command goes on where it was ended, by
+whatever, and drops a last line that was cut.
 """
 
 import argparse
@@ -142,6 +143,16 @@ def identity(run: SweepRun) -> dict[str, str]:
     return {"run": run.name, "settings": settings}
 
 
+def read_whole(file: Path) -> list[dict[str, Any]]:
+    """The entries of a results file, from which a last line that was cut is dropped."""
+    text = file.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        with file.open("r+b") as cut:
+            cut.truncate(len(whole))
+    return [json.loads(line) for line in whole.splitlines()]
+
+
 def main() -> None:
     """Play what is not in the file yet, then print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -161,11 +172,11 @@ def main() -> None:
     )
     if any(map(is_import_path, grid.strategies)):
         parser.error("strategies of one's own are flown by aerofed sweep")
-    lines = options.out.read_text().splitlines() if options.out.exists() else []
+    entries = read_whole(options.out) if options.out.exists() else []
     wanted = [identity(run) for run in grid.runs]
     done = {
         entry["run"]: entry
-        for entry in map(json.loads, lines)
+        for entry in entries
         if {"run": entry["run"], "settings": entry.get("settings")} in wanted
     }
     todo = [run for run in grid.runs if run.name not in done]
