@@ -135,6 +135,8 @@ class Experiment:
         # where wind or overshot corners make the flight longer than the plan.
         flown_cost_m = min(flight.flown_m, problem.path_budget_m)
         cost_m = flown_cost_m if sortie.cost_m is None else sortie.cost_m
+        # A first round may be all that L_total pays for, and less than a whole one.
+        cost_m = min(cost_m, self.tally.left_m(world.config.mission))
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None and recalled.true_objective != true_objective:
             raise FlightError(
@@ -199,7 +201,7 @@ class Experiment:
         return self.memory[done] if done < len(self.memory) else None
 
     async def _ideal_round(self) -> None:
-        recalled = self._recalled()
+        mission, recalled = self.world.config.mission, self._recalled()
         everyone = np.ones(len(self.world.devices_m), dtype=bool)
         if recalled is not None:
             importance, learnt = recalled.importance, recalled.learnt
@@ -208,11 +210,11 @@ class Experiment:
             learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
         # Nothing is flown, but the ideal must not have more rounds than the budget pays for.
-        spent_m = self.tally.budget_used_m + self.world.config.mission.path_budget_m
+        cost_m = min(mission.path_budget_m, self.tally.left_m(mission))
         record = RoundRecord(
             round=self.tally.number, start_t_s=0.0, duration_s=0.0,
             plan_objective=total, est_objective=total, true_objective=total, upper_bound=total,
-            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=spent_m,
+            plan_path_m=0.0, flown_path_m=0.0, budget_used_m=self.tally.budget_used_m + cost_m,
             scheduled=len(everyone), delivered=len(everyone), battery_remaining=1.0,
             accuracy=learnt.accuracy, cov=learnt.cov,
         )  # fmt: skip

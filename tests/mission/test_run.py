@@ -172,6 +172,14 @@ def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
     assert np.diff([0.0, *used]) == pytest.approx(np.minimum(flown, 40.0))
 
 
+@pytest.mark.parametrize("strategy", ["barycenter", "ideal"])
+def test_a_first_round_costs_no_more_than_the_whole_budget(tmp_path: Path, strategy: str) -> None:
+    out = tmp_path / strategy
+    few = ("--set", f"mission.strategy={strategy}", "--set", "mission.total_budget_m=60")
+    assert fly(out, *few, rounds=9) == 0
+    assert [float(row["budget_used_m"]) for row in rows(out / "rounds.csv")] == [60.0]
+
+
 def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
