@@ -79,10 +79,12 @@ def plan(
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
     else:
         problems = read_problems(problem)
-    plans = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
+    planned = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
     if qgc is not None and ground is not None:
-        _write_qgc(qgc, problems[0], plans[0], ground)
-    _print(plans)
+        _write_qgc(qgc, problems[0], planned.plans[0], ground)
+    _print(planned.plans)
+    if planned.failure is not None:
+        raise planned.failure
     return 0
 
 

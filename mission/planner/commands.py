@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fl.radio import Channel, average_per, fit_logistic, link_budget
+from mission.errors import PlanError
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
@@ -18,40 +19,59 @@ BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
 BAD_OVERHEAD_PER = 0.5
 
 
+@dataclass(frozen=True)
+class Planned:
+    """What came of a list of problems."""
+
+    plans: tuple[NamedPlan, ...]
+    failure: PlanError | None  # with a line for each problem that could not be planned
+
+
 def plan_problems(
     problems: Sequence[NamedProblem],
     *,
     planner: PlannerConfig,
     out: Path | None = None,
     figure_dir: Path | None = None,
-) -> tuple[NamedPlan, ...]:
+) -> Planned:
     """Plan every problem, and write the plans and a picture of each where asked.
 
-    Every plan is checked against its problem before anything is written.
+    A problem that cannot be planned costs none of the others' plans. Every plan is checked
+    against its problem before anything is written.
 
     Raises:
         InputError: the output cannot be written.
-        PlanError: a plan breaks a constraint.
+        PlanError: none of the problems can be planned; nothing is written.
     """
     method = make_planner(planner)
-    plans = []
+    plans: dict[str, NamedPlan] = {}
+    failures = []
     for entry in problems:
         started = time.perf_counter()
-        plan = method.plan(entry.problem)
-        seconds = time.perf_counter() - started
-        check_plan(entry.problem, plan)
-        plans.append(NamedPlan(entry.id, plan, seconds))
+        try:
+            plan = method.plan(entry.problem)
+            seconds = time.perf_counter() - started
+            check_plan(entry.problem, plan)
+        except PlanError as error:
+            failures.append(f"problem {entry.id!r}: {error}")
+        else:
+            plans[entry.id] = NamedPlan(entry.id, plan, seconds)
+    failure = PlanError("\n".join(failures)) if failures else None
+    if failure is not None and not plans:
+        raise failure
+    made = tuple(plans.values())
     if out is not None:
-        write_plans(out, plans)
+        write_plans(out, made)
     if figure_dir is not None:
         from mission.planner.figure import draw_plan
 
-        for number, (entry, made) in enumerate(zip(problems, plans, strict=True)):
-            # Ids are free text; the number keeps two that differ in odd signs apart.
-            safe = re.sub(r"[^A-Za-z0-9._-]+", "_", entry.id)[:60]
-            name = f"{number:03d}-{safe}.png"
-            draw_plan(entry.problem, made.plan, figure_dir / name, title=entry.id)
-    return tuple(plans)
+        for number, entry in enumerate(problems):
+            if entry.id in plans:
+                # Ids are free text; the number keeps two that differ in odd signs apart.
+                safe = re.sub(r"[^A-Za-z0-9._-]+", "_", entry.id)[:60]
+                name = f"{number:03d}-{safe}.png"
+                draw_plan(entry.problem, plans[entry.id].plan, figure_dir / name, title=entry.id)
+    return Planned(made, failure)
 
 
 @dataclass(frozen=True)

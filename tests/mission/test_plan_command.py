@@ -3,9 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mission.cli import call
+from mission.errors import PlanError
+from mission.planner.evaluate import finish
+from mission.planner.problem import RoundPlan, RoundProblem
 
 CHANNEL = {
     "altitude_m": 60.0, "alpha_los": 2.27, "alpha_nlos": 3.64, "beta_los_db": -30.0,
@@ -37,6 +41,46 @@ def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     plan = json.loads(out.read_text())["round-1"]
     assert (len(plan["waypoints"]), plan["upper_bound"]) == (10, None)
     assert json.loads(qgc.read_text())["fileType"] == "Plan"
+
+
+class NoWayAcross:
+    """Fails on problems of two steps; others are planned."""
+
+    def plan(self, problem: RoundProblem) -> RoundPlan:
+        if problem.steps == 2:
+            raise PlanError("no way across")
+        return finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+
+
+def test_a_problem_that_fails_is_named_and_the_others_are_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.planner.commands.make_planner", lambda _: NoWayAcross())
+    source, out, pictures = (tmp_path / name for name in ("problems.json", "plans.json", "figures"))
+    more = [{**PROBLEM, "id": "x", "steps": 2}, {**PROBLEM, "id": "y"}]
+    source.write_text(json.dumps([PROBLEM, *more]))
+    tokens = ["plan", "--problem", str(source), "--out", str(out), "--figure", str(pictures)]
+    assert call(tokens) == PlanError.exit_code
+    assert list(json.loads(out.read_text())) == ["pair", "y"]
+    assert sorted(path.name for path in pictures.iterdir()) == ["000-pair.png", "002-y.png"]
+    printed = capsys.readouterr()
+    assert "pair" in printed.out
+    assert printed.err.count("\n") == 1
+    assert "problem 'x': no way across" in printed.err
+
+
+def test_where_every_problem_fails_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.planner.commands.make_planner", lambda _: NoWayAcross())
+    out, qgc = tmp_path / "plans.json", tmp_path / "first.plan"
+    tokens = ["plan", "--set", "mission.steps=2", "--out", str(out), "--qgc", str(qgc)]
+    assert call(tokens) == PlanError.exit_code
+    assert not out.exists()
+    assert not qgc.exists()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "problem 'round-1': no way across" in printed.err
 
 
 @pytest.mark.parametrize(
