@@ -104,22 +104,6 @@ class Federation:
         return digest.hexdigest()
 
 
-def assignment_text(community: Community) -> str:
-    """Who owns what, as a table: a row a device, a column a class, samples in the cells."""
-    classes = community.dataset.classes
-    width = max(5, len(str(int(community.counts.sum(axis=0).max()))) + 1)
-    heads = "".join(f"{label:>{width}}" for label in range(classes))
-    lines = [f"{community.name} ({community.config.partition}): samples of each class"]
-    lines.append(f"{'device':<8}{heads}{'all':>{width + 2}}{'p':>7}")
-    for device, row in enumerate(community.counts):
-        cells = "".join(f"{int(n) or '.':>{width}}" for n in row)
-        lines.append(f"{device:<8}{cells}{int(row.sum()):>{width + 2}}{community.p[device]:>7.3f}")
-    orphans = np.flatnonzero(community.counts.sum(axis=0) == 0).tolist()
-    if orphans:
-        lines.append(f"without an owner: {', '.join(map(str, orphans))}")
-    return "\n".join(lines)
-
-
 def build(
     communities: Sequence[CommunityConfig],
     learning: LearningConfig,

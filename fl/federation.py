@@ -58,7 +58,6 @@ class RoundLearning:
     round: int
     accuracy: dict[str, float]  # on the whole validation set, after the round
     cov: dict[str, float]  # psi in force for the next round
-    class_accuracy: dict[str, Floats]  # (classes,); NaN where the validation set has none
     device_accuracy: Floats  # (K,) eps_k(theta) of the new models on each device's own labels
     local_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
 
@@ -178,7 +177,6 @@ def play_round(
         round=number,
         accuracy=accuracy(federation, after),
         cov=dict(zip(federation.names, map(float, cov), strict=True)),
-        class_accuracy=_class_accuracy(federation, after),
         device_accuracy=_frozen(eps),
         local_loss=_frozen(losses),
     )
@@ -267,15 +265,6 @@ def _device_accuracy(federation: Federation, correct: Sequence[Indices]) -> Floa
             for community, right in zip(federation.communities, correct, strict=True)
         ]
     )
-
-
-def _class_accuracy(federation: Federation, state: FederationState) -> dict[str, Floats]:
-    rates = {}
-    for community, right in zip(federation.communities, state.correct, strict=True):
-        total = community.validation_counts
-        rate = np.full(total.size, np.nan)
-        rates[community.name] = _frozen(np.divide(right, total, out=rate, where=total > 0))
-    return rates
 
 
 def _frozen(array: Array) -> Array:

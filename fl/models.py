@@ -1,16 +1,9 @@
 """The networks by name: LeNet-size, McMahan's CNN, and any torch module of the user."""
 
-import math
-
 from fl.config import BUILT_IN_NETWORKS
 from fl.convnet import ConvNet
 from fl.errors import NetworkError
 from fl.training import Network
-
-
-def parameter_count(network: Network) -> int:
-    """P, the length of the flat parameter vector."""
-    return sum(math.prod(shape) for shape in network.shapes)
 
 
 def make_network(

@@ -183,15 +183,9 @@ def fit_logistic(
     )
 
 
-def smooth_per(
-    fit: LogisticFit,
-    channel: Channel,
-    horizontal_m: ArrayLike,
-    *,
-    height_m: ArrayLike | None = None,
-) -> Floats:
-    """q_tilde = 1 / (1 + exp(b1 theta + b2)), without overflow."""
-    theta = elevation_rad(channel, horizontal_m, height_m=height_m)
+def smooth_per(fit: LogisticFit, channel: Channel, horizontal_m: ArrayLike) -> Floats:
+    """q_tilde = 1 / (1 + exp(b1 theta + b2)) at the planned altitude, without overflow."""
+    theta = elevation_rad(channel, horizontal_m)
     return np.asarray(expit(-(fit.b1_per_rad * theta + fit.b2)), dtype=np.float64)
 
 

@@ -18,7 +18,7 @@ from fl import federation as fed
 from fl.config import CommunityConfig, LearningConfig
 from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.models import make_network, parameter_count
+from fl.models import make_network
 from fl.modules.builtin import BuiltInNetwork, PlainNet
 from fl.modules.lockstep import Step
 from fl.modules.network import ModuleNetwork
@@ -100,7 +100,7 @@ def test_in_lockstep_devices_become_what_they_do_alone(
     alone, together = network(lockstep=False), network(lockstep=True)
     assert (alone.lockstep, together.lockstep) == (False, True)
     # One device with a control variate, the others without.
-    corrections = {1: 0.01 * rng(4).standard_normal(parameter_count(alone)).astype(np.float32)}
+    corrections = {1: 0.01 * rng(4).standard_normal(alone.initial(rng(3)).size).astype(np.float32)}
     pairs = zip(
         train(alone, split, range(4), corrections=corrections),
         train(together, split, range(4), corrections=corrections),
@@ -128,7 +128,7 @@ def test_who_trains_beside_a_device_does_not_matter(split: Split, device: str) -
 
 def test_a_device_that_diverges_takes_no_other_with_it(split: Split) -> None:
     network = built_in(lockstep=True)
-    infinite = np.full(parameter_count(network), np.inf, np.float32)
+    infinite = np.full_like(network.initial(rng(3)), np.inf)
     well = train(network, split, range(4))
     ill = train(network, split, range(4), corrections={2: infinite})
     assert not np.isfinite(ill[2].model).any()

@@ -15,7 +15,7 @@ from reference_net import train_plainly
 
 from fl.convnet import ConvNet
 from fl.datasets import Split
-from fl.models import make_network, parameter_count
+from fl.models import make_network
 from fl.modules.builtin import PlainNet
 from fl.training import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
 
@@ -146,7 +146,7 @@ def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
 
 def test_lenet_is_lenet_and_mcmahan_is_mcmahans() -> None:
     def count(name: str, shape: tuple[int, int, int]) -> int:
-        return parameter_count(make_network(name, image_shape=shape, classes=10))
+        return make_network(name, image_shape=shape, classes=10).initial(rng(1)).size
 
     assert count("lenet", (28, 28, 1)) == 61_706  # LeNet-5
     assert count("lenet", (32, 32, 3)) == 62_006
