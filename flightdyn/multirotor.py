@@ -237,7 +237,10 @@ class Multirotor:
         self.run = rest
 
     def drive(self, motors: tuple[float, ...] | None) -> None:
-        """Give the motors the duty cycles (0..1) of an external autopilot; None: inner loops."""
+        """Motors at given duty cycles (0..1), past the inner loops, or back to them with None.
+
+        A test bench for motors, propellers and rigid body: flights never leave the inner loops.
+        """
         self._direct(0.0 if motors is None else 1.0)
         for put, value in zip(self._motor, motors or (), strict=motors is not None):
             put(min(1.0, max(0.0, value)))

@@ -216,7 +216,7 @@ def test_rates_that_do_not_fit_are_refused() -> None:
             Aircraft(AircraftConfig.model_validate(data), home=HOME, streams=RandomStreams(1))
 
 
-def test_an_external_autopilot_can_drive_the_motors() -> None:
+def test_a_test_bench_drives_the_motors_and_gives_them_back() -> None:
     aircraft = make()
     vehicle = aircraft.vehicle
     vehicle.arm(True)
