@@ -140,6 +140,8 @@ class ConvNet:
             back=_aligned((first, even_h, even_w, WIDTH)),
             turned_kernels=_aligned((first, second, KERNEL, KERNEL)),
             turned_features=_aligned((WIDTH, max(self.widths))),
+            chosen=np.zeros(WIDTH, np.int64),
+            labels=np.zeros(WIDTH, np.int64),
         )
 
 

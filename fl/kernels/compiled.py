@@ -8,10 +8,17 @@ from typing import ParamSpec, TypeVar
 
 from numba import njit
 
+from fl.kernels.parts import PartCompiler
+
 logger = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+# Kernels make no arrays, so that numba's counting of who still holds one is left out. Sums are
+# never reordered.
+_KERNEL = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
+_PART = {**_KERNEL, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
 
 
 def digest(folder: Path) -> str:
@@ -21,7 +28,7 @@ def digest(folder: Path) -> str:
     the closure a change anywhere compiles anew.
     """
     found = hashlib.sha256()
-    for source in (Path(__file__), *sorted(folder.glob("*.py"))):
+    for source in sorted({*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")}):
         found.update(source.read_bytes())
     return found.hexdigest()
 
@@ -36,30 +43,20 @@ def cached(function: Callable[P, R]) -> Callable[P, R]:
     is compiled once per process.
     """
     try:
-        result: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy")(function)
+        result: Callable[P, R] = njit(cache=True, nogil=True, **_KERNEL)(function)
     except RuntimeError as error:
         logger.warning("kernels are compiled anew in every process: %s", error)
-        result = njit(nogil=True, error_model="numpy")(function)
+        result = njit(nogil=True, **_KERNEL)(function)
     return result
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """For functions that only compiled code calls. Sums are never reordered."""
-    result: Callable[P, R] = njit(
-        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )(function)
+    """For functions that only compiled code calls, with `views` of arrays."""
+    result: Callable[P, R] = njit(**_PART)(function)
     return result
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """The same, pasted into the caller, so that vectors stay in registers."""
-    result: Callable[P, R] = njit(
-        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True
-    )(function)
-    return result
-
-
-def merged(function: Callable[P, R]) -> Callable[P, R]:
-    """Read as if written in the caller: each level of calls costs another round of optimisation."""
-    result: Callable[P, R] = njit(inline="always", error_model="numpy")(function)
+    result: Callable[P, R] = njit(forceinline=True, **_PART)(function)
     return result

@@ -17,6 +17,8 @@ from numba.core.datamodel import models
 from numba.extending import intrinsic, register_model
 from numpy.typing import NDArray
 
+from fl.kernels.views import address
+
 Floats = NDArray[np.float32]
 Lanes = Any  # a vector, within compiled code
 Index = tuple[int, ...]
@@ -46,32 +48,23 @@ _LANES = _LanesType()
 register_model(_LanesType)(_LanesModel)
 
 
-def _address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    """Where the lanes of `array[index]` begin: the last axis is `WIDTH` long."""
-    kind, index_kind = signature.args[:2]
-    array = context.make_array(kind)(context, builder, args[0])
-    parts = zip(cgutils.unpack_tuple(builder, args[1]), index_kind, strict=True)
-    index = [context.cast(builder, part, of, types.intp) for part, of in parts]
-    index.append(context.get_constant(types.intp, 0))
-    pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
-    return builder.bitcast(pointer, _VECTOR.as_pointer())
-
-
-def _load(_: Any, array: Any, index: Any) -> Any:
+def _load(_: Any, view: Any, index: Any) -> Any:
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        value = builder.load(_address(context, builder, signature, args))
+        pointer, _ = address(context, builder, signature, args)
+        value = builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()))
         value.align = 4
         return value
 
-    return _LANES(array, index), build
+    return _LANES(view, index), build
 
 
-def _store(_: Any, array: Any, index: Any, value: Any) -> Any:
+def _store(_: Any, view: Any, index: Any, value: Any) -> Any:
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        builder.store(args[2], _address(context, builder, signature, args)).align = 4
+        pointer, _ = address(context, builder, signature, args)
+        builder.store(args[2], builder.bitcast(pointer, _VECTOR.as_pointer())).align = 4
         return context.get_dummy_value()
 
-    return types.void(array, index, value), build
+    return types.void(view, index, value), build
 
 
 def _splat(_: Any, value: Any) -> Any:  # noqa: ARG001  # its kind is always float32
@@ -122,7 +115,7 @@ def _total(_: Any, value: Any) -> Any:  # noqa: ARG001
 
 
 load: Callable[[Floats, Index], Lanes] = intrinsic(_load)
-"""The lanes at `array[index]`, whose last axis is `WIDTH` long."""
+"""The lanes at `view[index]`, whose last axis is `WIDTH` long."""
 
 store: Callable[[Floats, Index, Lanes], None] = intrinsic(_store)
 """Put them there."""

@@ -5,9 +5,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fl.kernels.compiled import SOURCES, cached, merged
+from fl.kernels.compiled import SOURCES, cached, compiled
 from fl.kernels.lanes import WIDTH, Floats, multiply_add
-from fl.kernels.network import Indices, Pixels, Room, Shape, backward, fill, forward, loss
+from fl.kernels.network import (
+    Indices,
+    Pixels,
+    Room,
+    Shape,
+    backward,
+    fill,
+    forward,
+    loss,
+    rows,
+)
+from fl.kernels.views import part, views
 
 
 class Images(NamedTuple):
@@ -37,21 +48,20 @@ class Vectors(NamedTuple):
     correction: Floats  # (P,) added to every gradient, or (0,)
 
 
-@merged
+@compiled
 def labels_of(images: Images, chosen: Indices, out: Indices) -> None:
     """Labels of the indices `chosen` (16,), negative where those are."""
     for lane in range(WIDTH):
         out[lane] = images.labels[chosen[lane]] if chosen[lane] >= 0 else -1
 
 
-@merged
+@compiled
 def descend(vectors: Vectors, rates: Rates) -> None:
     """v = m v + g + mu (w - w_global), w -= eta v, and g = 0."""
     weights, velocity, slopes = vectors.weights, vectors.velocity, vectors.slopes
-    if vectors.correction.size:
-        for i in range(weights.size):
-            slopes[i] += vectors.correction[i]
-    for i in range(weights.size):
+    for i in range(vectors.correction.shape[0]):
+        slopes[i] += vectors.correction[i]
+    for i in range(weights.shape[0]):
         slope = multiply_add(rates.mu, weights[i] - vectors.anchor[i], slopes[i])
         velocity[i] = multiply_add(rates.momentum, velocity[i], slope)
         weights[i] = multiply_add(-rates.learning_rate, velocity[i], weights[i])
@@ -68,20 +78,22 @@ def _make_train(sources: str) -> Train:
         images: Images, order: Indices, shape: Shape, room: Room, vectors: Vectors, rates: Rates
     ) -> float:
         sources  # noqa: B018  # in the closure, see `cached`
+        images, order, shape = views(images), views(order), views(shape)
+        room, vectors = views(room), views(vectors)
+        classes = shape.widths[shape.widths.shape[0] - 1]
         total = 0.0
-        labels = np.empty(WIDTH, np.int64)
         for step in range(order.shape[0]):
             real = 0
-            for index in order[step]:
-                real += index >= 0
+            for i in range(order.shape[1]):
+                real += order[step, i] >= 0
             for start in range(0, real, WIDTH):
-                chosen = order[step, start : start + WIDTH]
+                chosen = part(order[step], start, (WIDTH,))
                 fill(
                     images.pixels, chosen, images.scale, images.shift, shape.borders[0], room.image
                 )
-                labels_of(images, chosen, labels)
+                labels_of(images, chosen, room.labels)
                 forward(vectors.weights, shape, room)
-                total += loss(room, shape.widths[-1], labels, 1.0 / real)
+                total += loss(room, classes, 1.0 / real)
                 backward(vectors.weights, shape, room, vectors.slopes)
             descend(vectors, rates)
         mean: float = total / order.shape[0]
@@ -96,15 +108,17 @@ def _make_count(sources: str) -> Count:
         images: Images, shape: Shape, room: Room, weights: Floats, out: Indices
     ) -> None:
         sources  # noqa: B018
-        chosen = np.empty(WIDTH, np.int64)
-        classes = shape.widths[-1]
-        for start in range(0, images.labels.size, WIDTH):
+        images, shape, room = views(images), views(shape), views(room)
+        weights, out = views(weights), views(out)
+        count, end = images.labels.shape[0], room.features.shape[0]
+        classes, chosen = out.shape[0], room.chosen
+        logits = rows(room.features, end - classes, end)
+        for start in range(0, count, WIDTH):
             for lane in range(WIDTH):
-                chosen[lane] = start + lane if start + lane < images.labels.size else -1
+                chosen[lane] = start + lane if start + lane < count else -1
             fill(images.pixels, chosen, images.scale, images.shift, shape.borders[0], room.image)
             forward(weights, shape, room)
-            logits = room.features[-classes:]
-            for lane in range(min(WIDTH, images.labels.size - start)):
+            for lane in range(min(WIDTH, count - start)):
                 label = images.labels[start + lane]
                 best = 0
                 for j in range(1, classes):

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.kernels import convolution, dense
-from fl.kernels.compiled import compiled, merged
+from fl.kernels.compiled import compiled
 from fl.kernels.lanes import WIDTH, Floats, multiply_add
+from fl.kernels.views import part
 
 Pixels = NDArray[np.uint8] | NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -40,6 +41,8 @@ class Room(NamedTuple):
     back: Floats  # slopes after the first block
     turned_kernels: Floats  # of the second convolution
     turned_features: Floats  # (lane, feature)
+    chosen: Indices  # (lane,) the images of the batch; negative where there is none
+    labels: Indices  # (lane,) theirs
 
 
 @compiled
@@ -61,28 +64,35 @@ def fill(
                     out[c, y + border, x + border, lane] = number
 
 
-@merged
+@compiled
 def kernels(flat: Floats, shape: Shape, layer: int) -> Floats:
     """Weights (out, in, 5, 5) of a convolution, as a view."""
-    start, end = shape.starts[2 * layer], shape.starts[2 * layer + 1]
     k = convolution.KERNEL
-    return flat[start:end].reshape((shape.channels[layer + 1], shape.channels[layer], k, k))
+    axes = (shape.channels[layer + 1], shape.channels[layer], k, k)
+    return part(flat, shape.starts[2 * layer], axes)
 
 
-@merged
+@compiled
 def matrix(flat: Floats, shape: Shape, layer: int) -> Floats:
     """Weights (out, in) of a dense layer, as a view."""
-    start, end = shape.starts[2 * layer + 4], shape.starts[2 * layer + 5]
-    return flat[start:end].reshape((shape.widths[layer + 1], shape.widths[layer]))
+    axes = (shape.widths[layer + 1], shape.widths[layer])
+    return part(flat, shape.starts[2 * layer + 4], axes)
 
 
-@merged
+@compiled
 def biases(flat: Floats, shape: Shape, layer: int) -> Floats:
     """Biases (out,) of a layer, as a view; convolutions count first."""
-    return flat[shape.starts[2 * layer + 1] : shape.starts[2 * layer + 2]]
+    start = shape.starts[2 * layer + 1]
+    return part(flat, start, (shape.starts[2 * layer + 2] - start,))
 
 
-@merged
+@compiled
+def rows(features: Floats, start: int, end: int) -> Floats:
+    """Rows of features, as a view."""
+    return part(features, start, (end - start, WIDTH))
+
+
+@compiled
 def forward(weights: Floats, shape: Shape, room: Room) -> None:
     """From `room.image` to the logits, the last rows of `room.features`."""
     first, second = room.winners
@@ -92,31 +102,34 @@ def forward(weights: Floats, shape: Shape, room: Room) -> None:
     )  # fmt: skip
     convolution.forward(
         room.middle, kernels(weights, shape, 1), biases(weights, shape, 1),
-        room.features[: shape.widths[0]].reshape(second.shape), second, shape.borders[2],
+        part(room.features, 0, second.shape), second, shape.borders[2],
     )  # fmt: skip
     start, last = 0, shape.widths.shape[0] - 2
     for layer in range(last + 1):
         middle = start + shape.widths[layer]
         dense.forward(
-            room.features[start:middle], matrix(weights, shape, layer),
+            rows(room.features, start, middle), matrix(weights, shape, layer),
             biases(weights, shape, layer + 2), layer < last,
-            room.features[middle : middle + shape.widths[layer + 1]],
+            rows(room.features, middle, middle + shape.widths[layer + 1]),
         )  # fmt: skip
         start = middle
 
 
 @compiled
-def loss(room: Room, classes: int, labels: Indices, share: float) -> float:
+def loss(room: Room, classes: int, share: float) -> float:
     """Sum of `share` times the cross-entropy of the images whose label is not negative.
 
     Its slopes in the logits go to `room.slopes`. In double precision, so that it is the same
     wherever the exponential is nearly right.
     """
-    logits, slopes = room.features[-classes:], room.slopes[-classes:]
+    end = room.features.shape[0]
+    logits, slopes = rows(room.features, end - classes, end), rows(room.slopes, end - classes, end)
     value = 0.0
     for lane in range(WIDTH):
-        if labels[lane] < 0:
-            slopes[:, lane] = np.float32(0.0)
+        label = room.labels[lane]
+        if label < 0:
+            for j in range(classes):
+                slopes[j, lane] = np.float32(0.0)
             continue
         top = float(logits[0, lane])
         for j in range(1, classes):
@@ -124,35 +137,36 @@ def loss(room: Room, classes: int, labels: Indices, share: float) -> float:
         total = 0.0
         for j in range(classes):
             total += math.exp(float(logits[j, lane]) - top)
-        value += share * (top + math.log(total) - float(logits[labels[lane], lane]))
+        value += share * (top + math.log(total) - float(logits[label, lane]))
         for j in range(classes):
             slope = math.exp(float(logits[j, lane]) - top) / total
-            if j == labels[lane]:
+            if j == label:
                 slope -= 1.0
             slopes[j, lane] = np.float32(share * slope)
     return value
 
 
-@merged
+@compiled
 def backward(weights: Floats, shape: Shape, room: Room, out: Floats) -> None:
     """From the slopes in the logits to those in the weights, which are added to `out`."""
     end = room.features.shape[0]
     for layer in range(shape.widths.shape[0] - 2, -1, -1):
         middle = end - shape.widths[layer + 1]
         start = middle - shape.widths[layer]
-        features, slope = room.features[start:middle], room.slopes[middle:end]
+        features, slope = rows(room.features, start, middle), rows(room.slopes, middle, end)
+        inner = rows(room.slopes, start, middle)
         dense.add_weight_slopes(
             features, slope, room.turned_features,
             matrix(out, shape, layer), biases(out, shape, layer + 2),
         )  # fmt: skip
-        dense.input_slopes(slope, matrix(weights, shape, layer), room.slopes[start:middle])
+        dense.input_slopes(slope, matrix(weights, shape, layer), inner)
         if layer:  # the pooled maps stop by themselves
-            dense.stopped(room.slopes[start:middle], features)
+            dense.stopped(inner, features)
         end = middle
     (first, second), (early, late) = room.winners, room.before
     border, none = shape.late_borders[1], shape.late_borders[0]
     convolution.unpooled(
-        room.slopes[: shape.widths[0]].reshape(second.shape), second, late, border,
+        part(room.slopes, 0, second.shape), second, late, border,
         biases(out, shape, 1),
     )  # fmt: skip
     convolution.add_weight_slopes(

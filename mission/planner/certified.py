@@ -4,9 +4,8 @@ import numpy as np
 
 from mission.planner.arrays import instance, neighbour_lists, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
-from mission.planner.kernels.exploration import explore
+from mission.planner.kernels import exploration, search
 from mission.planner.kernels.instance import Problem
-from mission.planner.kernels.search import search
 from mission.planner.problem import RoundPlan, RoundProblem
 
 # Beyond this many devices the search cannot narrow the gap in any time worth waiting for.
@@ -46,15 +45,16 @@ class CertifiedPlanner:
         relaxation = relax(problem, devices)
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
         lists = neighbour_lists(devices)
-        value = explore(devices, limits, lists, STARTS, tries(count), way, assigned)
+        room = exploration.make_room(count, limits, STARTS)
+        value = exploration.explore(devices, limits, lists, tries(count), room, way, assigned)
         bound = root_bound(relaxation.promise[:, 0], limits)
         nodes = self._max_nodes if count <= MAX_DEVICES else 0
         if nodes > 0 and 0.0 < value < (1.0 - self._gap) * bound:
-            _, bound, nodes = search(
+            _, bound, nodes = search.search(
                 Problem(devices, limits, relaxation),
                 self._gap,
                 nodes,
-                min(MAX_OPEN, nodes * (count + 2)),
+                search.make_room(count, limits, min(MAX_OPEN, nodes * (count + 2))),
                 way,
                 assigned,
                 value,

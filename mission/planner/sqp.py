@@ -24,7 +24,7 @@ from mission.planner.evaluate import (
     fit_budget,
     plan_without_moving,
 )
-from mission.planner.kernels.exploration import explore
+from mission.planner.kernels import exploration
 from mission.planner.kernels.instance import Devices, Limits
 from mission.planner.problem import Floats, RoundPlan, RoundProblem
 from mission.planner.reward import Ints
@@ -76,7 +76,8 @@ class SqpPlanner:
         way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
         attempts = tries(count) if self._tries is None else self._tries
         lists = neighbour_lists(devices)
-        explore(devices, limits, lists, self._starts, attempts, way, assigned)
+        room = exploration.make_room(count, limits, self._starts)
+        exploration.explore(devices, limits, lists, attempts, room, way, assigned)
         way = ascend(way, devices, limits)
         return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 

@@ -62,7 +62,7 @@ PROGRAM = """
 import json
 import numpy as np
 from mission.planner.kernels.instance import Devices
-from mission.planner.kernels.matching import match
+from mission.planner.kernels.matching import make_matching, match
 answers = []
 for seed in range(60):
     rng = np.random.default_rng(seed)
@@ -74,7 +74,8 @@ for seed in range(60):
     way = rng.choice([1.0, 0.0], (steps, 1)) * rng.normal(0.0, 100.0, (steps, 2))
     devices = Devices(u, rng.random(count), rows)
     assigned = np.zeros(count, dtype=np.int64)
-    value = match(way, int(per_step), devices, assigned)
+    room = make_matching(count, steps, per_step)
+    value = match(way, int(per_step), devices, assigned, room)
     i = np.rint(np.hypot(*(way[:, None] - u).transpose(2, 0, 1)))
     d = np.hypot(*(way[:, None] - u).transpose(2, 0, 1)) - i
     i = i.astype(int)

@@ -7,13 +7,21 @@ path is then shrunk about the start onto L, and kept if it earns more.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.chain import chain_length, fill_spare, merge_nearest, shrink
-from mission.planner.kernels.compiled import Indices, Matrix, compiled
+from mission.planner.kernels.chain import (
+    Spare,
+    chain_length,
+    fill_spare,
+    make_spare,
+    merge_nearest,
+    shrink,
+)
+from mission.planner.kernels.compiled import ZERO, Flags, Indices, Matrix, compiled
 from mission.planner.kernels.instance import Devices, Limits
-from mission.planner.kernels.matching import copy_plan, match
+from mission.planner.kernels.matching import Matching, copy_plan, make_matching, match
 from mission.planner.kernels.rewards import earned, reward
 
 SMOOTHING_M = 0.5  # a leg of length e counts as sqrt(e^2 + smoothing^2)
@@ -23,12 +31,44 @@ RISE = 1e-6  # relative rise that is worth another step
 FINE = 1e-5  # and another turn of assignment and ascent
 
 
+class Polish(NamedTuple):
+    """Memory for polishing."""
+
+    draft: Matrix  # (N or more, 2)
+    path: Matrix  # (N, 2)
+    who: Indices  # (K,)
+    used: Flags  # (N,) steps that serve somebody
+    trial: Matrix  # (N, 2)
+    c: Matrix  # (N, 10) see `_model`
+    s: Matrix  # (N, 7) see `_solve`
+    spare: Spare
+    matching: Matching
+
+
+def make_polish(devices: int, limits: Limits, points: int) -> Polish:
+    """Memory for a problem of that size and paths of up to that many points."""
+    steps = limits.steps
+    return Polish(
+        np.zeros((max(points, steps), 2)),
+        np.zeros((steps, 2)),
+        np.zeros(devices, dtype=np.int64),
+        np.zeros(steps, dtype=np.bool_),
+        np.zeros((steps, 2)),
+        np.zeros((steps, 10)),
+        np.zeros((steps, 7)),
+        make_spare(devices, steps),
+        make_matching(devices, steps, limits.per_step),
+    )
+
+
 @compiled
 def _model(way: Matrix, assigned: Indices, devices: Devices, mu: float, c: Matrix) -> float:
     """Per waypoint into `c`: gradient (0:2), length gradient (2:4), diagonal block (4:7),
     off-diagonal block to the next waypoint (7:10). Returns the mean curvature of the reward."""
     steps = way.shape[0]
-    c[:, :10] = 0.0
+    for n in range(steps):
+        for i in range(10):
+            c[n, i] = 0.0
     trace = 0.0
     for k in range(assigned.shape[0]):
         n = assigned[k]
@@ -104,15 +144,15 @@ def _solve(steps: int, c: Matrix, damping: float, s: Matrix) -> None:
 
 @compiled
 def climb(
-    way: Matrix, assigned: Indices, devices: Devices, length: float, mu: float
+    way: Matrix, assigned: Indices, devices: Devices, length: float, mu: float, room: Polish
 ) -> tuple[float, float]:
     """Newton ascent of `way` (N, 2) for a fixed assignment; (what is earned, multiplier).
 
     `way` starts within the length, and stays so.
     """
     steps = way.shape[0]
-    c, s = np.empty((steps, 10)), np.empty((steps, 7))
-    trial = way.copy()
+    trial, c, s = room.trial, room.c, room.s
+    trial[0, 0], trial[0, 1] = way[0, 0], way[0, 1]
     value = earned(way, assigned, devices)
     damping = 0.01
     for _ in range(MAX_STEPS):
@@ -157,6 +197,7 @@ def polish(
     rise: float,
     way: Matrix,
     assigned: Indices,
+    room: Polish,
 ) -> float:
     """The best plan near a path of `count` points (the first is the start); what it earns.
 
@@ -166,42 +207,42 @@ def polish(
     Writes `way` (N, 2) and `assigned` (K,).
     """
     steps = limits.steps
-    draft = np.empty((max(count, steps), 2))
+    draft, path, who, used = room.draft, room.path, room.who, room.used
     for n in range(count):
         draft[n, 0], draft[n, 1] = points[n, 0], points[n, 1]
     while count > steps:
         merge_nearest(draft, count)
         count -= 1
-    fill_spare(draft, count, steps, devices)
+    fill_spare(draft, count, steps, devices, room.spare)
     shrink(draft, steps, limits.length)
-    path = draft[:steps].copy()
-    who = np.empty_like(assigned)
+    for n in range(steps):
+        path[n, 0], path[n, 1] = draft[n, 0], draft[n, 1]
     best, mu = -1.0, 0.0
     for _ in range(MAX_ROUNDS):
-        value = match(path, limits.per_step, devices, who)
+        value = match(path, limits.per_step, devices, who, room.matching)
         if value > best:
             copy_plan(path, who, way, assigned)
         if value <= best * (1.0 + rise):
             best = max(best, value)
             break
         best = value
-        value, mu = climb(path, who, devices, limits.length, mu)
+        value, mu = climb(path, who, devices, limits.length, mu, room)
         if value > best:
             best = value
             copy_plan(path, who, way, assigned)
         if best < hopeless:
             break
         # Steps that serve nobody are taken out and put to better use.
-        used = np.zeros(steps, dtype=np.bool_)
-        used[0] = True
+        for n in range(steps):
+            used[n] = n == 0
         for k in range(who.shape[0]):
             if who[k] >= 0:
                 used[who[k]] = True
-        kept = 0
+        kept = ZERO
         for n in range(steps):
             if used[n]:
                 draft[kept, 0], draft[kept, 1] = path[n, 0], path[n, 1]
                 kept += 1
-        fill_spare(draft, kept, steps, devices)
+        fill_spare(draft, kept, steps, devices, room.spare)
         copy_plan(draft, who, path, who)
     return best

@@ -8,17 +8,80 @@ long, so that few of the worths are ever worked out.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
+from mission.planner.kernels.compiled import Flags, Indices, Matrix, Vector, compiled
 from mission.planner.kernels.instance import Devices
 from mission.planner.kernels.rewards import reward
 
 
+class Places(NamedTuple):
+    """Memory for the assignment of K devices to N steps of P places."""
+
+    worth: Matrix  # (K, N)
+    known: Flags  # (K,) whose worths are worked out
+    order: Indices  # (K,)
+    sorted: Indices  # (K,)
+    price: Vector  # (N,)
+    load: Indices  # (N,)
+    held: Indices  # (N, P) the devices at each step
+    # Least loss of freeing a place for the new device by ending the chain at a step, and the
+    # device that moves there then.
+    reached: Vector  # (N,)
+    taker: Indices  # (N,)
+    settled: Flags  # (N,)
+    who: Indices  # (P,)
+
+
+def make_places(devices: int, steps: int, per_step: int) -> Places:
+    """Memory for problems of that size."""
+    places = min(per_step, devices)
+    return Places(
+        np.zeros((devices, steps)),
+        np.zeros(devices, dtype=np.bool_),
+        np.zeros(devices, dtype=np.int64),
+        np.zeros(devices, dtype=np.int64),
+        np.zeros(steps),
+        np.zeros(steps, dtype=np.int64),
+        np.zeros((steps, places), dtype=np.int64),
+        np.zeros(steps),
+        np.zeros(steps, dtype=np.int64),
+        np.zeros(steps, dtype=np.bool_),
+        np.zeros(places, dtype=np.int64),
+    )
+
+
+@compiled
+def descending(values: Vector, order: Indices, merged: Indices) -> Indices:
+    """Indices of the values (K,) from the largest to the least, equal ones in order.
+
+    A merge sort from the bottom up, in the memory of `order` and `merged` (K,).
+    """
+    count = values.shape[0]
+    for k in range(count):
+        order[k] = k
+    width = 1
+    while width < count:
+        for first in range(0, count, 2 * width):
+            middle, last = min(first + width, count), min(first + 2 * width, count)
+            i, j = first, middle
+            for k in range(first, last):
+                if j == last or (i < middle and values[order[i]] >= values[order[j]]):
+                    merged[k] = order[i]
+                    i += 1
+                else:
+                    merged[k] = order[j]
+                    j += 1
+        order, merged = merged, order
+        width *= 2
+    return order
+
+
 @compiled
 def solve_assignment(
-    way: Matrix, per_step: int, devices: Devices, best: Vector, assigned: Indices
+    way: Matrix, per_step: int, devices: Devices, best: Vector, assigned: Indices, room: Places
 ) -> None:
     """Write the step of every device into `assigned` (K,), -1 where it is not served.
 
@@ -26,15 +89,13 @@ def solve_assignment(
     """
     steps, count = way.shape[0], devices.u.shape[0]
     places = min(per_step, count)
-    worth, known = np.empty((count, steps)), np.zeros(count, dtype=np.bool_)
-    price, load = np.zeros(steps), np.zeros(steps, dtype=np.int64)
-    held = np.empty((steps, places), dtype=np.int64)  # the devices at each step
-    # Least loss of freeing a place for the new device by ending the chain at a step, and the
-    # device that moves there then.
-    reached, taker = np.empty(steps), np.empty(steps, dtype=np.int64)
-    settled, who = np.empty(steps, dtype=np.bool_), np.empty(places, dtype=np.int64)
-    assigned[:] = -1
-    order = np.argsort(-best, kind="mergesort")
+    worth, known, price, load, held = room.worth, room.known, room.price, room.load, room.held
+    reached, taker, settled, who = room.reached, room.taker, room.settled, room.who
+    for k in range(count):
+        assigned[k], known[k] = -1, False
+    for n in range(steps):
+        price[n], load[n] = 0.0, 0
+    order = descending(best, room.order, room.sorted)
     cheapest = 0.0
     for i in range(count):
         new = order[i]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Indices, Vector, compiled
+from mission.planner.kernels.compiled import ZERO, Indices, Vector, compiled
 from mission.planner.kernels.dual import minimise
 from mission.planner.kernels.instance import Limits, Problem, Relaxation
 from mission.planner.kernels.lagrangian import FREE, Work, evaluate, make_work
@@ -37,7 +37,6 @@ class Solver(NamedTuple):
     steps: Indices  # (1,) Newton steps taken so far
 
 
-@compiled
 def make_solver(devices: int) -> Solver:
     """Scratch for that many devices."""
     return Solver(
@@ -50,10 +49,13 @@ def make_solver(devices: int) -> Solver:
 
 
 @compiled
-def rest_of(node: Node, limits: Limits, relaxation: Relaxation) -> float:
-    """Bound of what the devices off the order can bring, within the places that are left."""
+def rest_of(node: Node, limits: Limits, relaxation: Relaxation, promises: Vector) -> float:
+    """Bound of what the devices off the order can bring, within the places that are left.
+
+    `promises` (K,) is memory.
+    """
     room = limits.steps * limits.per_step - node.size[0]
-    total, count = 0.0, 0
+    total, count = 0.0, ZERO
     for k in range(node.level.shape[0]):
         if node.level[k] != PLACED:
             total += relaxation.promise[k, node.level[k]]
@@ -62,13 +64,12 @@ def rest_of(node: Node, limits: Limits, relaxation: Relaxation) -> float:
         return total
     if room <= 0:
         return 0.0
-    promises = np.empty(count)
     i = 0
     for k in range(node.level.shape[0]):
         if node.level[k] != PLACED:
             promises[i] = relaxation.promise[k, node.level[k]]
             i += 1
-    nth_largest(promises, room)
+    nth_largest(promises, count, room)
     total = 0.0
     for i in range(room):  # quickselect leaves the largest ones in front
         total += promises[i]

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mission.planner.kernels.bounds import LOOSE, Goal, Solver, aim, solve
-from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
+from mission.planner.kernels.compiled import NONE, ZERO, Indices, Matrix, Vector, compiled, typed
 from mission.planner.kernels.instance import Problem, Relaxation
 from mission.planner.kernels.path import Path
 from mission.planner.kernels.tree import BARRED, MERGED, Node, copy_node, insert, stops_needed
 
-INSERTION, SPLIT, MERGE = 0, 1, 2
+INSERTION, SPLIT, MERGE = typed(0), typed(1), typed(2)
 POWER = 4.0
 CHILD_COST = 0.02
 
@@ -25,7 +25,6 @@ class Family(NamedTuple):
     y: Matrix  # (C, K, 2)
 
 
-@compiled
 def make_family(devices: int) -> Family:
     """Room for the children of one branching."""
     children = devices + 2
@@ -108,7 +107,7 @@ def by_insertion(
         if not stays and radius == relaxation.radii.shape[0] - 1:
             node.mask[device] &= ~bit
     _offer(
-        family, -1, node.number[1], others + relaxation.promise[device, radius], node, node, goal
+        family, NONE, node.number[1], others + relaxation.promise[device, radius], node, node, goal
     )
 
 
@@ -135,7 +134,7 @@ def by_merge(
 ) -> None:
     """Make the stop at a position one with the stop before it, or keep them apart for good."""
     child = solver.child
-    _begin(family, MERGE, at, 0)
+    _begin(family, MERGE, at, ZERO)
     for edge in (MERGED, BARRED):
         copy_node(node, child)
         child.edge[at] = edge

@@ -1,10 +1,11 @@
 """Polylines: length, nearest points, points merged and points added."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Matrix, compiled
+from mission.planner.kernels.compiled import Matrix, Vector, compiled
 from mission.planner.kernels.instance import Devices
 from mission.planner.kernels.rewards import reward
 
@@ -69,8 +70,31 @@ def merge_nearest(way: Matrix, count: int) -> None:
         way[n, 0], way[n, 1] = way[n + 1, 0], way[n + 1, 1]
 
 
+class Spare(NamedTuple):
+    """Memory for putting spare points to use."""
+
+    have: Vector  # (K,) what each device earns at its nearest point
+    could: Vector  # (K,) and at the place of the path that is nearest
+    along: Vector  # (K,) that place: number of the point before it, and share of the leg
+    point: Matrix  # (K, 2) where it is
+    position: Vector  # (N,) the points by the same measure
+    points: Matrix  # (N, 2)
+
+
+def make_spare(devices: int, steps: int) -> Spare:
+    """Memory for problems of that size."""
+    return Spare(
+        np.zeros(devices),
+        np.zeros(devices),
+        np.zeros(devices),
+        np.zeros((devices, 2)),
+        np.zeros(steps),
+        np.zeros((steps, 2)),
+    )
+
+
 @compiled
-def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
+def fill_spare(way: Matrix, count: int, steps: int, devices: Devices, room: Spare) -> None:
     """Put the spare points where the path passes devices that no point serves well yet.
 
     They lie on the path and leave its shape as it is. What cannot be used stays at the end.
@@ -78,8 +102,8 @@ def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
     if count >= steps:
         return
     total = devices.u.shape[0]
-    have, could = np.empty(total), np.empty(total)
-    along, point = np.empty(total), np.empty((total, 2))
+    have, could, along, point = room.have, room.could, room.along, room.point
+    position, points = room.position, room.points
     for k in range(total):
         ux, uy = devices.u[k, 0], devices.u[k, 1]
         near, least = math.inf, math.inf
@@ -95,12 +119,10 @@ def fill_spare(way: Matrix, count: int, steps: int, devices: Devices) -> None:
         could[k] = have[k]
         if least < near:
             could[k] = devices.delta[k] * reward(math.sqrt(least), devices.rows)[0]
-    position = np.empty(steps)
     for n in range(steps):
         position[n] = n if n < count else steps  # the last ones, until they are put to use
-    points = way[:steps].copy()
-    for n in range(count, steps):
-        points[n, 0], points[n, 1] = way[count - 1, 0], way[count - 1, 1]
+        i = min(n, count - 1)
+        points[n, 0], points[n, 1] = way[i, 0], way[i, 1]
     for n in range(count, steps):
         best = -1
         for k in range(total):

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.kernels.compiled import cached, compiled, digest
+from fl.kernels.views import views
 
 __all__ = [
-    "SOURCES", "Cube", "Flags", "Indices", "Masks", "Matrix", "Vector", "cached", "compiled",
+    "NONE", "SOURCES", "ZERO", "Cube", "Flags", "Indices", "Masks", "Matrix", "Vector", "cached",
+    "compiled", "typed", "views",
 ]  # fmt: skip
 
 Vector = NDArray[np.float64]  # (n,)
@@ -17,5 +19,13 @@ Cube = NDArray[np.float64]  # (n, m, l)
 Indices = NDArray[np.int64]
 Masks = NDArray[np.uint64]
 Flags = NDArray[np.bool_]
+
+
+def typed(number: int) -> int:
+    """A constant that may be an argument: for a literal a function is compiled once more."""
+    return np.int64(number)  # type: ignore[return-value]
+
+
+ZERO, NONE = typed(0), typed(-1)
 
 SOURCES = digest(Path(__file__).parent)

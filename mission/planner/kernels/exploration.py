@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.ascent import FINE, polish
+from mission.planner.kernels.ascent import FINE, Polish, make_polish, polish
 from mission.planner.kernels.compiled import (
     SOURCES,
     Cube,
@@ -23,6 +23,7 @@ from mission.planner.kernels.compiled import (
     Vector,
     cached,
     compiled,
+    views,
 )
 from mission.planner.kernels.insertion import (
     Draft,
@@ -56,24 +57,27 @@ def next_random(state: Masks) -> float:
 
 
 @compiled
-def spread_out(devices: Devices, length: float, anchors: Indices) -> int:
+def spread_out(devices: Devices, length: float, anchors: Indices, away: Vector) -> int:
     """Fill `anchors` with devices in reach, each as far as can be from the start and the ones
-    before it; returns how many there are."""
+    before it; returns how many there are. `away` (K,) is memory."""
     count = devices.u.shape[0]
-    away = np.empty(count)
     for k in range(count):
         away[k] = math.sqrt(devices.u[k, 0] ** 2 + devices.u[k, 1] ** 2)
         if away[k] > length:
             away[k] = -1.0
-    for i in range(anchors.shape[0]):
-        far = int(np.argmax(away))
+    wanted: int = anchors.shape[0]
+    for i in range(wanted):
+        far = 0
+        for k in range(count):
+            if away[k] > away[far]:
+                far = k
         if away[far] <= 1.0:
             return i
         anchors[i] = far
         for k in range(count):
             dx, dy = devices.u[k, 0] - devices.u[far, 0], devices.u[k, 1] - devices.u[far, 1]
             away[k] = min(away[k], math.sqrt(dx * dx + dy * dy))
-    return int(anchors.shape[0])
+    return wanted
 
 
 class Pool(NamedTuple):
@@ -82,6 +86,42 @@ class Pool(NamedTuple):
     value: Vector  # (P,) -1 where there is none
     way: Cube  # (P, N, 2)
     assigned: Indices  # (P, K)
+
+
+class Room(NamedTuple):
+    """Memory for an exploration."""
+
+    draft: Draft
+    pool: Pool
+    anchors: Indices  # (S,)
+    away: Vector  # (K,)
+    state: Masks  # (1,) of the random numbers
+    polish: Polish
+    way: Matrix  # (N, 2) the plan last made
+    assigned: Indices  # (K,)
+    present_way: Matrix  # (N, 2) the plan that is mended
+    present: Indices  # (K,)
+
+
+def make_room(devices: int, limits: Limits, starts: int) -> Room:
+    """Memory for a problem of that size and so many starts."""
+    steps = limits.steps
+    return Room(
+        make_draft(devices, limits),
+        Pool(
+            np.full(POOL, -1.0),
+            np.zeros((POOL, steps, 2)),
+            np.full((POOL, devices), -1, dtype=np.int64),
+        ),
+        np.zeros(min(starts, devices), dtype=np.int64),
+        np.zeros(devices),
+        np.array([0x9E3779B97F4A7C15], dtype=np.uint64),
+        make_polish(devices, limits, steps),
+        np.zeros((steps, 2)),
+        np.zeros(devices, dtype=np.int64),
+        np.zeros((steps, 2)),
+        np.zeros(devices, dtype=np.int64),
+    )
 
 
 @compiled
@@ -104,33 +144,36 @@ def enter(pool: Pool, value: float, way: Matrix, assigned: Indices) -> None:
 
 @compiled
 def mend(
-    devices: Devices, limits: Limits, lists: Lists, tries: int, state: Masks, draft: Draft,
-    way: Matrix, assigned: Indices, value: float,
+    devices: Devices, limits: Limits, lists: Lists, tries: int, room: Room, way: Matrix,
+    assigned: Indices, value: float,
 ) -> float:  # fmt: skip
     """Improve a plan in place by `tries` stretches taken out and filled anew."""
-    steps = limits.steps
-    present, present_who, present_value = way.copy(), assigned.copy(), value
-    trial, trial_who = np.zeros_like(way), np.empty_like(assigned)
+    steps, state, draft = limits.steps, room.state, room.draft
+    copy_plan(way, assigned, room.present_way, room.present)
+    present_value = value
     for attempt in range(tries):
         cut = 1 + int(next_random(state) * min(LONGEST_CUT, steps - 1))
         first = 1 + int(next_random(state) * (steps - cut))
         power = 0.5 * int(next_random(state) * 3.0)
         length = limits.length * (1.0 + 2.0 * EXCESS * next_random(state))
-        count = cut_out(present, present_who, devices, first, first + cut, draft)
+        count = cut_out(room.present_way, room.present, devices, first, first + cut, draft)
         count = extend(devices, limits, lists, count, length, power, draft)
         hopeless = HOPELESS * present_value
-        got = polish(draft.points, count, limits, devices, hopeless, ROUGH, trial, trial_who)
+        got = polish(
+            draft.points, count, limits, devices, hopeless, ROUGH, room.way, room.assigned,
+            room.polish,
+        )  # fmt: skip
         tolerance = TOLERANCE * (1.0 - attempt / tries)
         if got > present_value * (1.0 - tolerance * next_random(state)):
             present_value = got
-            copy_plan(trial, trial_who, present, present_who)
+            copy_plan(room.way, room.assigned, room.present_way, room.present)
             if got > value:
                 value = got
-                copy_plan(trial, trial_who, way, assigned)
+                copy_plan(room.way, room.assigned, way, assigned)
     return value
 
 
-Explore = Callable[[Devices, Limits, Lists, int, int, Matrix, Indices], float]
+Explore = Callable[[Devices, Limits, Lists, int, Room, Matrix, Indices], float]
 
 
 def _make(sources: str) -> Explore:
@@ -139,31 +182,26 @@ def _make(sources: str) -> Explore:
         devices: Devices,
         limits: Limits,
         lists: Lists,
-        starts: int,
         tries: int,
+        room: Room,
         way: Matrix,
         assigned: Indices,
     ) -> float:
-        """The best of `starts` paths towards devices all over the area, after `tries` changes.
+        """The best of paths towards devices all over the area, after `tries` changes.
 
         Writes `way` (N, 2) and `assigned` (K,); returns what they earn.
         """
         _ = sources
-        total, steps = devices.u.shape[0], limits.steps
-        draft = make_draft(total, limits)
-        trial, who = np.zeros_like(way), np.full_like(assigned, -1)
-        pool = Pool(
-            np.full(POOL, -1.0),
-            np.zeros((POOL, steps, 2)),
-            np.full((POOL, total), -1, dtype=np.int64),
-        )
-        anchors = np.empty(min(starts, total), dtype=np.int64)
-        reachable = spread_out(devices, limits.length, anchors)
+        devices, lists, room = views(devices), views(lists), views(room)
+        way, assigned = views(way), views(assigned)
+        draft, pool = room.draft, room.pool
+        reachable = spread_out(devices, limits.length, room.anchors, room.away)
         for i in range(-3, reachable):
-            draft.have[:] = 0.0
+            for k in range(devices.u.shape[0]):
+                draft.have[k] = 0.0
             count = 1
             if i >= 0:
-                k = anchors[i]
+                k = room.anchors[i]
                 draft.points[1, 0], draft.points[1, 1] = devices.u[k, 0], devices.u[k, 1]
                 serve(k, devices, lists, draft)
                 count = 2
@@ -172,27 +210,32 @@ def _make(sources: str) -> Explore:
                 power, length = -0.5 * (i + 1), limits.length
             count = extend(devices, limits, lists, count, length, power, draft)
             hopeless = HOPELESS * pool.value[POOL - 1]
-            value = polish(draft.points, count, limits, devices, hopeless, ROUGH, trial, who)
-            enter(pool, value, trial, who)
-        state = np.array([0x9E3779B97F4A7C15], dtype=np.uint64)
+            value = polish(
+                draft.points, count, limits, devices, hopeless, ROUGH, room.way, room.assigned,
+                room.polish,
+            )  # fmt: skip
+            enter(pool, value, room.way, room.assigned)
         best = 0
         for p in range(POOL):
             if pool.value[p] > 0.0:
                 pool.value[p] = mend(
-                    devices, limits, lists, tries // (2 * POOL), state, draft, pool.way[p],
+                    devices, limits, lists, tries // (2 * POOL), room, pool.way[p],
                     pool.assigned[p], pool.value[p],
                 )  # fmt: skip
                 if pool.value[p] > pool.value[best]:
                     best = p
         value = mend(
-            devices, limits, lists, tries - tries // 2, state, draft, pool.way[best],
+            devices, limits, lists, tries - tries // 2, room, pool.way[best],
             pool.assigned[best], pool.value[best],
         )  # fmt: skip
         copy_plan(pool.way[best], pool.assigned[best], way, assigned)
-        finest = polish(pool.way[best], steps, limits, devices, 0.0, FINE, trial, who)
+        finest = polish(
+            pool.way[best], limits.steps, limits, devices, 0.0, FINE, room.way, room.assigned,
+            room.polish,
+        )  # fmt: skip
         if finest > value:
             value = finest
-            copy_plan(trial, who, way, assigned)
+            copy_plan(room.way, room.assigned, way, assigned)
         return value
 
     return explore

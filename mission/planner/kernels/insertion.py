@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.compiled import Indices, Matrix, Vector, compiled
+from mission.planner.kernels.compiled import NONE, ZERO, Indices, Matrix, Vector, compiled
 from mission.planner.kernels.instance import Devices, Limits
 from mission.planner.kernels.rewards import reward
 
@@ -40,7 +40,8 @@ def _rate(devices: Devices, lists: Lists, draft: Draft) -> None:
     for k in range(delta.shape[0]):
         if draft.worth[k] >= 0.0:
             continue
-        top[:] = 0.0
+        for i in range(top.shape[0]):
+            top[i] = 0.0
         for e in range(begin[k], begin[k + 1]):
             j = neighbour[e]
             gain = delta[j] * share[e] - have[j]
@@ -50,7 +51,10 @@ def _rate(devices: Devices, lists: Lists, draft: Draft) -> None:
                     top[i] = top[i + 1]
                     i += 1
                 top[i] = gain
-        draft.worth[k] = top.sum()
+        total = 0.0
+        for i in range(top.shape[0]):
+            total += top[i]
+        draft.worth[k] = total
 
 
 @compiled
@@ -125,15 +129,16 @@ def extend(
     """
     total = devices.u.shape[0]
     points = draft.points
-    _measure(draft, 0, count, count)
+    _measure(draft, ZERO, count, count)
     used = 0.0
     for n in range(count - 1):
         used += draft.legs[n]
-    draft.worth[:] = -1.0
+    for k in range(total):
+        draft.worth[k] = -1.0
     _rate(devices, lists, draft)
-    _find_legs(0, power, devices, count, draft)
+    _find_legs(ZERO, power, devices, count, draft)
     while count < limits.steps:
-        best, rating = -1, 0.0
+        best, rating = NONE, 0.0
         for k in range(total):
             if draft.worth[k] > 1e-9 * devices.delta[k] and used + draft.metres[k] <= length:
                 value = draft.worth[k] * draft.ease[k]
@@ -155,7 +160,6 @@ def extend(
     return count
 
 
-@compiled
 def make_draft(devices: int, limits: Limits) -> Draft:
     """Room for a path of that problem, with nothing in it but the start."""
     return Draft(

@@ -36,7 +36,6 @@ class Work(NamedTuple):
     b: Matrix
 
 
-@compiled
 def make_work(rows: int) -> Work:
     """Scratch for chains of up to that many stops."""
     return Work(

@@ -21,7 +21,6 @@ class Path(NamedTuple):
     excess: Vector  # (K,) by device: what the bound promises beyond what the path brings
 
 
-@compiled
 def make_path(devices: int) -> Path:
     """Room for a path of that many stops."""
     return Path(np.zeros((devices + 1, 2)), np.zeros(devices), np.zeros(devices))

@@ -11,10 +11,11 @@ it is taken.
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from mission.planner.kernels.ascent import FINE, polish
+from mission.planner.kernels.ascent import FINE, Polish, make_polish, polish
 from mission.planner.kernels.bounds import Goal, Solver, make_solver, rest_of, tighten
 from mission.planner.kernels.branching import (
     Family,
@@ -25,14 +26,24 @@ from mission.planner.kernels.branching import (
     make_child,
     make_family,
 )
-from mission.planner.kernels.compiled import SOURCES, Flags, Indices, Matrix, cached, compiled
-from mission.planner.kernels.instance import Problem, Relaxation
+from mission.planner.kernels.compiled import (
+    SOURCES,
+    Flags,
+    Indices,
+    Matrix,
+    Vector,
+    cached,
+    compiled,
+    views,
+)
+from mission.planner.kernels.instance import Limits, Problem, Relaxation
 from mission.planner.kernels.matching import copy_plan
 from mission.planner.kernels.path import Path, at_stops, make_path, recover
 from mission.planner.kernels.tree import (
     PLACED,
     UNDECIDED,
     Node,
+    Tree,
     best_open,
     make_node,
     make_tree,
@@ -44,6 +55,41 @@ from mission.planner.kernels.tree import (
 BARRIER_SHARE = 2.5e-4  # of the best value: what the barrier may add to a bound, a leg
 TINY = 1e-4  # of the best value: an excess not worth branching on
 PROBES = 3  # devices compared before one is branched on
+
+
+class Room(NamedTuple):
+    """Memory for a search."""
+
+    tree: Tree
+    node: Node
+    child: Node
+    path: Path
+    solver: Solver
+    family: Family
+    rival: Family
+    tried: Flags  # (K,)
+    promises: Vector  # (K,)
+    polish: Polish
+    way: Matrix  # (N, 2)
+    assigned: Indices  # (K,)
+
+
+def make_room(devices: int, limits: Limits, nodes: int) -> Room:
+    """Memory for a problem of that size and so many nodes that are open at most."""
+    return Room(
+        make_tree(nodes, devices),
+        make_node(devices),
+        make_node(devices),
+        make_path(devices),
+        make_solver(devices),
+        make_family(devices),
+        make_family(devices),
+        np.zeros(devices, dtype=np.bool_),
+        np.zeros(devices),
+        make_polish(devices, limits, devices + 1),
+        np.zeros((limits.steps, 2)),
+        np.zeros(devices, dtype=np.int64),
+    )
 
 
 @compiled
@@ -100,11 +146,12 @@ def cut_radius(node: Node, at: int, path: Path, relaxation: Relaxation) -> int:
 @compiled
 def branch(
     node: Node, path: Path, problem: Problem, goal: Goal, least: float, solver: Solver,
-    family: Family, rival: Family,
+    family: Family, rival: Family, tried: Flags,
 ) -> float:  # fmt: skip
     """Find a way to split the node into `family`; -1 if it is a leaf, else the largest bound
-    among the parts of it that were closed on the way."""
-    tried = np.zeros(node.level.shape[0], dtype=np.bool_)
+    among the parts of it that were closed on the way. `rival` and `tried` (K,) are memory."""
+    for k in range(tried.shape[0]):
+        tried[k] = False
     at = pick_stop(node, path, problem.relaxation, least)
     if at < 0 and pick_device(node, path, problem.relaxation, least, tried) < 0:
         tighten(node, problem, goal, solver)
@@ -134,7 +181,7 @@ def branch(
     return float(family.score[1])
 
 
-Search = Callable[[Problem, float, int, int, Matrix, Indices, float], tuple[float, float, int]]
+Search = Callable[[Problem, float, int, Room, Matrix, Indices, float], tuple[float, float, int]]
 
 
 def _make(sources: str) -> Search:
@@ -143,7 +190,7 @@ def _make(sources: str) -> Search:
         problem: Problem,
         gap: float,
         max_nodes: int,
-        pool: int,
+        room: Room,
         way: Matrix,
         assigned: Indices,
         value: float,
@@ -154,7 +201,7 @@ def _make(sources: str) -> Search:
             problem: at least one device, a positive length, and something to be won.
             gap: relative gap (bound - value) / bound that is enough.
             max_nodes: nodes that are looked into at most.
-            pool: nodes that are open at most; further ones are closed with their bound.
+            room: memory; nodes for which it has none are closed with their bound.
             way: (N, 2) the plan to start from, overwritten with the best one.
             assigned: (K,) its assignment, likewise.
             value: what it earns, above 0.
@@ -163,14 +210,10 @@ def _make(sources: str) -> Search:
             (value, upper bound, nodes).
         """
         _ = sources
+        problem, room, way, assigned = views(problem), views(room), views(way), views(assigned)
         devices, limits, relaxation = problem.devices, problem.limits, problem.relaxation
-        count = devices.u.shape[0]
-        node, child = make_node(count), make_node(count)
-        solver, path = make_solver(count), make_path(count)
-        family, rival = make_family(count), make_family(count)
-        tree = make_tree(pool, count)
-        other_way, other_assigned = np.empty_like(way), np.empty_like(assigned)
-        node.number[0] = rest_of(node, limits, relaxation)
+        tree, node, path, family = room.tree, room.node, room.path, room.family
+        node.number[0] = rest_of(node, limits, relaxation, room.promises)
         node.number[2] = node.number[0] / limits.length
         push(tree, node)
         closed = value  # the largest bound among all that was closed
@@ -184,27 +227,30 @@ def _make(sources: str) -> Search:
             nodes += 1
             if recover(node, problem, path) > value:
                 better = polish(
-                    path.points, node.size[0] + 1, limits, devices, 0.0, FINE, other_way,
-                    other_assigned,
+                    path.points, node.size[0] + 1, limits, devices, 0.0, FINE, room.way,
+                    room.assigned, room.polish,
                 )  # fmt: skip
                 if better > value:
                     value = better
-                    copy_plan(other_way, other_assigned, way, assigned)
+                    copy_plan(room.way, room.assigned, way, assigned)
                     enough = value / (1.0 - gap)
             if node.number[0] <= enough:
                 closed = max(closed, node.number[0])
                 continue
             eps = BARRIER_SHARE * value / max(node.size[0] + 1, 3)
-            goal = Goal(rest_of(node, limits, relaxation), eps, enough, value / limits.length)
-            cut_off = branch(node, path, problem, goal, TINY * value, solver, family, rival)
+            rest = rest_of(node, limits, relaxation, room.promises)
+            goal = Goal(rest, eps, enough, value / limits.length)
+            cut_off = branch(
+                node, path, problem, goal, TINY * value, room.solver, family, room.rival, room.tried
+            )
             if cut_off < 0.0:
                 closed = max(closed, node.number[0])
                 continue
             closed = max(closed, cut_off)
             for c in range(family.what[3]):
-                make_child(node, family, c, relaxation, child)
-                if not push(tree, child):
-                    closed = max(closed, child.number[0])
+                make_child(node, family, c, relaxation, room.child)
+                if not push(tree, room.child):
+                    closed = max(closed, room.child.number[0])
         return value, closed, nodes
 
     return search

@@ -40,7 +40,6 @@ class Tree(NamedTuple):
     used: Indices  # (2,) open nodes; unused rows
 
 
-@compiled
 def make_node(devices: int) -> Node:
     """An empty node: nothing in the order, every device open everywhere."""
     return Node(
@@ -55,7 +54,6 @@ def make_node(devices: int) -> Node:
     )
 
 
-@compiled
 def make_tree(rows: int, devices: int) -> Tree:
     """An empty pool of that many rows."""
     return Tree(
@@ -91,13 +89,13 @@ def push(tree: Tree, node: Node) -> bool:
         tree.y[row, i, 0], tree.y[row, i, 1] = node.y[i, 0], node.y[i, 1]
     for k in range(node.level.shape[0]):
         tree.level[row, k], tree.mask[row, k] = node.level[k], node.mask[k]
-    heap, bound = tree.heap, tree.number[:, 0]
+    heap, number = tree.heap, tree.number
     i = tree.used[0]
     tree.used[0] += 1
     heap[i] = row
     while i > 0:
         up = (i - 1) // 2
-        if bound[heap[up]] >= bound[heap[i]]:
+        if number[heap[up], 0] >= number[heap[i], 0]:
             break
         heap[up], heap[i] = heap[i], heap[up]
         i = up
@@ -113,7 +111,7 @@ def best_open(tree: Tree) -> float:
 @compiled
 def pop(tree: Tree, node: Node) -> None:
     """Unpack the open node with the largest bound, and free its row."""
-    heap, bound = tree.heap, tree.number[:, 0]
+    heap, number = tree.heap, tree.number
     row = heap[0]
     tree.used[0] -= 1
     last = tree.used[0]
@@ -123,9 +121,9 @@ def pop(tree: Tree, node: Node) -> None:
         child = 2 * i + 1
         if child >= last:
             break
-        if child + 1 < last and bound[heap[child + 1]] > bound[heap[child]]:
+        if child + 1 < last and number[heap[child + 1], 0] > number[heap[child], 0]:
             child += 1
-        if bound[heap[i]] >= bound[heap[child]]:
+        if number[heap[i], 0] >= number[heap[child], 0]:
             break
         heap[i], heap[child] = heap[child], heap[i]
         i = child
