@@ -11,6 +11,8 @@ from mission.plancompare import PlanFlight
 
 _Cell = Callable[[Comparison], str]
 
+_NAME_WIDTH = 10  # characters of a run's name in a line, at least
+
 
 def _number(value: float, digits: int = 2) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
@@ -130,41 +132,60 @@ def _devices(comparison: RunComparison) -> Table:
     return table
 
 
-def side_by_side(comparisons: Sequence[RunComparison]) -> Table:
-    """Several runs: a row a number, a column a run, with the difference where there are two."""
+def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[Table, ...]:
+    """Several runs: a row a number, a column a run, with the difference where there are two.
+
+    As many tables as it takes for none to be wider than `width` characters.
+    """
     rows = [
         (label, digits, [float(getattr(item.total, name)) for item in comparisons])
         for label, name, digits in _SIDE_BY_SIDE
     ]
-    return _columns("Runs side by side", "whole run", [item.name for item in comparisons], rows)
+    names = [item.name for item in comparisons]
+    return _columns("Runs side by side", "whole run", names, rows, width)
 
 
-def flights_side_by_side(flights: Sequence[PlanFlight]) -> Table:
+def flights_side_by_side(flights: Sequence[PlanFlight], *, width: int) -> tuple[Table, ...]:
     """Several flights of plan files, as `side_by_side`."""
     rows = [
         (label, digits, [float(getattr(item.numbers, name)) for item in flights])
         for label, name, digits in _OF_FLIGHTS
     ]
-    return _columns("Flights side by side", "flight", [item.run.name for item in flights], rows)
+    names = [item.run.name for item in flights]
+    return _columns("Flights side by side", "flight", names, rows, width)
 
 
 def _columns(
-    title: str, corner: str, names: Sequence[str], rows: Sequence[tuple[str, int, list[float]]]
-) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
-    table.add_column(corner)
-    for name in names:
-        table.add_column(name, justify="right", overflow="fold")
-    both = len(names) == 2
-    if both:
-        table.add_column("difference", justify="right")
-    for label, digits, values in rows:
-        cells = [_number(value, digits) for value in values]
-        if both:
-            change = values[1] - values[0]
-            cells.append("-" if math.isnan(change) else f"{change:+.{digits}f}")
-        table.add_row(label, *cells)
-    return table
+    title: str,
+    corner: str,
+    names: Sequence[str],
+    rows: Sequence[tuple[str, int, list[float]]],
+    width: int,
+) -> tuple[Table, ...]:
+    cells = [[_number(value, digits) for value in values] for _, digits, values in rows]
+    widest = max(len(cell) for row in cells for cell in row)
+    labels = max(len(label) for label, _, _ in rows)
+    # 2 characters at either edge of a table, and 3 between columns.
+    room = (width - labels - 4) // (max(widest, _NAME_WIDTH) + 3)
+    fit = max(2, room)  # two stay together; on a narrow terminal the labels make way
+    size = math.ceil(len(names) / math.ceil(len(names) / fit))  # none much shorter than the others
+    found = []
+    for begin in range(0, len(names), size):
+        table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
+        table.add_column(corner, no_wrap=room > 2, overflow="fold")
+        for name in names[begin : begin + size]:
+            table.add_column(name, justify="right", overflow="fold", min_width=widest)
+        if len(names) == 2:
+            table.add_column("difference", justify="right", no_wrap=True)
+        for (label, digits, values), row in zip(rows, cells, strict=True):
+            changes = [_change(values[1] - values[0], digits)] if len(names) == 2 else []
+            table.add_row(label, *row[begin : begin + size], *changes)
+        found.append(table)
+    return tuple(found)
+
+
+def _change(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:+.{digits}f}"
 
 
 def _table(

@@ -86,7 +86,8 @@ def _runs(
         draw_comparison(found, figure)
     if not as_json:
         console = Terminal()
-        for table in tables(found[0]) if len(found) == 1 else (side_by_side(found),):
+        alone = len(found) == 1
+        for table in tables(found[0]) if alone else side_by_side(found, width=console.width):
             console.print(table)
     return [item.to_json() for item in found]
 
@@ -117,5 +118,7 @@ def _flights(
         if len(found) == 1:
             print("\n".join(found[0].numbers.lines()))
         else:
-            Terminal().print(flights_side_by_side(found))
+            console = Terminal()
+            for table in flights_side_by_side(found, width=console.width):
+                console.print(table)
     return [{"source": str(item.run.path), **plain_numbers(item.numbers)} for item in found]

@@ -179,12 +179,52 @@ def test_tables_fit_eighty_columns(tmp_path: Path) -> None:
     with console.capture() as captured:
         for table in tables(result):
             console.print(table)
-        console.print(side_by_side([result, result]))
+        for table in side_by_side([result, result], width=80):
+            console.print(table)
     text = captured.get()
     assert "…" not in text
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
     assert f"{result.total.cross_track_rms_m:.2f} / {result.total.cross_track_max_m:.2f}" in text
     assert "+0.000" in text
+
+
+@pytest.mark.parametrize("width", [80, 200])
+@pytest.mark.parametrize("runs", [3, 6, 12])
+def test_no_number_wraps_however_many_runs(tmp_path: Path, runs: int, width: int) -> None:
+    fly(tmp_path, rounds=1)
+    result = compare_run(load_run(tmp_path))
+    many = [
+        dataclasses.replace(
+            result,
+            name=f"runs/cov-learning_rate=0.1-seed{seed}",
+            total=dataclasses.replace(result.total, flown_path_m=10_000.5 + seed),
+        )
+        for seed in range(runs)
+    ]
+    console = Console(width=width, force_terminal=False)
+    found = side_by_side(many, width=width)
+    with console.capture() as captured:
+        for table in found:
+            console.print(table)
+    lines = captured.get().splitlines()
+    assert max(len(line.rstrip()) for line in lines) <= width
+    flown = [line.split()[3:] for line in lines if line.strip().startswith("flown path (m)")]
+    assert [cell for row in flown for cell in row] == [f"{10_000.5 + s:.1f}" for s in range(runs)]
+    assert "…" not in captured.get()
+    assert "difference" not in captured.get()  # of two tables' columns there is none
+    assert len(found) == math.ceil(runs / ((width - 28) // 13))
+
+
+def test_two_runs_stay_together_on_a_narrow_terminal(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=1)
+    result = dataclasses.replace(compare_run(load_run(tmp_path)), name="runs/cov-seed1")
+    console = Console(width=50, force_terminal=False)
+    (table,) = side_by_side([result, result], width=50)
+    with console.capture() as captured:
+        console.print(table)
+    path = f"{result.total.plan_path_m:.1f}"
+    assert [path, path, "+0.0"] in [line.split()[-3:] for line in captured.get().splitlines()]
+    assert "difference" in captured.get()
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
