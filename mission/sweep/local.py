@@ -45,21 +45,25 @@ class LocalEngine:
         """Runs that ended; one whose process was killed has no end.
 
         Raises:
-            Exception: whatever a run raised that is no error of the application.
+            Exception: whatever a run raised that is no error of the application, once every
+                other run that ended was told.
         """
         done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
-        ended = []
+        ended: list[Ended] = []
+        bug: BaseException | None = None
         for future in done:
+            error = future.exception()
+            if error is not None and not isinstance(error, TerminatedWorkerError):
+                bug = error  # stays among the running: the next call raises it
+                continue
             order, pool = self._running.pop(future)
-            try:
-                ended.append(Ended(order, future.result()))
+            if error is None:
                 self._free.append(pool)
-            except TerminatedWorkerError:
+            else:
                 pool.shutdown(kill_workers=True)
-                ended.append(Ended(order, None))
-            except BaseException:
-                self._free.append(pool)  # closed with the others
-                raise
+            ended.append(Ended(order, None if error else future.result()))
+        if bug is not None and not ended:
+            raise bug
         return tuple(ended)
 
     def close(self) -> None:

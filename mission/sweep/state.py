@@ -84,8 +84,8 @@ def _why(run: RunFolder) -> str:
 
 
 def rounds_in(run: RunFolder) -> int:
-    """Rounds that a run has flown so far."""
+    """Rounds that a run has flown so far; 0 where its table cannot be read."""
     try:
         return max(0, run.rounds.read_bytes().count(b"\n") - 1)
-    except FileNotFoundError:
+    except OSError:
         return 0

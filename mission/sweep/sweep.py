@@ -1,12 +1,13 @@
 """One `aerofed sweep`: the runs that are not done yet, then tables and figures of all of them."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 from rich.console import Console
 
 from mission.errors import INTERRUPTED, AerofedError
-from mission.sweep.engine import EngineName, make_engine
+from mission.sweep.engine import Engine, EngineName, make_engine
 from mission.sweep.execution import execute_all
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
@@ -83,10 +84,8 @@ def _fly(
     with folder.lock():
         folder.claim(grid, data_dir=data_dir)
         if todo:
-            ends = _execute(
-                grid, todo, folder,
-                data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
-            )  # fmt: skip
+            with closing(make_engine(engine, jobs=jobs, address=address)) as workers:
+                ends = _execute(grid, todo, folder, workers, data_dir=data_dir, console=console)
         if any(folder.done(run) for run in grid.runs):
             _report(folder.path, console)
     return ends
@@ -96,11 +95,9 @@ def _execute(
     grid: Grid,
     todo: Sequence[SweepRun],
     folder: SweepFolder,
+    workers: Engine,
     *,
     data_dir: Path | None,
-    engine: EngineName,
-    jobs: int | None,
-    address: str | None,
     console: Console,
 ) -> dict[str, RunEnd]:
     before = len(grid.runs) - len(todo)
@@ -111,7 +108,6 @@ def _execute(
     def order(run: SweepRun) -> RunOrder:
         return RunOrder(run.name, run.config, SweepFolder(base).run(run).path, data, here)
 
-    workers = make_engine(engine, jobs=jobs, address=address)
     slots = min(workers.slots, len(todo))
     time_left = TimeLeft(folder, grid.runs, todo=todo, slots=slots)
     progress: SweepProgress = (
@@ -144,7 +140,6 @@ def _execute(
         progress.say(f"{len(todo)} runs, {slots} at a time")
         return execute_all(todo, workers, order=order, watch=watch)
     finally:
-        workers.close()
         progress.close()
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from mission.audience import Audience
 from mission.config import RunConfig
-from mission.errors import AerofedError
+from mission.errors import AerofedError, InputError
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
 ENVIRONMENT = {
@@ -42,16 +42,16 @@ class RunEnd:
 def execute(order: RunOrder) -> RunEnd:
     """Fly one run from its start into a fresh folder; what a run before it left half-done goes.
 
-    An error of the run (flight failed, learning diverged) is an end, not an exception: the other
-    runs of the sweep go on.
+    An error of the run (flight failed, learning diverged, disk full) is an end, not an exception:
+    the other runs of the sweep go on.
     """
     if str(order.working_dir) not in sys.path:
         sys.path.append(str(order.working_dir))
     from mission.session import fly_session
 
-    if order.folder.exists():
-        shutil.rmtree(order.folder)
     try:
+        if order.folder.exists():
+            shutil.rmtree(order.folder)
         code = fly_session(
             order.config,
             order.folder,
@@ -61,4 +61,7 @@ def execute(order: RunOrder) -> RunEnd:
         )
     except AerofedError as error:
         return RunEnd(error.exit_code, str(error))
+    except OSError as error:
+        where, why = error.filename or order.folder, error.strerror or error
+        return RunEnd(InputError.exit_code, f"{where}: {why}")
     return RunEnd(code)

@@ -1,6 +1,7 @@
 """Whole sweeps: real flights in worker processes, interrupted, killed, repeated and compared."""
 
 import csv
+import errno
 import importlib.util
 import json
 import os
@@ -10,14 +11,17 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 from patience import HANG_S, until
 
 from mission.cli import call
+from mission.commands.options import load
 from mission.sweep.engine import Ended
-from mission.sweep.worker import RunOrder, execute
+from mission.sweep.local import LocalEngine
+from mission.sweep.worker import RunEnd, RunOrder, execute
 
 TINY = (
     "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
@@ -245,6 +249,89 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(
     assert [run["learning.learning_rate"] for run in rows(out / "runs.csv")] == ["0.01"]
     assert call(["report", str(out)]) == 0
     assert "<td>failed: learning diverged" in (out / "report.html").read_text()
+
+
+def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    for name in ("ideal-seed1", "ideal-seed2"):
+        shutil.rmtree(part / "runs" / name)
+    in_the_way = part / "runs" / "ideal-seed1"
+    in_the_way.write_text("no folder")
+    assert call_inline(command(part)) == 2
+    printed = capsys.readouterr()
+    assert f"run ideal-seed1 failed: {in_the_way}: Not a directory" in printed.err
+    assert "run 4/4 ideal-seed2: 2 rounds" in printed.out
+    assert {row["run"] for row in rows(part / "runs.csv")} == {
+        "cov-seed1", "cov-seed2", "ideal-seed2",
+    }  # fmt: skip
+    in_the_way.unlink()
+    assert call_inline(command(part)) == 0
+    assert tables(part) == tables(swept)
+
+
+def test_a_full_disk_is_the_end_of_a_run_and_not_of_the_sweep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly_session(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("mission.session.fly_session", fly_session)
+    out = tmp_path / "full"
+    assert call_inline(command(out, seeds=1)) == 2
+    errors = capsys.readouterr().err
+    for name in ("cov-seed1", "ideal-seed1"):
+        assert f"run {name} failed: {out}/runs/{name}: No space left on device" in errors
+
+
+def test_the_engine_is_closed_where_the_sweep_cannot_begin(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = []
+
+    class Noted(Inline):
+        def close(self) -> None:
+            closed.append(self)
+
+    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Noted())
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    shutil.rmtree(part / "runs" / "ideal-seed2")
+    (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
+    assert call(command(part)) == 2
+    assert "uplinks.csv" in capsys.readouterr().err
+    assert len(closed) == 1
+
+
+class Finished:
+    """A pool whose runs are over at once; those of a name with a bug raise."""
+
+    def submit(self, _: object, order: RunOrder) -> Future[RunEnd]:
+        future = Future[RunEnd]()
+        if order.name == "bug":
+            future.set_exception(ZeroDivisionError("a bug"))
+        else:
+            future.set_result(RunEnd(0))
+        return future
+
+    def shutdown(self, *, kill_workers: bool) -> None: ...
+
+
+def test_what_others_finished_is_told_before_a_bug(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.local._pool", Finished)
+    engine = LocalEngine(9)
+    names = ["a", "b", "bug", "c", "d", "e"]
+    config = load(None, ())
+    for name in names:
+        engine.start(RunOrder(name, config, tmp_path / name, None, tmp_path))
+    assert {item.order.name for item in engine.wait(0.0)} == {*names} - {"bug"}
+    with pytest.raises(ZeroDivisionError):
+        engine.wait(0.0)
+    engine.close()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
