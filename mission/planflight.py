@@ -3,8 +3,7 @@
 import asyncio
 import csv
 import io
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio import CHANNEL_PRESETS
-from flightdyn.errors import FlightInputError
-from flightdyn.random import RandomStreams
-from flightdyn.state import GeodeticPoint
 from mission.area import Area
 from mission.audience import Audience
-from mission.config import AreaConfig, RunConfig
+from mission.config import RunConfig
+from mission.ending import Ending
 from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
-from mission.fence import fence_of
 from mission.figure_flight import draw_flight
-from mission.flyer import open_simulated
+from mission.flyer import SimulatedFlyer, open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
 from mission.log.live import live_views
-from mission.log.values import Devices, FlightData, Zone
+from mission.log.values import Devices, FlightData
 from mission.log.writer import FlightLog
-from mission.pilot.importer import Imported, import_plan, raw_items
-from mission.plancheck import PlannedPath, check_plan, here_means
+from mission.pilot.importer import raw_items
 from mission.plancompare import (
     KEY,
     METADATA,
@@ -38,31 +33,16 @@ from mission.plancompare import (
     plan_flight,
     was_flown,
 )
-from mission.planfile import PlanFile, read_plan_file
+from mission.planfile import read_plan_file
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.plansetup import PreparedPlan, prepare_plan
 from mission.rundata import load_run
 from mission.stopwatch import Stopwatch
-from sitl.autopilot.items import PLACES
-from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
-_MARGIN_M = 50.0  # around the plan, for the map
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """Everything that can be refused has been; nothing has been written."""
-
-    plan: PlanFile
-    imported: Imported
-    path: PlannedPath
-    area: Area
-    fence: tuple[Zone, ...]
-    vehicle: Vehicle
-    config: RunConfig
 
 
 def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience) -> int:
@@ -74,68 +54,74 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
     """
     if config.link.kind == "external":
         raise InputError("link.kind = external: plans are flown by the simulated vehicle only")
-    stopwatch = Stopwatch()
+    stopwatch, ending = Stopwatch(), Ending()
     with stopwatch("setup"):
-        ready = _prepare(config, read_plan_file(source))
+        ready = prepare_plan(config, read_plan_file(source))
         check_link(config.link)
         live = live_views(audience)
         folder = RunFolder.create(path)
-        write_atomically(folder.config, ready.config.to_toml())
-        write_atomically(folder.path / source.name, source.read_bytes())
-        summary: dict[str, Any] = {
-            "status": "running",
-            "name": source.stem,
-            "plan": source.name,
-            "seed": config.seed,
-            **environment(),
-        }
-        folder.write_summary(summary)
-    status, error = "failed", None
+        about = _begin(folder, ready)
     nobody = Devices(np.zeros((0, 2)), ())
     with FlightLog(
         folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
     ) as log:
-        log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
-        log.attach(source.name, "text/plain", ready.plan.text.encode())
-        log.metadata(METADATA, _metadata(ready))
+        _attach(log, ready)
         try:
-            with stopwatch("fly"):
+            with stopwatch("fly"), ending.flight():
                 asyncio.run(_fly(ready, log))
-            status = "finished"
-        except KeyboardInterrupt:
-            status = "interrupted"
-        except AerofedError as failure:
-            summary["error"] = f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}"
-            error = failure.in_words(f"{summary['error']}; what was flown is in {folder.path}")
         finally:
-            if status != "finished":
-                folder.write_summary(summary | {"status": status})
+            if ending.status != "finished":
+                folder.write_summary({**ending.summary, **about})
     flight = None
-    try:
-        with stopwatch("figures"):
-            flight = _left_behind(folder)
-    except AerofedError as failure:
-        if error is None:  # otherwise a consequence of what went wrong before
-            error, status, summary["error"] = failure, "failed", str(failure)
-    if flight is not None:
-        summary[KEY] = plain_numbers(flight.numbers)
-        if status == "finished" and max(flight.places_m) not in flight.reached:
-            status = "failed"
-            error = FlightError(f"item {max(flight.places_m)} was never reached")
+    with stopwatch("figures"), ending.aftermath():
+        flight = _left_behind(folder)
+        if flight is not None and ending.status == "finished":
+            _check_end(flight)
+    numbers = {} if flight is None else {KEY: plain_numbers(flight.numbers)}
+    times = _times(ready.vehicle, stopwatch)
     # Last of all: a folder that says "finished" has everything.
-    sim_s, fly_s = ready.vehicle.t_ns / 1e9, stopwatch.wall_s["fly"]
-    times = {"simulated_s": sim_s, "real_time_factor": sim_s / fly_s}
-    wall_s = {**stopwatch.wall_s, "total": stopwatch.total_s}
-    folder.write_summary(summary | {"status": status, **times, "wall_s": wall_s})
-    if error is not None:
-        raise error
-    if status == "interrupted":
+    folder.write_summary({**ending.summary, **about, **numbers, **times})
+    ending.raise_error(folder.path)
+    if ending.status == "interrupted":
         audience.say(f"interrupted; what was flown is in {folder.path}")
         return INTERRUPTED
     if flight is not None:
         for line in (*flight.numbers.lines(), f"results in {folder.path}"):
             audience.say(line)
     return 0
+
+
+def _begin(folder: RunFolder, ready: PreparedPlan) -> dict[str, Any]:
+    """Write what the flight begins with; returns what its summary says of it."""
+    source = ready.plan.path
+    write_atomically(folder.config, ready.config.to_toml())
+    write_atomically(folder.path / source.name, source.read_bytes())
+    seed = ready.config.seed
+    about = {"name": source.stem, "plan": source.name, "seed": seed, **environment()}
+    folder.write_summary({"status": "running", **about})
+    return about
+
+
+def _attach(log: FlightLog, ready: PreparedPlan) -> None:
+    """What is needed to understand the log."""
+    log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
+    log.attach(ready.plan.path.name, "text/plain", ready.plan.text.encode())
+    log.metadata(METADATA, _metadata(ready))
+
+
+def _check_end(flight: PlanFlight) -> None:
+    last = max(flight.places_m)
+    if last not in flight.reached:
+        raise FlightError(f"item {last} was never reached")
+
+
+def _times(vehicle: Vehicle, stopwatch: Stopwatch) -> dict[str, Any]:
+    sim_s, wall_s = vehicle.t_ns / 1e9, stopwatch.wall_s
+    return {
+        "simulated_s": sim_s,
+        "real_time_factor": sim_s / wall_s["fly"],
+        "wall_s": {**wall_s, "total": stopwatch.total_s},
+    }
 
 
 def _left_behind(folder: RunFolder) -> PlanFlight | None:
@@ -149,80 +135,33 @@ def _left_behind(folder: RunFolder) -> PlanFlight | None:
     return flight
 
 
-def _prepare(config: RunConfig, plan: PlanFile) -> _Ready:
-    ground = config.area.home_alt_msl_m
-    planned = plan.home or GeodeticPoint(config.area.home_lat_deg, config.area.home_lon_deg, ground)
-    vehicle, imported = _at(planned, config, plan)
-    if plan.home is None:
-        first = next((item for item in imported.items if item.command in PLACES), None)
-        if first is None:
-            raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
-        planned = GeodeticPoint(first.x, first.y, ground)
-        vehicle, imported = _at(planned, config, plan)
-    path = check_plan(
-        imported.items, imported.fence, imported.rally, vehicle=vehicle, source=str(plan.path)
-    )
-    area_config = _area_around(path, vehicle.autopilot.flight.home)
-    area = area_config.build()
-    fence = fence_of(imported.fence, vehicle.autopilot.parameters, area)
-    return _Ready(
-        plan,
-        imported,
-        path,
-        area,
-        fence,
-        vehicle,
-        config.model_copy(update={"area": area_config}),
-    )
-
-
-def _at(home: GeodeticPoint, config: RunConfig, plan: PlanFile) -> tuple[Vehicle, Imported]:
-    """A vehicle on the ground at `home`, and the plan as imported for it."""
-    if math.isnan(home.alt_msl_m):
-        home = GeodeticPoint(home.lat_deg, home.lon_deg, config.area.home_alt_msl_m)
+async def _fly(ready: PreparedPlan, log: FlightLog) -> None:
     try:
-        vehicle = Vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
-    vehicle.greet()
-    imported = import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
-    items = here_means(imported.items, home)
-    return vehicle, replace(imported, items=items)
+        async with open_simulated(
+            ready.config, ready.vehicle, area=ready.area, observers=(log,)
+        ) as flyer:
+            await _carry_out(ready, flyer, log)
+    except AerofedError as failure:
+        raise failure.in_words(f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}") from failure
 
 
-def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
-    """The rectangle around the plan."""
-    points_m = np.vstack((path.points_ned_m, *path.rally_ned_m))[:, :2]
-    low, high = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
-    return AreaConfig(
-        size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
-        home_m=(float(-low[1]), float(-low[0])),
-        home_lat_deg=home.lat_deg,
-        home_lon_deg=home.lon_deg,
-        home_alt_msl_m=home.alt_msl_m,
-    )
+async def _carry_out(ready: PreparedPlan, flyer: SimulatedFlyer, log: FlightLog) -> None:
+    pilot, plan = flyer.pilot, ready.imported
+    await pilot.ready()
+    if plan.fence:
+        await pilot.upload_fence(raw_items(plan.fence))
+    if plan.rally:
+        await pilot.upload_rally(raw_items(plan.rally))
+    _log_path(flyer.t_ns, log, ready)
+    await pilot.arm()
+    await pilot.fly_items(raw_items(plan.items))
+    if ready.path.returns:
+        await pilot.landed()
+    else:
+        await pilot.land()
 
 
-async def _fly(ready: _Ready, log: FlightLog) -> None:
-    async with open_simulated(
-        ready.config, ready.vehicle, area=ready.area, observers=(log,)
-    ) as flyer:
-        pilot = flyer.pilot
-        await pilot.ready()
-        if ready.imported.fence:
-            await pilot.upload_fence(raw_items(ready.imported.fence))
-        if ready.imported.rally:
-            await pilot.upload_rally(raw_items(ready.imported.rally))
-        _log_path(flyer.t_ns, log, ready)
-        await pilot.arm()
-        await pilot.fly_items(raw_items(ready.imported.items))
-        if ready.path.returns:
-            await pilot.landed()
-        else:
-            await pilot.land()
-
-
-def _metadata(ready: _Ready) -> dict[str, str]:
+def _metadata(ready: PreparedPlan) -> dict[str, str]:
     """What the log has to hold beside the plan's path."""
     area, path = ready.area, ready.path
     return flight_metadata(
@@ -233,7 +172,7 @@ def _metadata(ready: _Ready) -> dict[str, str]:
     )
 
 
-def _log_path(t_ns: int, log: FlightLog, ready: _Ready) -> None:
+def _log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
     """The planned path, as the log has it for rounds: one round that serves nobody."""
     points = _xyz(ready.area, ready.path.points_ned_m)
     plan = RoundPlan(points[:, :2], np.zeros((len(points), 0), dtype=bool), value=0.0)

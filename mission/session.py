@@ -2,7 +2,8 @@
 
 import asyncio
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
 from mission.config import RunConfig
 from mission.configfile import load_config
-from mission.errors import INTERRUPTED, AerofedError, InputError
+from mission.ending import Ending
+from mission.errors import INTERRUPTED, InputError
 from mission.experiment import Experiment
 from mission.flyers import await_vehicle, check_link
 from mission.folder import RunFolder, write_atomically
@@ -21,7 +23,7 @@ from mission.recorder import recording
 from mission.resumable import data_dir_of, read_checkpoint
 from mission.setaside import SetAside
 from mission.stopwatch import Stopwatch
-from mission.summary import Status, Summary
+from mission.summary import Summary
 from mission.world import World, build_world
 
 _SETTING_UP = "setting up (after an installation it compiles first)"
@@ -127,13 +129,46 @@ def _fly(
     write_atomically(folder.devices, world.devices_csv())
     summary = Summary(folder, world, remembered=len(ready.memory))
     summary.started()
+    ending = Ending()
+    with _experiment(ready, audience, stopwatch, workers=workers) as experiment:
+        try:
+            with ending.flight():
+                asyncio.run(experiment.run())
+        finally:
+            if ending.status != "finished":
+                summary.ended(ending, experiment.tally, stopwatch)
+    if ending.status == "finished":
+        SetAside(folder).discard()
+    # The figures read the finished log and tables.
+    with ending.aftermath(), stopwatch("figures"), audience.waiting("drawing figures"):
+        from mission import figures  # with it matplotlib, which nothing before needs
+
+        figures.draw_run(folder.path)
+    # Last of all: a folder that says "finished" has everything.
+    summary.ended(ending, experiment.tally, stopwatch)
+    ending.raise_error(folder.path)
+    for line in _outcome(experiment, stopwatch):
+        audience.say(line)
+    audience.say(f"results in {folder.path}")
+    if ending.status == "interrupted":
+        again = f"; aerofed run --resume {folder.path} goes on"
+        audience.say(f"interrupted{'' if world.config.link.kind == 'external' else again}")
+        return INTERRUPTED
+    return 0
+
+
+@contextmanager
+def _experiment(
+    ready: _Ready, audience: Audience, stopwatch: Stopwatch, *, workers: int | None
+) -> Iterator[Experiment]:
+    """The experiment, recorded in its folder for as long as the block runs."""
     with recording(
-        world, folder, ready.checkpoint,
+        ready.world, ready.folder, ready.checkpoint,
         audience=audience, stopwatch=stopwatch, mirrors=ready.live,
     ) as recorder:  # fmt: skip
         log = recorder.log
-        experiment = Experiment(
-            world,
+        yield Experiment(
+            ready.world,
             recorder,
             stopwatch,
             ready.state,
@@ -142,42 +177,6 @@ def _fly(
             observers=(log,),
             tap=(lambda link: RecordedLink(link, log)) if audience.log_mavlink else None,
         )
-        error: AerofedError | None = None
-        status: Status = "failed"
-        try:
-            asyncio.run(experiment.run())
-            status = "finished"
-        except KeyboardInterrupt:
-            status = "interrupted"
-        except AerofedError as failure:
-            error = failure
-        finally:
-            why = None if error is None else str(error)
-            if status != "finished":
-                summary.ended(status, experiment.tally, stopwatch, error=why)
-    if status == "finished":
-        SetAside(folder).discard()
-    # The figures read the finished log and tables.
-    try:
-        with stopwatch("figures"), audience.waiting("drawing figures"):
-            from mission import figures  # with it matplotlib, which nothing before needs
-
-            figures.draw_run(folder.path)
-    except AerofedError as failure:
-        if error is None:  # otherwise a consequence of what went wrong before
-            error, status, why = failure, "failed", str(failure)
-    # Last of all: a folder that says "finished" has everything.
-    summary.ended(status, experiment.tally, stopwatch, error=why)
-    if error is not None:
-        raise error.in_words(f"{error}; what was flown is in {folder.path}") from error
-    for line in _outcome(experiment, stopwatch):
-        audience.say(line)
-    audience.say(f"results in {folder.path}")
-    if status == "interrupted":
-        again = f"; aerofed run --resume {folder.path} goes on"
-        audience.say(f"interrupted{'' if world.config.link.kind == 'external' else again}")
-        return INTERRUPTED
-    return 0
 
 
 def _outcome(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:

@@ -1,14 +1,13 @@
 """`summary.json` of a run: what it is, how it ended, what it added up to."""
 
-from typing import Any, Literal
+from typing import Any
 
+from mission.ending import Ending
 from mission.flyers import position_source
 from mission.folder import RunFolder, environment
 from mission.stopwatch import Stopwatch
 from mission.tally import Tally
 from mission.world import World
-
-Status = Literal["running", "finished", "interrupted", "failed"]
 
 
 class Summary:
@@ -31,14 +30,9 @@ class Summary:
         """Nothing has happened yet."""
         self._folder.write_summary({"status": "running", **self._about})
 
-    def ended(
-        self, status: Status, tally: Tally, stopwatch: Stopwatch, *, error: str | None
-    ) -> None:
-        """How far it came."""
-        why = {} if error is None else {"error": error}
-        self._folder.write_summary(
-            {"status": status, **self._about, **why, **_totals(tally, stopwatch)}
-        )
+    def ended(self, ending: Ending, tally: Tally, stopwatch: Stopwatch) -> None:
+        """How, and how far it came."""
+        self._folder.write_summary({**ending.summary, **self._about, **_totals(tally, stopwatch)})
 
 
 def _totals(tally: Tally, stopwatch: Stopwatch) -> dict[str, Any]:

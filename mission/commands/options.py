@@ -21,9 +21,11 @@ Flag = Annotated[bool, Parameter(negative=())]
 
 
 def load(
-    config: Path | None, set_: Sequence[str], more: Mapping[str, Any] | None = None
+    config: Path | None, set_: Sequence[str], options: Mapping[str, Any] | None = None
 ) -> "RunConfig":
-    """The configuration in a file, or the quick start's, under `--set` and options that say more.
+    """The configuration in a file, or the quick start's, under `--set` and options of their own.
+
+    `options` maps keys to values; None where the option was not given.
 
     Raises:
         InputError: see `load_config`.
@@ -32,7 +34,8 @@ def load(
     from mission.configfile import builtin_config, load_config
     from mission.overrides import parse_override
 
-    overrides = dict(parse_override(text) for text in set_) | dict(more or {})
+    overrides = dict(parse_override(text) for text in set_)
+    overrides |= {key: value for key, value in (options or {}).items() if value is not None}
     return load_config(config or builtin_config("quickstart.toml"), overrides)
 
 

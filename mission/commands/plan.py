@@ -62,12 +62,7 @@ def plan(
             raise InputError(f"{path}: cannot write: no folder {path.parent}")
     if figure is not None and figure.exists() and not figure.is_dir():
         raise InputError(f"{figure}: not a folder")
-    overrides: dict[str, object] = {}
-    if method is not None:
-        overrides["planner.kind"] = method
-    if gap is not None:
-        overrides["planner.gap"] = gap
-    resolved = load(config, set_, overrides)
+    resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})
     ground = None
     problems: Sequence[NamedProblem]
     if problem is None:

@@ -71,16 +71,14 @@ def run(
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         return _resume(resume, watching, stopwatch)
-    overrides: dict[str, object] = {}
-    if seed is not None:
-        overrides["seed"] = seed
-    if rounds is not None:
-        overrides["mission.rounds"] = rounds
-    if gcs:
-        overrides["link.gcs"] = list(gcs)
-    if vehicle is not None:
-        overrides |= {"link.kind": "external", "link.url": vehicle}
-    resolved = load(config, set_, overrides)
+    options = {
+        "seed": seed,
+        "mission.rounds": rounds,
+        "link.gcs": list(gcs) or None,
+        "link.kind": None if vehicle is None else "external",
+        "link.url": vehicle,
+    }
+    resolved = load(config, set_, options)
     if log_mavlink and resolved.link.kind == "external":
         raise InputError(
             "--log-mavlink: an external autopilot is flown by MAVSDK alone; record on its side"

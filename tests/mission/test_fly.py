@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import socket
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from test_planfile import HOME_ROW, ROW, plan_document, simple
 from mission.cli import call
 from mission.log.errors import DamagedLogError
 from mission.log.reader import read_log
+from mission.plancompare import PlanFlight, plan_flight
+from mission.rundata import LoadedRun
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
@@ -307,6 +310,22 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
     assert "no room" in capsys.readouterr().err
     assert seen == ["running"]
     assert summary(out)["status"] == "failed"
+
+
+def test_a_flight_that_misses_its_end_has_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def short(run: LoadedRun) -> PlanFlight:
+        flight = plan_flight(run)
+        return replace(flight, reached={0: flight.reached[0]})
+
+    monkeypatch.setattr("mission.planflight.plan_flight", short)
+    plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
+    said = "item 1 was never reached"
+    assert capsys.readouterr().err == f"aerofed: {said}; what was flown is in {out}\n"
+    assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
+    assert (out / "track.csv").is_file()
 
 
 def test_a_live_view_changes_no_byte_of_a_flight(
