@@ -13,9 +13,10 @@ from patience import HANG_S, until
 from synthetic_flight import fly
 
 from mission.errors import LinkLostError
+from mission.log import topics
 from mission.log.contents import load
 from mission.log.live import LiveView
-from mission.log.topics import TOPICS
+from mission.log.topics import TOPICS, Topic
 
 
 def test_a_viewer_gets_the_messages_that_go_into_the_file(tmp_path: Path) -> None:
@@ -26,19 +27,24 @@ def test_a_viewer_gets_the_messages_that_go_into_the_file(tmp_path: Path) -> Non
             assert {t: c["schemaName"] for t, c in channels.items()} == {
                 topic.name: topic.schema_name for topic in TOPICS if topic.schema_name
             }
-            wanted = {channels[t]["id"]: t for t in ("/plan", "/rounds", "/learning", "/mode")}
-            viewer.subscribe(list(wanted))
-            made = fly(tmp_path, rounds=2, mirrors=[_NotClosing(live)])
-            logged = load(made.log).messages
-            expected = [
-                (topic, message.log_time, message.data)
-                for topic in wanted.values()
-                for message in logged[topic]
-            ]
-            seen = [viewer.message() for _ in expected]
+            wanted = [topics.PLAN, topics.ROUNDS, topics.LEARNING, topics.MODE]
+            for topic in wanted:
+                live.write(topic, 0, b"{}")
+            names = {channels[topic.name]["id"]: topic.name for topic in wanted}
+            viewer.subscribe(list(names))
+            # What was there before comes with the subscription, which is in force from then on.
+            assert {names[viewer.message()[0]] for _ in wanted} == set(names.values())
+            watched = _Watched(live, viewer, names)
+            made = fly(tmp_path, rounds=2, mirrors=[watched])
     finally:
         live.close()
-    assert sorted((wanted[number], t, data) for number, t, data in seen) == sorted(expected)
+    logged = load(made.log).messages
+    expected = [
+        (name, message.log_time, message.data)
+        for name in names.values()
+        for message in logged[name]
+    ]
+    assert sorted(watched.seen) == sorted(expected)
 
 
 def test_who_comes_late_gets_plan_devices_and_rounds_at_once(tmp_path: Path) -> None:
@@ -102,12 +108,12 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
         until(lambda: process.poll() is not None or answers(port), "nobody serves the live view")
         with FoxgloveClient(port) as viewer:
             channels = viewer.channels()
-            topics = {channels[name]["id"]: name for name in ("/plan", "/plan/path", "/true/pose")}
-            viewer.subscribe(list(topics))
+            names = {channels[name]["id"]: name for name in ("/plan", "/plan/path", "/true/pose")}
+            viewer.subscribe(list(names))
             seen: dict[str, bytes] = {}
-            while len(seen) < len(topics):
+            while len(seen) < len(names):
                 number, _, data = viewer.message()
-                seen.setdefault(topics[number], data)
+                seen.setdefault(names[number], data)
         process.send_signal(signal.SIGINT)
         printed, _ = process.communicate(timeout=HANG_S)
     finally:
@@ -126,6 +132,24 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
 def answers(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+class _Watched:
+    """Looks at each message as soon as it was sent: a viewer that falls behind loses some."""
+
+    def __init__(self, live: LiveView, viewer: FoxgloveClient, names: dict[int, str]) -> None:
+        self.seen: list[tuple[str, int, bytes]] = []
+        self.flush = live.flush
+        self._live, self._viewer, self._names = live, viewer, names
+
+    def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        self._live.write(topic, t_ns, data)
+        if topic.name in self._names.values():
+            number, seen_ns, seen = self._viewer.message()
+            self.seen.append((self._names[number], seen_ns, seen))
+
+    def close(self) -> None:
+        """Left to the test."""
 
 
 class _NotClosing:
