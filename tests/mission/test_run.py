@@ -40,6 +40,11 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def begun(out: Path) -> bool:
+    """Whether the run there has finished a round."""
+    return (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv"))
+
+
 def digests(folder: Path) -> dict[str, str]:
     names = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
@@ -195,7 +200,7 @@ def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
         [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", "500", *SMALL],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    until(lambda: (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv")))
+    until(lambda: process.poll() is not None or begun(out))
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 130, errors

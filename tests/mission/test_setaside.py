@@ -78,7 +78,7 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     aside = out / "checkpoint" / "interrupted"
     command = [sys.executable, "-m", "mission", "run", "--resume", str(out), "--quiet"]
     process = subprocess.Popen(command)
-    until((aside / NAMES[-1]).exists, poll_s=0.005)
+    until(lambda: process.poll() is not None or (aside / NAMES[-1]).exists(), poll_s=0.005)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert {name: (aside / name).read_bytes() for name in NAMES} == before

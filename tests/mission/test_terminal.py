@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from patience import HANG_S, until
-from test_run import SMALL, rows
+from test_run import SMALL, begun
 
 from mission.cli import call
 
@@ -42,7 +42,7 @@ def test_a_polite_kill_is_an_interruption(tmp_path: Path, launcher: list[str]) -
     out = tmp_path / "run"
     command = [*launcher, *AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    until(lambda: (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv")))
+    until(lambda: process.poll() is not None or begun(out))
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=HANG_S)
     assert (process.returncode, "Traceback" in errors) == (130, False)
