@@ -1,7 +1,9 @@
 """How MAVLink bytes reach the vehicle: in this process or over UDP."""
 
 import asyncio
+import math
 import socket
+import time
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
@@ -14,6 +16,8 @@ Chunk: TypeAlias = tuple[bytes, Hashable]  # bytes, and the stream they belong t
 _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
 _BACKLOG = 4096  # chunks or datagrams that wait, or are read at a time, at most
 _RECEIVE_BYTES = 2048
+# Wall time of silence after which a peer is forgotten; MAVLink has everybody speak each second.
+FORGET_S = 60.0
 
 
 class Link(Protocol):
@@ -96,7 +100,7 @@ class UdpLink:
     """MAVLink over UDP.
 
     `udpout://host:port` sends to that address, which may be a broadcast one, from a free port;
-    `udpin://host:port` listens there and sends to everybody who has spoken.
+    `udpin://host:port` listens there and sends to everybody who has spoken in the last minute.
     """
 
     def __init__(self, url: str) -> None:
@@ -113,7 +117,7 @@ class UdpLink:
         self._url = url
         self._listens = scheme == "udpin"
         self._address = (host, int(port))
-        self._peers: dict[tuple[str, int], None] = {}
+        self._peers: dict[tuple[str, int], float] = {}  # wall time at which each was heard
         self._socket: socket.socket | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._joined = False
@@ -141,7 +145,7 @@ class UdpLink:
                 sock.bind(self._address)
             else:
                 sock.bind(("", 0))
-                self._peers[socket.gethostbyname(self._address[0]), self._address[1]] = None
+                self._peers[socket.gethostbyname(self._address[0]), self._address[1]] = math.inf
         except OSError as error:
             sock.close()
             raise LinkError(f"{self._url}: cannot be opened: {error.strerror or error}") from None
@@ -150,7 +154,7 @@ class UdpLink:
         self._loop.add_reader(sock.fileno(), wake)
 
     def receive(self) -> list[Chunk]:
-        sock = self._opened()
+        sock, now = self._opened(), time.monotonic()
         chunks: list[Chunk] = []
         while len(chunks) < _BACKLOG:
             try:
@@ -159,10 +163,11 @@ class UdpLink:
                 break
             except ConnectionError:
                 continue  # somebody we sent to is not there (any more)
-            if self._listens and peer not in self._peers:
-                self._peers[peer] = None
-                self._joined = True
+            if self._listens:
+                self._joined |= peer not in self._peers
+                self._peers[peer] = now
             chunks.append((data, None))
+        self._peers = {p: heard for p, heard in self._peers.items() if now - heard < FORGET_S}
         return chunks
 
     def newcomers(self) -> bool:

@@ -91,6 +91,59 @@ def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
     asyncio.run(run())
 
 
+def test_whoever_stays_silent_is_forgotten_until_it_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sitl.links.FORGET_S", 0.05)
+
+    async def run() -> None:
+        link, frame = UdpLink("udpin://127.0.0.1:0"), b"frame"
+        link.open(lambda: None)
+        stays, leaves = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        with stays, leaves:
+            for sock in (stays, leaves):
+                sock.settimeout(HANG_S)
+                sock.connect(("127.0.0.1", link.port))
+                sock.send(b"hello")
+            assert len(link.receive()) == 2
+            assert link.newcomers()
+            link.send([frame])
+            assert stays.recv(99) == leaves.recv(99) == frame
+            time.sleep(0.1)
+            stays.send(b"still here")
+            assert len(link.receive()) == 1
+            assert not link.newcomers()
+            link.send([frame])
+            assert stays.recv(99) == frame
+            leaves.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                leaves.recv(99)
+            leaves.send(b"back")
+            assert len(link.receive()) == 1
+            assert link.newcomers()
+            link.send([frame])
+            leaves.settimeout(HANG_S)
+            assert leaves.recv(99) == frame
+        link.close()
+
+    asyncio.run(run())
+
+
+def test_whom_a_vehicle_calls_need_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sitl.links.FORGET_S", 0.0)
+
+    async def run() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+            station.bind(("127.0.0.1", 0))
+            station.settimeout(HANG_S)
+            link = UdpLink(f"udpout://127.0.0.1:{station.getsockname()[1]}")
+            link.open(lambda: None)
+            assert link.receive() == []
+            link.send([b"frame"])
+            assert station.recv(99) == b"frame"
+            link.close()
+
+    asyncio.run(run())
+
+
 def test_a_whole_network_may_be_told() -> None:
     async def run() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
