@@ -107,7 +107,7 @@ def test_whoever_stays_silent_is_forgotten_until_it_speaks(monkeypatch: pytest.M
             assert link.newcomers()
             link.send([frame])
             assert stays.recv(99) == leaves.recv(99) == frame
-            time.sleep(0.1)
+            await asyncio.sleep(0.1)
             stays.send(b"still here")
             assert len(link.receive()) == 1
             assert not link.newcomers()
