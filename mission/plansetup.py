@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flightdyn.errors import FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.area import Area
@@ -16,8 +15,8 @@ from mission.log.values import Zone
 from mission.pilot.importer import Imported, import_plan
 from mission.plancheck import PlannedPath, check_plan, here_means
 from mission.planfile import PlanFile
+from mission.simulated import simulated_vehicle
 from sitl.autopilot.items import PLACES
-from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
 
 _MARGIN_M = 50.0  # around the plan, for the map
@@ -65,10 +64,7 @@ def _at(home: GeodeticPoint, config: RunConfig, plan: PlanFile) -> tuple[Vehicle
     """A vehicle on the ground at `home`, and the plan as imported for it."""
     if math.isnan(home.alt_msl_m):
         home = GeodeticPoint(home.lat_deg, home.lon_deg, config.area.home_alt_msl_m)
-    try:
-        vehicle = Vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
+    vehicle = simulated_vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
     vehicle.greet()
     imported = import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
     items = here_means(imported.items, home)

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flightdyn.errors import FlightInputError
 from mission.config import RunConfig
-from mission.errors import InputError
 from mission.ground import Ground, build_ground
-from sitl.errors import SitlInputError
+from mission.simulated import simulated_vehicle
 from sitl.vehicle import Vehicle
 
 
@@ -25,8 +23,5 @@ def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     ground = build_ground(config, data_dir=data_dir)
-    try:
-        vehicle = Vehicle(config.vehicle, home=ground.area.home, streams=ground.streams)
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
+    vehicle = simulated_vehicle(config.vehicle, home=ground.area.home, streams=ground.streams)
     return World(**vars(ground), vehicle=vehicle)

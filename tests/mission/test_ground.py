@@ -3,9 +3,12 @@
 import csv
 
 import numpy as np
+import pytest
 
 from mission.configfile import builtin_config, load_config
+from mission.errors import InputError
 from mission.ground import build_ground
+from mission.world import build_world
 
 
 def test_the_assignment_is_written_as_it_is() -> None:
@@ -34,3 +37,10 @@ def test_classes_without_an_owner_are_said() -> None:
     assert orphans
     notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
     assert any(line.startswith(notice) for line in ground.notices())
+
+
+def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:
+    settings = {"vehicle.parameters.NAV_DLL_ACT": 2}
+    config = load_config(builtin_config("quickstart.toml"), settings)
+    with pytest.raises(InputError, match=r"NAV_DLL_ACT = 2: this failsafe goes by wall time"):
+        build_world(config, data_dir=None)
