@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mission.area import Area
 from mission.config import MissionConfig
 from mission.errors import InputError
-from mission.planner.evaluate import finish
+from mission.planner.evaluate import finish, fit_budget
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ class Rectangular:
         tour = stretch(self.corners_m, round_index * self.length_m, length_m, problem.steps)
         # Where the last round ended, which is on the tour but for the error of flight.
         tour[0] = problem.start_m
-        return Sortie(finish(problem, tour))
+        return Sortie(finish(problem, fit_budget(tour, problem.path_budget_m)))
 
 
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:

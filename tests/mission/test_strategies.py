@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from fl.radio import CHANNEL_PRESETS, average_per
+from mission.planner.evaluate import check_plan
 from mission.planner.problem import RoundProblem
 from mission.strategies import Barycenter, Rectangular, stretch
 
@@ -79,7 +80,7 @@ def test_schedule_of_a_fixed_path_is_the_lp_optimum() -> None:
 
 
 def test_a_tour_goes_on_round_by_round_from_where_the_aircraft_is() -> None:
-    here = np.array([401.0, 398.0])
+    here = np.array([399.0, 398.0])
     given = replace(problem(devices=np.array([[0.0, 400.0], [9.0, 9.0]])), start_m=here)
     way = Rectangular(SQUARE, 800.0).sortie(1, given).plan.waypoints_m
     np.testing.assert_array_equal(way[0], here)
@@ -92,6 +93,14 @@ def test_a_round_of_the_tour_is_as_short_as_what_is_left_of_the_budget() -> None
     way = Rectangular(SQUARE, 800.0).sortie(0, given).plan.waypoints_m
     assert np.linalg.norm(way - [400.0, 0.0], axis=1).min() < 1e-9
     np.testing.assert_allclose(way[-1], [400.0, 100.0])
+
+
+def test_a_tour_from_beside_its_start_keeps_the_path_budget() -> None:
+    here = np.array([401.0, 398.0])
+    given = replace(problem(devices=np.array([[9.0, 9.0]])), start_m=here)
+    plan = Rectangular(SQUARE, 800.0).sortie(1, given).plan
+    check_plan(given, plan)
+    assert 799.0 < plan.path_m <= 800.0
 
 
 def test_barycenter_hovers_where_it_is() -> None:
