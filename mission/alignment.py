@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SPACING_M = 0.5
-_MOST_NODES = 4000  # so that a node's index fits 16 bits and memory stays small
+_MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
 
 
 @dataclass(frozen=True)
@@ -84,18 +84,18 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
 
 def _monotone(track: Floats, nodes: Floats) -> NDArray[np.intp]:
     """For each sample a node index, never falling, with the least sum of squared distances."""
-    order = np.arange(len(nodes))
-    back = np.empty((len(track), len(nodes)), dtype=np.int16)
+    # By sample, a bit a node: whether the least sum up to this node ends in the node itself.
+    ends = np.empty((len(track), math.ceil(len(nodes) / 8)), dtype=np.uint8)
     cost = np.zeros(len(nodes))
     for i, sample in enumerate(track):
         best = np.minimum.accumulate(cost)
-        back[i] = np.maximum.accumulate(np.where(cost == best, order, 0))
+        ends[i] = np.packbits(cost == best)
         cost = best + ((nodes - sample) ** 2).sum(axis=1)
     index = np.empty(len(track), dtype=np.intp)
     j = int(cost.argmin())
     for i in range(len(track) - 1, -1, -1):
         index[i] = j
-        j = int(back[i, j])
+        j -= int(np.unpackbits(ends[i], count=j + 1)[::-1].argmax())
     return index
 
 

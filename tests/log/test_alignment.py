@@ -1,6 +1,7 @@
 """Which point of a path a flown sample belongs to, where the answer is known by construction."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -93,3 +94,16 @@ def test_closest_approach_lies_between_samples() -> None:
     track = np.array([[0.0, 1.0], [10.0, 1.0]])
     assert closest_approach(track, np.array([5.0, 4.0])) == pytest.approx(3.0)
     assert closest_approach(track[:1], np.array([3.0, 5.0])) == pytest.approx(5.0)
+
+
+def test_a_long_flight_needs_little_memory() -> None:
+    corner_m = 2000.0 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    track = np.column_stack([np.interp(np.linspace(0, 2, 1000), range(3), x) for x in corner_m.T])
+    tracemalloc.start()
+    try:
+        aligned = align(track, corner_m)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert aligned.cross_m.max() < 1e-6
+    assert most < 2000 * len(track)
