@@ -128,7 +128,8 @@ def watch(port: int | None, received: list[int]) -> None:
 
 def view(port: int) -> None:
     """Subscribe to every channel and print how many bytes have come, now and then."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "log"))
+    tests = Path(__file__).parents[1] / "tests"
+    sys.path[:0] = [str(tests), str(tests / "log")]
     from foxglove_client import FoxgloveClient  # type: ignore[import-not-found]  # of the tests
 
     while True:
