@@ -155,3 +155,14 @@ def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
     raw = np.zeros(size + _CACHE_LINE // 4, np.float32)
     start = -raw.ctypes.data % _CACHE_LINE // 4
     return raw[start : start + size].reshape(shape)
+
+
+def rehearse() -> None:
+    """Train on one black image, and classify it."""
+    net = ConvNet((16, 16, 1), (2, 2), (0, 0), (), 2)
+    split = Split(np.zeros((1, 16, 16, 1), np.uint8), np.zeros(1, np.int64))
+    scaling = Scaling(np.ones(1, np.float32), np.zeros(1, np.float32))
+    rng = np.random.Generator(np.random.PCG64(0))
+    tasks, settings = [LocalTask(np.zeros(1, np.int64), rng)], LocalSettings(0.0, 0.0, 0.0, 1, 1)
+    (trained,) = net.train(split, net.initial(rng), tasks, scaling=scaling, settings=settings)
+    net.correct_per_class(split, trained.model, scaling=scaling)

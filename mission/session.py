@@ -10,6 +10,7 @@ from pathlib import Path
 from fl import federation as learning
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
+from mission.compilation import LEARNING, PLANNING, compile_kernels
 from mission.config import RunConfig
 from mission.configfile import load_config
 from mission.ending import Ending
@@ -26,7 +27,7 @@ from mission.stopwatch import Stopwatch
 from mission.summary import Summary
 from mission.world import World, build_world
 
-_SETTING_UP = "setting up (after an installation it compiles first)"
+_SETTING_UP = "setting up"
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def fly_session(
         folder = RunFolder.create(path)
         with folder.unless_refused():
             await_vehicle(world, say=audience.say)
+            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
@@ -115,6 +117,7 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
             world = build_world(config, data_dir=data_dir)
             if world.strategy is not None:
                 check_link(config.link)
+            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
             found = checkpoint.load(world.federation, values)
             live = live_views(audience)
             SetAside(folder).take()

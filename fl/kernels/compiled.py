@@ -20,6 +20,8 @@ R = TypeVar("R")
 _KERNEL = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 _PART = {**_KERNEL, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
 
+UNCACHED: list[str] = []  # kernels for which no folder can be written
+
 
 def digest(folder: Path) -> str:
     """Of all sources in a folder of kernels, and of how they are compiled.
@@ -46,6 +48,7 @@ def cached(function: Callable[P, R]) -> Callable[P, R]:
         result: Callable[P, R] = njit(cache=True, nogil=True, **_KERNEL)(function)
     except RuntimeError as error:
         logger.warning("kernels are compiled anew in every process: %s", error)
+        UNCACHED.append(function.__name__)
         result = njit(nogil=True, **_KERNEL)(function)
     return result
 

@@ -33,7 +33,7 @@ from mission.planner.kernels.insertion import (
     make_draft,
     serve,
 )
-from mission.planner.kernels.instance import Devices, Limits
+from mission.planner.kernels.instance import Devices, Limits, smallest_problem
 from mission.planner.kernels.matching import copy_plan
 
 POOL = 4  # rough plans that are mended
@@ -242,3 +242,11 @@ def _make(sources: str) -> Explore:
 
 
 explore = _make(SOURCES)
+
+
+def rehearse() -> None:
+    """Explore a problem in which there is nothing to find."""
+    devices, limits, _ = smallest_problem()
+    lists = Lists(np.array([0, 1]), np.zeros(1, dtype=np.int64), np.zeros(1))
+    way, assigned = np.zeros((limits.steps, 2)), np.zeros(1, dtype=np.int64)
+    explore(devices, limits, lists, 0, make_room(1, limits, 1), way, assigned)

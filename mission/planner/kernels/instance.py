@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from mission.planner.kernels.compiled import Indices, Matrix, Vector
 
 
@@ -40,3 +42,20 @@ class Problem(NamedTuple):
     devices: Devices
     limits: Limits
     relaxation: Relaxation
+
+
+def smallest_problem() -> Problem:
+    """One device below the start that earns nothing, in arrays like those of any problem."""
+    rows = np.zeros((2, 3))
+    rows.flags.writeable = False
+    relaxation = Relaxation(
+        np.zeros((1, 4)),
+        np.ones(1),
+        np.zeros(1),
+        np.zeros((1, 2), dtype=np.int64),
+        np.zeros((1, 1), dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1),
+        np.zeros((1, 1)),
+    )
+    return Problem(Devices(np.zeros((1, 2)), np.ones(1), rows), Limits(2, 1, 1.0), relaxation)

@@ -36,7 +36,7 @@ from mission.planner.kernels.compiled import (
     compiled,
     views,
 )
-from mission.planner.kernels.instance import Limits, Problem, Relaxation
+from mission.planner.kernels.instance import Limits, Problem, Relaxation, smallest_problem
 from mission.planner.kernels.matching import copy_plan
 from mission.planner.kernels.path import Path, at_stops, make_path, recover
 from mission.planner.kernels.tree import (
@@ -257,3 +257,10 @@ def _make(sources: str) -> Search:
 
 
 search = _make(SOURCES)
+
+
+def rehearse() -> None:
+    """Search a problem whose plan cannot be better."""
+    problem = smallest_problem()
+    way, assigned = np.zeros((problem.limits.steps, 2)), np.zeros(1, dtype=np.int64)
+    search(problem, 0.0, 1, make_room(1, problem.limits, 1), way, assigned, 1.0)
