@@ -84,7 +84,6 @@ class Aircraft:
             guidance.pass_corners(nav.p, nav.v)
         guidance.step(nav, self.navigation.specific_force)
         self._near = guidance.corner_near(nav)
-        self.plant.upkeep()
 
     @property
     def t_ns(self) -> int:

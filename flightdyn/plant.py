@@ -19,7 +19,7 @@ from flightdyn.sensor_suite import SensorSuite
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Vector
 from flightdyn.wind import gust_ned
 
-_SLOW = 5  # upkeeps between looks at battery, ground and faults
+_SLOW = 5  # guidance intervals between looks at battery, ground and faults
 
 
 class Plant:
@@ -32,7 +32,6 @@ class Plant:
         self.config = config
         self.frame = LocalFrame(home)
         self.clock = clock = SimClock(config.physics_hz)
-        # Ticks between two calls of `upkeep`.
         self.interval = clock.ticks(config.guidance_interval_s, what="guidance_interval_s")
         self.vehicle = Multirotor(
             self.frame,
@@ -59,11 +58,17 @@ class Plant:
         self.impact_mps: float | None = None  # with which it crashed
 
     def step(self) -> None:
-        """One tick of physics. Call `upkeep` after every `interval` of them."""
+        """One tick of physics; every few of them gusts, battery, ground and faults.
+
+        Raises:
+            ModelDivergedError: the physics has left the numbers.
+        """
         self._run()
         self.clock.tick += 1
         if self._low:
             self._feel_ground()
+        if self.clock.tick % self.interval == 0:
+            self._look_around()
 
     def _feel_ground(self) -> None:
         """A wreck from the tick on at which the ground is met faster than the legs can take."""
@@ -75,12 +80,8 @@ class Plant:
             self._run = self.vehicle.run
             self._low = False
 
-    def upkeep(self) -> None:
-        """Gusts of this instant; battery, ground and faults every few times.
-
-        Raises:
-            ModelDivergedError: the physics has left the numbers.
-        """
+    def _look_around(self) -> None:
+        """Gusts of this instant; battery, ground and faults every few times."""
         self.vehicle.check()
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
