@@ -13,13 +13,13 @@ from contextlib import suppress
 from flightdyn.atmosphere import altitude_m
 from flightdyn.plant import Plant
 from sitl.firmware.bridge import Readings, read, sensors_of
-from sitl.firmware.errors import FirmwareError
+from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
 MIN_RATE_HZ = 720  # its inertial sensors want 1.8 samples for each of its loops, at 400 Hz
 RATE_HZ = 800  # the slowest above that is a whole number of ticks of everything
-_LOOK_S = 0.5  # wall time after which a wait looks whether it is to go on
+_LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
 _HEAD = struct.Struct("<HHI")
 _PULSES = struct.Struct("<4H")
 _SIZES = {18458: _HEAD.size + 16 * 2, 29569: _HEAD.size + 32 * 2}  # by magic number
@@ -70,7 +70,8 @@ class ArduPilotBridge:
         if frame == self._frame:
             self._send(self._reply)  # ours was lost: the same again, no step
             return False
-        # Every request but a repeated one is a tick, also after ArduPilot has restarted.
+        if frame < self._frame:
+            raise FirmwareRestartedError("ArduPilot has started anew")
         self._frame = frame
         plant = self.plant
         plant.vehicle.drive(motors)

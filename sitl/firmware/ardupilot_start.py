@@ -2,10 +2,9 @@
 
 import math
 
-from flightdyn.airframe.parameters import Airframe
 from flightdyn.plant import Plant
 from sitl.firmware.ardupilot import ArduPilotBridge
-from sitl.firmware.launch import Launch, Order
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
 from sitl.firmware.process import check_binary
 
 _DEFAULTS = "aerofed.parm"
@@ -56,8 +55,8 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "FRAME_TYPE": 1,  # X
         "MOT_PWM_MIN": 1000,
         "MOT_PWM_MAX": 2000,
-        "MOT_THST_EXPO": 0.65,
-        "MOT_THST_HOVER": _hover(plant.vehicle.airframe),
+        "MOT_THST_EXPO": THRUST_CURVE,
+        "MOT_THST_HOVER": HOVER_THRUST,
         "SIM_RATE_HZ": round(1e9 / plant.dt_ns),
         "FS_THR_ENABLE": 0,  # nobody holds a remote control
         "FS_GCS_ENABLE": 0,
@@ -86,8 +85,3 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
     for n in ("", "2", "3"):
         values |= {f"COMPASS_OFS{n}_X": 5, f"COMPASS_OFS{n}_Y": 13, f"COMPASS_OFS{n}_Z": -18}
     return values
-
-
-def _hover(airframe: Airframe) -> float:
-    """The throttle (0..1) that carries the aircraft, by the square root of its share of thrust."""
-    return math.sqrt(airframe.mass_kg * 9.81 / (4 * airframe.rotor_max_thrust_n))

@@ -19,6 +19,10 @@ class Bridge(Protocol):
 
     plant: Plant
 
+    @property
+    def connected(self) -> bool:
+        """Whether a firmware has come."""
+
     def open(self) -> None:
         """Listen for the firmware.
 
@@ -34,6 +38,7 @@ class Bridge(Protocol):
 
         Raises:
             FirmwareError: the firmware speaks another protocol.
+            FirmwareRestartedError: it has ended, or begun anew.
         """
 
     def rest(self) -> None:

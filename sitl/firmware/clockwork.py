@@ -32,11 +32,14 @@ class Clockwork:
     at any time from any thread.
     """
 
-    def __init__(self, bridge: Bridge, *, speed: float) -> None:
-        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks."""
+    def __init__(self, bridge: Bridge, *, speed: float, patience_s: float = STALL_S) -> None:
+        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks.
+
+        A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
+        """
         self.plant: Plant = bridge.plant
         self._bridge = bridge
-        self._speed = speed
+        self._speed, self._patience_s = speed, patience_s
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._moments: deque[Moment] = deque(maxlen=_KEPT)
         self._may_run = threading.Event()
@@ -127,9 +130,11 @@ class Clockwork:
                     self._keep()
                     asked_s = time.monotonic()
                     paced_s = self._keep_pace(paced_s, asked_s)
-            elif time.monotonic() - asked_s > STALL_S:
+            elif not bridge.connected:
+                asked_s = time.monotonic()
+            elif time.monotonic() - asked_s > self._patience_s:
                 raise FirmwareSilentError(
-                    f"the firmware has asked for nothing for {STALL_S:g} s at t "
+                    f"the firmware has asked for nothing for {self._patience_s:g} s at t "
                     f"{plant.t_ns / 1e9:.2f} s"
                 )
 

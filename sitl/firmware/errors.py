@@ -9,3 +9,7 @@ class FirmwareError(SitlError):
 
 class FirmwareSilentError(FirmwareError):
     """It has died, cannot be started, or asks for nothing any more."""
+
+
+class FirmwareRestartedError(FirmwareSilentError):
+    """It has ended or started anew: what it flew is over."""

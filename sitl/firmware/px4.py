@@ -10,12 +10,12 @@ import time
 
 from flightdyn.plant import Plant
 from sitl.firmware.bridge import read, sensors_of
-from sitl.firmware.errors import FirmwareError, FirmwareSilentError
+from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.hil import HilDecoder, HilEncoder
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
-_LOOK_S = 0.5  # wall time after which a wait looks whether it is to go on
+_LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
 _OFF = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -31,8 +31,9 @@ class Px4Bridge:
         self._connection: socket.socket | None = None
         self._encoder = HilEncoder(plant.frame.origin)
         self._decoder = HilDecoder()
-        self._booting = True
-        self._asked = True  # nothing is waited for before the next tick
+        self.booting = True  # it has answered nothing yet
+        self._sent_us = 0  # PX4's clock, by the last frame
+        self._answered_us = 0  # up to where it has answered
         self._paced_s = 0.0  # wall time of the last tick while PX4 boots
         self.motors = _OFF
 
@@ -41,6 +42,12 @@ class Px4Bridge:
         """Whether a firmware has connected."""
         return self._connection is not None
 
+    @property
+    def port(self) -> int:
+        """The port on which it listens."""
+        assert self._listener is not None
+        return int(self._listener.getsockname()[1])
+
     def open(self) -> None:
         self._listener = bound(socket.SOCK_STREAM, self._port)
         self._listener.listen(1)
@@ -48,14 +55,14 @@ class Px4Bridge:
 
     def tick(self) -> bool:
         connection = self._connection or self._accept()
-        if connection is None or not (self._asked or self._answered(connection)):
+        if connection is None or not (self.booting or self._answered(connection)):
             return False
-        if self._booting:
+        if self.booting:
             self._keep_pace()
         plant = self.plant
         plant.vehicle.drive(self.motors)
         plant.step()
-        t_us = plant.t_ns // 1000
+        self._sent_us = t_us = plant.t_ns // 1000
         readings = read(plant, self._sensors)
         frames = self._encoder.sensor(t_us, readings.imu, readings.baro, readings.mag)
         if readings.fix is not None:
@@ -64,15 +71,14 @@ class Px4Bridge:
         try:
             connection.sendall(frames)
         except OSError as error:
-            raise FirmwareSilentError(f"PX4 has hung up: {error.strerror or error}") from None
-        self._asked = self._booting
-        if self._booting:
-            self._take(connection, wait=False)
+            raise FirmwareRestartedError(f"PX4 has hung up: {error.strerror or error}") from None
+        if self.booting:
+            self._take(connection, socket.MSG_DONTWAIT)
         return True
 
     def rest(self) -> None:
         # PX4 is silent while its clock stands still.
-        time.sleep(_LOOK_S / 50)
+        time.sleep(_LOOK_S / 10)
 
     def close(self) -> None:
         for sock in (self._connection, self._listener):
@@ -93,29 +99,27 @@ class Px4Bridge:
         return connection
 
     def _answered(self, connection: socket.socket) -> bool:
-        """Wait for the controls of the tick before."""
-        return self._take(connection, wait=True)
+        """Wait for the controls of the last tick, at most a moment."""
+        if self._answered_us < self._sent_us:
+            self._take(connection, 0)
+        return self._answered_us >= self._sent_us
 
-    def _take(self, connection: socket.socket, *, wait: bool) -> bool:
+    def _take(self, connection: socket.socket, flags: int) -> None:
         try:
-            data = connection.recv(4096, 0 if wait else socket.MSG_DONTWAIT)
+            data = connection.recv(4096, flags)
         except BlockingIOError:
-            return False
+            return
         except OSError as error:
-            raise FirmwareSilentError(f"PX4 has hung up: {error.strerror or error}") from None
+            raise FirmwareRestartedError(f"PX4 has hung up: {error.strerror or error}") from None
         if not data:
-            raise FirmwareSilentError("PX4 has hung up")
-        controls = list(self._decoder.feed(data))
-        if not controls:
-            return False
-        newest = controls[-1]
-        if not newest.lockstep:
-            raise FirmwareError(
-                "PX4 was built without lockstep: its clock is not ours (build px4_sitl_default)"
-            )
-        self.motors = newest.motors
-        self._booting = False
-        return True
+            raise FirmwareRestartedError("PX4 has hung up")
+        for controls in self._decoder.feed(data):
+            if not controls.lockstep:
+                raise FirmwareError(
+                    "PX4 was built without lockstep: its clock is not ours (build px4_sitl_default)"
+                )
+            self.motors, self._answered_us = controls.motors, controls.t_us
+            self.booting = False
 
     def _keep_pace(self) -> None:
         """Not faster than wall time: PX4 starts its modules in wall time."""

@@ -10,7 +10,7 @@ from flightdyn.airframe.parameters import Airframe
 from flightdyn.plant import Plant
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareSilentError
-from sitl.firmware.launch import Launch, Order
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
 from sitl.firmware.process import check_binary
 from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
 
@@ -115,7 +115,7 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
     fast = min(20.0, max(limits.speed_mps, order.speed_mps))  # PX4 takes 20 m/s at most
     return {
         **_geometry(plant.vehicle.airframe),
-        "THR_MDL_FAC": 1.0,  # thrust goes with the square of what a motor is given
+        "THR_MDL_FAC": THRUST_CURVE,
         "EKF2_GPS_DELAY": round(gnss.delay_s * 1e3),
         # The receiver's error drifts more at rest than PX4 lets pass before take-off; the checks
         # of satellites, accuracy and speed stay.
@@ -128,7 +128,7 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "MPC_Z_V_AUTO_UP": limits.climb_mps,
         "MPC_Z_VEL_MAX_DN": min(limits.descent_mps, 4.0),
         "MPC_Z_V_AUTO_DN": min(limits.descent_mps, 4.0),
-        "MPC_THR_HOVER": _hover(plant.vehicle.airframe),
+        "MPC_THR_HOVER": HOVER_THRUST,
         "SIM_BAT_ENABLE": 0,  # the aircraft's own battery is reported to it
         # A battery that is reported says nothing of the flight time left, which PX4 takes for none.
         "COM_FLTT_LOW_ACT": 0,
@@ -148,8 +148,3 @@ def _geometry(airframe: Airframe) -> dict[str, float]:
             f"CA_ROTOR{rotor}_KM": turns * airframe.torque_per_thrust_m,
         }
     return values
-
-
-def _hover(airframe: Airframe) -> float:
-    """The share of full thrust that carries the aircraft."""
-    return airframe.mass_kg * 9.81 / (4 * airframe.rotor_max_thrust_n)
