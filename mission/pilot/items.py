@@ -9,6 +9,7 @@ from flightdyn.state import GeodeticPoint
 from mission.flightplan import FlightPlan
 from mission.pilot.dialects import PX4, Dialect
 
+FRAME_MISSION = 2  # of what has no place; PX4 knows such a command in no other frame
 FRAME_GLOBAL_RELATIVE_ALT_INT = 6
 NAV_WAYPOINT = 16
 DO_CHANGE_SPEED = 178
@@ -73,7 +74,7 @@ def _item(
     """MAVSDK takes a field that is left out for NaN, so every one is set."""
     return MissionItem(
         seq=0,
-        frame=FRAME_GLOBAL_RELATIVE_ALT_INT,
+        frame=FRAME_MISSION if at is None else FRAME_GLOBAL_RELATIVE_ALT_INT,
         command=command,
         current=0,
         autocontinue=1,
