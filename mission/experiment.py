@@ -76,7 +76,9 @@ class Experiment:
 
     async def _fly(self, strategy: Strategy) -> None:
         world = self.world
-        async with open_flyer(world, self.observers, tap=self.tap) as flyer:
+        async with open_flyer(
+            world, self.observers, tap=self.tap, say=self.recorder.notice
+        ) as flyer:
             try:
                 await self._sorties(flyer, strategy)
             finally:
@@ -119,11 +121,13 @@ class Experiment:
                 problem, sortie.plan, world.config.mission.acceptance_radius_m
             ),
         )
-        self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
-
         if recalled is None:
             self._show("flying")
         with self.stopwatch("fly"):
+            try:
+                await flyer.upload(flight_plan)
+            finally:  # whoever looks into a refused mission needs its plan
+                self.recorder.planned(flyer.t_ns, number, problem, sortie.plan, flight_plan)
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
         served = uplinks(
@@ -152,7 +156,7 @@ class Experiment:
         learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=number,
-            start_t_s=start.t_ns / 1e9,
+            start_t_s=int(flight.t_ns[0]) / 1e9,
             duration_s=flight.duration_s,
             plan_objective=sortie.plan.value,
             est_objective=sum(u.importance * _success(u.est_per) for u in served),

@@ -5,22 +5,38 @@ import socket
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 
+import numpy as np
+
 from mission.config import LinkConfig
+from mission.contact import look_at_vehicle
 from mission.errors import LinkLostError
-from mission.external import look_at_vehicle, open_external
+from mission.external import open_external
 from mission.flyer import Flyer, Tap, open_simulated
+from mission.pilot.limits import Demand
 from mission.world import World
 from sitl.observer import VehicleObserver
 
 
 def open_flyer(
-    world: World, observers: Sequence[VehicleObserver], *, tap: Tap | None = None
+    world: World,
+    observers: Sequence[VehicleObserver],
+    *,
+    tap: Tap | None = None,
+    say: Callable[[str], None],
 ) -> AbstractAsyncContextManager[Flyer]:
-    """The simulated vehicle, or an external autopilot, to which nobody but MAVSDK is linked."""
+    """The simulated vehicle, or an external autopilot, to which nobody but MAVSDK is linked.
+
+    `say` hears what people should know of an external one.
+    """
     config = world.config
     if config.link.kind == "external":
         return open_external(
-            config.link, mission=config.mission, area=world.area, observers=observers
+            config.link,
+            mission=config.mission,
+            area=world.area,
+            demand=_demand(world),
+            observers=observers,
+            say=say,
         )
     return open_simulated(config, world.vehicle, area=world.area, observers=observers, tap=tap)
 
@@ -60,7 +76,19 @@ def await_vehicle(world: World, *, say: Callable[[str], None]) -> None:
     if world.strategy is None or config.link.kind != "external":
         return
     say(f"waiting for a vehicle on {config.link.url} (Ctrl-C ends)")
-    asyncio.run(look_at_vehicle(config.link, mission=config.mission, area=world.area))
+    asyncio.run(look_at_vehicle(config.link, area=world.area, say=say))
+
+
+def _demand(world: World) -> Demand:
+    """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
+    mission = world.config.mission
+    away_m = np.linalg.norm(world.devices_m - np.array(world.area.home_m), axis=1)
+    return Demand(
+        speed_mps=mission.speed_mps,
+        altitude_m=mission.altitude_m,
+        distance_m=float(away_m.max(initial=0.0)),
+        acceptance_m=mission.acceptance_radius_m,
+    )
 
 
 def _check_url(url: str, key: str) -> None:

@@ -153,8 +153,9 @@ async def _carry_out(ready: PreparedPlan, flyer: SimulatedFlyer, log: FlightLog)
     if plan.rally:
         await pilot.upload_rally(raw_items(plan.rally))
     _log_path(flyer.t_ns, log, ready)
+    await pilot.upload_items(raw_items(plan.items))
     await pilot.arm()
-    await pilot.fly_items(raw_items(plan.items))
+    await pilot.carry_out()
     if ready.path.returns:
         await pilot.landed()
     else:

@@ -83,6 +83,11 @@ class FolderRecorder:
         """Show the phase."""
         self.progress.phase(name)
 
+    def notice(self, text: str) -> None:
+        """Log and show a line."""
+        self.log.note(text, severity=4)
+        self.progress.notice(text)
+
     def _speed(self, record: RoundRecord) -> float:
         """Simulated seconds a second, from the end of the round before to that of this one."""
         flown_s = record.start_t_s + record.duration_s
@@ -131,12 +136,12 @@ def recording(
         log.attach("config.toml", "application/toml", world.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", world.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
-        for notice in world.notices():
-            log.note(notice, severity=4)
-            progress.notice(notice)
-        yield FolderRecorder(
+        recorder = FolderRecorder(
             world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
         )
+        for notice in world.notices():
+            recorder.notice(notice)
+        yield recorder
 
 
 def _fence(world: World) -> tuple[Zone, ...]:
