@@ -12,8 +12,9 @@ from mission.area import Area
 from mission.config import LinkConfig
 from mission.errors import FlightError, InputError
 from mission.pilot.connection import connect
-from mission.pilot.feed import TelemetryFeed
+from mission.pilot.feed import Known, TelemetryFeed
 from mission.pilot.orders import Pilot
+from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 
 Say = Callable[[str], None]
@@ -25,9 +26,17 @@ POLL_S = 0.05  # wall time between looks at what telemetry has said
 
 @asynccontextmanager
 async def located(
-    link: LinkConfig, *, area: Area, observers: Sequence[VehicleObserver], say: Say
+    link: LinkConfig,
+    *,
+    area: Area,
+    observers: Sequence[VehicleObserver],
+    say: Say,
+    raw_link: RawLink | None = None,
+    known: Known | None = None,
 ) -> AsyncIterator[tuple[Pilot, TelemetryFeed]]:
     """A vehicle that knows where it is, and is where the devices are.
+
+    It is at the other end of `raw_link` where one is given, else at `link.url`.
 
     Raises:
         LinkLostError: no autopilot there in time.
@@ -35,9 +44,12 @@ async def located(
         InputError: it is somewhere else than the area.
     """
     async with connect(
-        link.url, stall_timeout_s=link.stall_timeout_s, timeout_s=link.connect_timeout_s
+        "raw://" if raw_link else link.url,
+        raw_link=raw_link,
+        stall_timeout_s=link.stall_timeout_s,
+        timeout_s=link.connect_timeout_s,
     ) as pilot:
-        feed = TelemetryFeed(pilot, area=area, observers=observers)
+        feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
         watch = asyncio.create_task(feed.watch())
         try:
             await feed.ask()

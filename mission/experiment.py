@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from mission.custom import Known, Weighing
 from mission.errors import FlightError, LinkLostError
 from mission.flightplan import stops_of
 from mission.flyer import Flyer, Tap
-from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.lessons import learn
 from mission.pilot.items import stop_sequence
@@ -38,12 +38,13 @@ class Experiment:
     """One run's state between rounds."""
 
     world: World
+    folder: Path  # of the run
     recorder: Recorder
     stopwatch: Stopwatch
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
     observers: Sequence[VehicleObserver] = ()
-    tap: Tap | None = None  # on the link between pilot and simulated vehicle
+    tap: Tap | None = None  # on the link between pilot and built-in autopilot
     workers: int = 1  # devices that train at a time; changes no result
     tally: Tally = field(init=False)
     _stage: str = field(default="", init=False)  # of the flight, for people
@@ -75,9 +76,9 @@ class Experiment:
             raise type(error)(f"{self._stage}, t {self.tally.sim_s:.1f} s: {error}") from error
 
     async def _fly(self, strategy: Strategy) -> None:
-        world = self.world
-        async with open_flyer(
-            world, self.observers, tap=self.tap, say=self.recorder.notice
+        flyers = self.world.flyers
+        async with flyers.open(
+            self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
         ) as flyer:
             try:
                 await self._sorties(flyer, strategy)

@@ -20,7 +20,7 @@ from mission.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.passages import passages
 from mission.pilot.feed import TelemetryFeed
 from mission.pilot.items import stop_sequence
-from mission.pilot.limits import Demand, read_limits
+from mission.pilot.limits import Demand, Limits, read_limits
 from mission.pilot.orders import Pilot
 from mission.pilot.parameters import adjusted
 from mission.track import Flight, FlightRecorder, Passage
@@ -58,6 +58,11 @@ class ExternalFlyer(Flyer):
         """The vehicle's time since the first position."""
         return self.here().t_ns
 
+    @property
+    def battery_remaining(self) -> float:
+        """0..1; NaN where the vehicle does not know."""
+        return self.feed.battery_remaining
+
     def here(self) -> Passage:
         """The newest position."""
         here = self.feed.here
@@ -89,7 +94,7 @@ class ExternalFlyer(Flyer):
         """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             here = self.here()
-            return Flight.standing(here, {0: here}, self.feed.battery_remaining)
+            return Flight.standing(here, {0: here}, self.battery_remaining)
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
         flight = await self.record(self.pilot.fly)
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
@@ -108,7 +113,7 @@ class ExternalFlyer(Flyer):
         self.feed.reached_ns.clear()
         self._recorder.start(self.here())
         await fly()
-        return self._recorder.finish(self.here(), self.feed.battery_remaining)
+        return self._recorder.finish(self.here(), self.battery_remaining)
 
     def find_passages(
         self,
@@ -141,7 +146,7 @@ class ExternalFlyer(Flyer):
             FlightError: nobody charged it in time; the vehicle stands at home.
         """
         self._doubt_battery(reserve)
-        remaining = self.feed.battery_remaining
+        remaining = self.battery_remaining
         if not remaining < reserve:  # an unknown one is not
             return False
         self._say(
@@ -160,14 +165,14 @@ class ExternalFlyer(Flyer):
         enough, timeout_s = (1.0 + reserve) / 2.0, self._link.battery_timeout_s
         try:
             async with asyncio.timeout(timeout_s):
-                while not self.feed.battery_remaining >= enough:
+                while not self.battery_remaining >= enough:
                     await self.feed.ask()  # a new battery is a new start
                     with suppress(TimeoutError):
                         async with asyncio.timeout(ASK_AGAIN_S):
-                            await until(lambda: self.feed.battery_remaining >= enough)
+                            await until(lambda: self.battery_remaining >= enough)
         except TimeoutError:
             raise FlightError(
-                f"the battery reads {100 * self.feed.battery_remaining:.0f} % after "
+                f"the battery reads {100 * self.battery_remaining:.0f} % after "
                 f"{timeout_s:g} s on the ground (link.battery_timeout_s); the next round needs "
                 f"{100 * enough:.0f} %; the vehicle stands at home, motors off"
             ) from None
@@ -227,13 +232,7 @@ async def open_external(
         pilot,
         feed,
     ):
-        limits = await read_limits(pilot.parameters, pilot.dialect.limits)
-        feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())
-        for line in limits.lines():
-            feed.note(f"parameter {line}")
-        shortfalls = limits.shortfalls(demand, adjusted=link.set_parameters)
-        if shortfalls:
-            say(f"the vehicle will not fly as asked: {'; '.join(shortfalls)}")
+        limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
         changes = limits.adjustments(demand) if link.set_parameters else {}
         for name, (before, during) in changes.items():
             feed.note(f"parameter {name}: {before:g} -> {during:g} for the flight")
@@ -241,15 +240,32 @@ async def open_external(
         if not link.set_parameters:
             speed_mps = min(speed_mps, limits.speed_mps)
         flown = mission.model_copy(update={"speed_mps": speed_mps})
-        async with adjusted(pilot.parameters, changes, say=say):
-            flyer = ExternalFlyer(
-                pilot, feed, recorder, area=area, mission=flown, link=link, say=say
-            )
-            try:
-                yield flyer
-            except (asyncio.CancelledError, AerofedError) as error:
-                if pilot.armed and not isinstance(error, LinkLostError):
-                    with suppress(AerofedError, TimeoutError):
-                        async with asyncio.timeout(HOLD_TIMEOUT_S):
-                            await pilot.hold()
-                raise
+        async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
+            yield ExternalFlyer(pilot, feed, recorder, area=area, mission=flown, link=link, say=say)
+
+
+async def limits_of(
+    pilot: Pilot, feed: TelemetryFeed, demand: Demand, *, adjusted: bool, say: Say
+) -> Limits:
+    """The limits that a vehicle's parameters set, logged; `say` hears which the demand exceeds."""
+    limits = await read_limits(pilot.parameters, pilot.dialect.limits)
+    feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())
+    for line in limits.lines():
+        feed.note(f"parameter {line}")
+    shortfalls = limits.shortfalls(demand, adjusted=adjusted)
+    if shortfalls:
+        say(f"the vehicle will not fly as asked: {'; '.join(shortfalls)}")
+    return limits
+
+
+@asynccontextmanager
+async def left_holding(pilot: Pilot) -> AsyncIterator[None]:
+    """A flight that ends otherwise than by landing is left holding its position."""
+    try:
+        yield
+    except (asyncio.CancelledError, AerofedError) as error:
+        if pilot.armed and not isinstance(error, LinkLostError):
+            with suppress(AerofedError, TimeoutError):
+                async with asyncio.timeout(HOLD_TIMEOUT_S):
+                    await pilot.hold()
+        raise

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder
-from mission.fence import fence_of
 from mission.flightplan import FlightPlan
 from mission.folder import RunFolder, environment
 from mission.log.sink import Sink
-from mission.log.values import Devices, Zone
+from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -124,7 +123,7 @@ def recording(
                 folder.log,
                 area=world.area,
                 devices=devices,
-                fence=_fence(world),
+                fence=world.flyers.fence(),
                 mirrors=mirrors,
                 raw_mavlink=audience.log_mavlink,
             )
@@ -142,10 +141,3 @@ def recording(
         for notice in world.notices():
             recorder.notice(notice)
         yield recorder
-
-
-def _fence(world: World) -> tuple[Zone, ...]:
-    """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-    if world.config.link.kind == "external":
-        return ()  # whatever it has, nobody told us
-    return fence_of((), world.vehicle.autopilot.parameters, world.area)

@@ -16,7 +16,6 @@ from mission.configfile import load_config
 from mission.ending import Ending
 from mission.errors import INTERRUPTED, InputError
 from mission.experiment import Experiment
-from mission.flyers import await_vehicle, check_link
 from mission.folder import RunFolder, write_atomically
 from mission.log.live import LiveView, live_views
 from mission.log.mavlink import RecordedLink
@@ -67,11 +66,12 @@ def fly_session(
     with stopwatch("setup"), audience.waiting(_SETTING_UP):
         world = build_world(config, data_dir=data_dir)
         if world.strategy is not None:
-            check_link(config.link)
+            world.flyers.check()
         live = live_views(audience)
         folder = RunFolder.create(path)
         with folder.unless_refused():
-            await_vehicle(world, say=audience.say)
+            if world.strategy is not None:
+                world.flyers.await_vehicle(say=audience.say)
             compile_kernels(*PLANNING, *LEARNING, say=audience.say)
         text = config.to_toml()
         state = learning.init(world.federation)
@@ -106,17 +106,17 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
     with folder.lock():
         with stopwatch("setup"), audience.waiting(_SETTING_UP):
             config = load_config(folder.config)
-            if config.link.kind == "external":
-                raise InputError(
-                    f"{path}: flown by an external autopilot: its rounds cannot be flown again, "
-                    "so the run cannot be resumed"
-                )
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
             )
             world = build_world(config, data_dir=data_dir)
+            if world.flyers.no_resume:
+                raise InputError(
+                    f"{path}: {world.flyers.no_resume}: its rounds cannot be flown again, so the "
+                    "run cannot be resumed"
+                )
             if world.strategy is not None:
-                check_link(config.link)
+                world.flyers.check()
             compile_kernels(*PLANNING, *LEARNING, say=audience.say)
             found = checkpoint.load(world.federation, values)
             live = live_views(audience)
@@ -155,7 +155,7 @@ def _fly(
     audience.say(f"results in {folder.path}")
     if ending.status == "interrupted":
         again = f"; aerofed run --resume {folder.path} goes on"
-        audience.say(f"interrupted{'' if world.config.link.kind == 'external' else again}")
+        audience.say(f"interrupted{'' if world.flyers.no_resume else again}")
         return INTERRUPTED
     return 0
 
@@ -172,6 +172,7 @@ def _experiment(
         log = recorder.log
         yield Experiment(
             ready.world,
+            ready.folder.path,
             recorder,
             stopwatch,
             ready.state,

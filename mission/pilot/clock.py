@@ -4,11 +4,13 @@ _REBOOT_MS = 5_000  # no message is that late
 
 
 class VehicleClock:
-    """Nanoseconds since the first stamp. A vehicle that starts anew goes on where it was."""
+    """Nanoseconds since a stamp, the first if no other. A vehicle that starts anew goes on where
+    it was.
+    """
 
-    def __init__(self) -> None:
-        self._zero_ms: int | None = None
-        self._last_ms = 0
+    def __init__(self, zero_ms: int | None = None) -> None:
+        self._zero_ms = zero_ms
+        self._last_ms = zero_ms or 0
         self.restarts = 0
 
     def t_ns(self, boot_ms: int) -> int:

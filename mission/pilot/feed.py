@@ -6,13 +6,14 @@ themselves: the clock is the vehicle's own, counted from the first position that
 
 import asyncio
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from flightdyn.frames import frozen
-from flightdyn.state import BatteryState, GeodeticPoint, Kinematics
+from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.area import Area
 from mission.pilot.battery import BatteryWatch
 from mission.pilot.clock import VehicleClock
@@ -39,17 +40,42 @@ _NOTICE = 5  # MAV_SEVERITY
 _INFO = 6
 
 
+class Source(Protocol):
+    """Where a vehicle's messages come from."""
+
+    def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+        """The fields of every message of that name from now on."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a vehicle that flies in our world, and need not be believed."""
+
+    messages: Source  # each one of them, however fast time goes
+    truth: Callable[[int], Moment]  # at an instant of our clock, ns
+    boot_ms: int  # the vehicle's stamp at our time zero
+
+
 class TelemetryFeed:
     """Turns a vehicle's messages into samples and events.
 
-    Truth and belief are both what it says.
+    Belief is what it says; so is the truth, where nobody knows better.
     """
 
-    def __init__(self, pilot: Pilot, *, area: Area, observers: Sequence[VehicleObserver]) -> None:
+    def __init__(
+        self,
+        pilot: Pilot,
+        *,
+        area: Area,
+        observers: Sequence[VehicleObserver],
+        known: Known | None = None,
+    ) -> None:
         self._pilot = pilot
         self._area = area
         self._observers = observers
-        self._clock = VehicleClock()
+        self._known = known
+        self._heard: Source = pilot.messages if known is None else known.messages
+        self._clock = VehicleClock(None if known is None else known.boot_ms)
         self._attitude = frozen([1.0, 0.0, 0.0, 0.0])
         self._rates = frozen([0.0, 0.0, 0.0])
         self._battery = BatteryState(math.nan, math.nan, math.nan, math.nan)
@@ -69,7 +95,7 @@ class TelemetryFeed:
         if self._moment is None:
             return None
         truth, belief = self._moment
-        return Passage(truth.t_ns, truth.pos_ned_m, belief.pos_ned_m)
+        return Passage(belief.t_ns, truth.pos_ned_m, belief.pos_ned_m)
 
     @property
     def battery_remaining(self) -> float:
@@ -111,7 +137,7 @@ class TelemetryFeed:
         self._tell(VehicleEvent(passage.t_ns, "reached", f"item {seq}", truth, belief, seq, _INFO))
 
     async def _watch_position(self) -> None:
-        async for fields in self._pilot.messages.of("GLOBAL_POSITION_INT"):
+        async for fields in self._heard.of("GLOBAL_POSITION_INT"):
             if self._moment is None and self.readiness.missing:
                 continue
             restarts = self._clock.restarts
@@ -132,18 +158,22 @@ class TelemetryFeed:
         position = frozen([float(place[0]), float(place[1]), -height_m])
         velocity = frozen([fields["vx"] / 1e2, fields["vy"] / 1e2, fields["vz"] / 1e2])
         belief = Kinematics(t_ns, position, velocity, self._attitude, self._rates)
-        self._sampled(belief, belief)
+        if self._known is None:
+            self._sampled(Moment(belief, self._battery, None), belief)
+        else:
+            self._sampled(self._known.truth(t_ns), belief)
         if not self.first.done():
             self.first.set_result(seen)
 
-    def _sampled(self, truth: Kinematics, belief: Kinematics) -> None:
+    def _sampled(self, known: Moment, belief: Kinematics) -> None:
         """Hand out what there is at one instant, and what changed with it."""
+        truth = known.kinematics
         self._moment = truth, belief
         mode, armed = self._pilot.mode, self._pilot.armed
-        self.battery.read(truth.t_ns, self._battery.remaining, flying=self._pilot.flying)
+        self.battery.read(belief.t_ns, self._battery.remaining, flying=self._pilot.flying)
         sample = VehicleSample(
-            t_ns=truth.t_ns, truth=truth, belief=belief, cmd_pos_ned_m=None, gnss=None,
-            battery=self._battery, mode=mode, armed=armed,
+            t_ns=belief.t_ns, truth=truth, belief=belief, cmd_pos_ned_m=None, gnss=None,
+            battery=known.battery, mode=mode, armed=armed, wind_ned_mps=known.wind_ned_mps,
         )  # fmt: skip
         for observer in self._observers:
             observer.sampled(sample)
@@ -174,14 +204,14 @@ class TelemetryFeed:
         self._happened("status", text, severity)
 
     async def _watch_attitude(self) -> None:
-        async for fields in self._pilot.messages.of("ATTITUDE_QUATERNION"):
+        async for fields in self._heard.of("ATTITUDE_QUATERNION"):
             q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
             self._attitude = frozen(q / np.linalg.norm(q))
             rates = (fields["rollspeed"], fields["pitchspeed"], fields["yawspeed"])
             self._rates = frozen(rates)
 
     async def _watch_battery(self) -> None:
-        async for fields in self._pilot.messages.of("BATTERY_STATUS"):
+        async for fields in self._heard.of("BATTERY_STATUS"):
             percent, consumed = fields["battery_remaining"], fields["current_consumed"]
             cells = [cell for cell in fields["voltages"] if cell < 65535]
             current = fields["current_battery"]
@@ -193,7 +223,7 @@ class TelemetryFeed:
             )
 
     async def _watch_reached(self) -> None:
-        async for fields in self._pilot.messages.of("MISSION_ITEM_REACHED"):
+        async for fields in self._heard.of("MISSION_ITEM_REACHED"):
             if self._moment is not None:
                 seq = fields["seq"] - self._pilot.dialect.first_item
                 self.reached_ns.setdefault(seq, self._moment[0].t_ns)

@@ -5,24 +5,16 @@ import threading
 import time
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from flightdyn.plant import Plant
-from flightdyn.state import BatteryState, Kinematics, Vector
+from flightdyn.state import Kinematics, Moment
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.errors import FirmwareSilentError
 
 _KEPT = 4096  # moments of truth, 80 s
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """The truth at one instant."""
-
-    kinematics: Kinematics
-    battery: BatteryState
-    wind_ned_mps: Vector
 
 
 class Clockwork:
@@ -68,6 +60,15 @@ class Clockwork:
         """Let time stand still."""
         self._may_run.clear()
 
+    @contextmanager
+    def going(self) -> Iterator[None]:
+        """Time goes on inside the block and stands still after it."""
+        self.run()
+        try:
+            yield
+        finally:
+            self.rest()
+
     @property
     def running(self) -> bool:
         """Whether time goes on."""
@@ -88,20 +89,19 @@ class Clockwork:
         return self._moments[-1]
 
     def at(self, t_ns: int) -> Moment:
-        """The truth at an instant, position and velocity linear between moments.
-
-        Instants that lie before what is kept or after the newest moment get the nearest one.
-        """
+        """The truth at an instant: between moments by both, else by the nearest one's velocity."""
         moments = list(self._moments)
-        index = bisect_left(moments, t_ns, key=lambda moment: moment.kinematics.t_ns)
-        if index == 0 or index == len(moments):
-            return moments[min(index, len(moments) - 1)]
-        before, after = moments[index - 1], moments[index]
+        index = bisect_left(moments, t_ns, key=_instant)
+        before, after = moments[max(index - 1, 0)], moments[min(index, len(moments) - 1)]
         a, b = before.kinematics, after.kinematics
-        share = (t_ns - a.t_ns) / (b.t_ns - a.t_ns)
-        nearer = after if share > 0.5 else before
-        place = a.pos_ned_m + share * (b.pos_ned_m - a.pos_ned_m)
-        speed = a.vel_ned_mps + share * (b.vel_ned_mps - a.vel_ned_mps)
+        if after is before:
+            since_s = (t_ns - a.t_ns) * 1e-9
+            place, speed, nearer = a.pos_ned_m + since_s * a.vel_ned_mps, a.vel_ned_mps, before
+        else:
+            share = (t_ns - a.t_ns) / (b.t_ns - a.t_ns)
+            place = a.pos_ned_m + share * (b.pos_ned_m - a.pos_ned_m)
+            speed = a.vel_ned_mps + share * (b.vel_ned_mps - a.vel_ned_mps)
+            nearer = after if share > 0.5 else before
         turned = nearer.kinematics
         between = Kinematics(t_ns, place, speed, turned.q_frd_to_ned, turned.omega_frd_radps)
         return Moment(between, nearer.battery, nearer.wind_ned_mps)
@@ -148,3 +148,7 @@ class Clockwork:
         if due_s > now_s:
             time.sleep(due_s - now_s)
         return due_s
+
+
+def _instant(moment: Moment) -> int:
+    return moment.kinematics.t_ns

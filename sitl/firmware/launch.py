@@ -52,12 +52,13 @@ class Launch:
     own_scripts: bool = False  # found in its folder before the firmware's own
 
     def start(self, folder: Path) -> FirmwareProcess:
-        """Write the files and start the firmware in the empty `folder`.
+        """Make `folder` with the files in it, and start the firmware there.
 
         Raises:
             FirmwareSilentError: it cannot be started.
-            OSError: the folder cannot be written.
+            OSError: the folder exists or cannot be written.
         """
+        folder.mkdir()
         for name, text in self.files.items():
             (folder / name).write_text(text, encoding="utf-8")
         env = dict(self.env)

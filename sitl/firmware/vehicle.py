@@ -60,7 +60,7 @@ class FirmwareVehicle:
     ) -> None:
         """Nothing is opened yet.
 
-        `folder` must be empty: the firmware lives in it. Ground stations are behind `links`;
+        `folder` is made for the firmware to live in. Ground stations are behind `links`;
         `hear` gets the vehicle's messages whose numbers are in `heard`. `speed` is in simulated
         seconds per second at most; infinite: as fast as it goes.
         """
