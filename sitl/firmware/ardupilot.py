@@ -20,14 +20,13 @@ DEFAULT_PORT = 9002
 MIN_RATE_HZ = 720  # its inertial sensors want 1.8 samples for each of its loops, at 400 Hz
 RATE_HZ = 800  # the slowest above that is a whole number of ticks of everything
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
-_HEAD = struct.Struct("<HHI")
-_PULSES = struct.Struct("<4H")
-_SIZES = {18458: _HEAD.size + 16 * 2, 29569: _HEAD.size + 32 * 2}  # by magic number
+_REQUEST = struct.Struct("<HHI4H")  # magic number, rate, count, pulses of the first motors
+_SIZES = {18458: 8 + 16 * 2, 29569: 8 + 32 * 2}  # by magic number
 _IDLE_US, _SPAN_US = 1000, 1000
 _STATE = (
     '\n{"timestamp":%.6f,"imu":{"gyro":[%.8f,%.8f,%.8f],"accel_body":[%.7f,%.7f,%.7f]},'
     '"position":[%.5f,%.5f,%.5f],"velocity":[%.5f,%.5f,%.5f],'
-    '"quaternion":[%.8f,%.8f,%.8f,%.8f],"no_time_sync":1}\n'
+    '"attitude":[%.7f,%.7f,%.7f],"no_time_sync":1}\n'
 )
 
 
@@ -44,7 +43,6 @@ class ArduPilotBridge:
         self._frame = -1  # that was answered last
         self._waiting: bytes | None = None  # a request that came while time stood still
         self._reply = b""
-        self._heard_rate = 0
         self._baro_error_m = 0.0
 
     @property
@@ -63,7 +61,7 @@ class ArduPilotBridge:
         give_up_after(self._socket, _LOOK_S)
 
     def tick(self) -> bool:
-        request, self._waiting = self._waiting or self._receive(0), None
+        request, self._waiting = self._waiting or self._receive(), None
         if request is None:
             return False
         frame, motors = self._parse(request)
@@ -82,38 +80,46 @@ class ArduPilotBridge:
 
     def rest(self) -> None:
         # It repeats itself each second while nobody answers: one of these is answered later.
-        self._waiting = self._receive(0) or self._waiting
+        self._waiting = self._receive() or self._waiting
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _receive(self, flags: int) -> bytes | None:
+    def _receive(self) -> bytes | None:
         assert self._socket is not None
         try:
-            request, self._peer = self._socket.recvfrom(256, flags)
+            if self._peer is not None:
+                return self._socket.recv(256)
+            request, self._peer = self._socket.recvfrom(256)
+            self._socket.connect(self._peer)  # nobody else is heard from now on
         except (BlockingIOError, ConnectionError):
             return None
         return request
 
     def _send(self, reply: bytes) -> None:
         assert self._socket is not None
-        assert self._peer is not None
         with suppress(ConnectionError):  # it has just ended, which its process says better
-            self._socket.sendto(reply, self._peer)
+            self._socket.send(reply)
 
     def _parse(self, request: bytes) -> tuple[int, tuple[float, ...]]:
-        if len(request) < _HEAD.size + _PULSES.size:
-            raise FirmwareError(f"no request of ArduPilot's JSON interface: {len(request)} bytes")
-        magic, self._heard_rate, frame = _HEAD.unpack_from(request)
-        if _SIZES.get(magic) != len(request):
+        """Its count, and the duty cycles of the motors."""
+        size = len(request)
+        if size < _REQUEST.size:
+            raise FirmwareError(f"no request of ArduPilot's JSON interface: {size} bytes")
+        magic, _, count, a, b, c, d = _REQUEST.unpack_from(request)
+        if _SIZES.get(magic) != size:
             raise FirmwareError(
-                f"no request of ArduPilot's JSON interface: {len(request)} bytes with the magic "
-                f"number {magic}; known are {', '.join(map(str, _SIZES))}"
+                f"no request of ArduPilot's JSON interface: {size} bytes with the magic number "
+                f"{magic}; known are {', '.join(map(str, _SIZES))}"
             )
-        pulses = _PULSES.unpack_from(request, _HEAD.size)
-        return frame, tuple((pulse - _IDLE_US) / _SPAN_US for pulse in pulses)
+        return count, (
+            (a - _IDLE_US) / _SPAN_US,
+            (b - _IDLE_US) / _SPAN_US,
+            (c - _IDLE_US) / _SPAN_US,
+            (d - _IDLE_US) / _SPAN_US,
+        )
 
     def _state(self, readings: Readings) -> bytes:
         vehicle, receiver = self.plant.vehicle, self._sensors.receiver
@@ -127,6 +133,6 @@ class ArduPilotBridge:
             *readings.imu,
             n + en, e + ee, d - self._baro_error_m,
             vn + un, ve + ue, vd + ud,
-            *vehicle.attitude(),
+            *vehicle.euler(),
         )  # fmt: skip
         return text.encode()

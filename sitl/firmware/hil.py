@@ -5,7 +5,7 @@ hand; `tests/sitl/firmware` holds them against pymavlink.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from fastcrc import crc16
@@ -18,16 +18,19 @@ from flightdyn.state import GeodeticPoint, GnssFix
 
 ACCEL_GYRO, MAG, BARO = 0x007 | 0x038, 0x1C0, 0x1A00  # bits of HIL_SENSOR.fields_updated
 _LOCKSTEP = 1  # HIL_ACTUATOR_CONTROLS.flags: the firmware waits for each tick
-_HEADER = struct.Struct("<BBBBBBBHB")  # of MAVLink 2; the message number is 24 bits long
-_SENSOR = struct.Struct("<Q13fI")
+# Header of MAVLink 2, whose message number is 24 bits long, and payload.
+_SENSOR = struct.Struct("<BBBBBBBHBQ13fI")
 _CONTROLS = struct.Struct("<QQ4f")
 _V1, _V2 = 0xFE, 0xFD
 _SYSTEM, _COMPONENT = 142, 1  # of the simulator; PX4 looks at neither
 _KELVIN = 273.15
 _UNKNOWN_COURSE = 65535
-_SENSOR_EXTRA = mav.MAVLink_hil_sensor_message.crc_extra
-_CONTROLS_ID = mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
-_CONTROLS_EXTRA = mav.MAVLink_hil_actuator_controls_message.crc_extra
+_SENSOR_EXTRA = bytes((mav.MAVLink_hil_sensor_message.crc_extra,))
+_SENSOR_ID = mav.MAVLINK_MSG_ID_HIL_SENSOR
+_SENSOR_SIZE = 64  # of the payload
+_CONTROLS_ID = mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS.to_bytes(3, "little")
+_CONTROLS_EXTRA = bytes((mav.MAVLink_hil_actuator_controls_message.crc_extra,))
+_CONTROLS_SIZE = 12 + 81  # of a frame: its last byte, the mode, is never zero
 
 
 class Controls(NamedTuple):
@@ -60,19 +63,13 @@ class HilEncoder:
             pressure_hpa = baro.pressure_pa / 100
             height_m = altitude_m(baro.pressure_pa)
         p, q, r, x, y, z = imu
-        payload = _SENSOR.pack(
+        self._seq = (self._seq + 1) & 0xFF
+        body = _SENSOR.pack(
+            _V2, _SENSOR_SIZE, 0, 0, self._seq, _SYSTEM, _COMPONENT, _SENSOR_ID, 0,
             t_us, x, y, z, p, q, r, mx, my, mz,
             pressure_hpa, 0.0, height_m, self._temperature_c, fields,
         )  # fmt: skip
-        return self._frame(mav.MAVLINK_MSG_ID_HIL_SENSOR, payload, _SENSOR_EXTRA)
-
-    def _frame(self, number: int, payload: bytes, extra: int) -> bytes:
-        self._seq = (self._seq + 1) & 0xFF
-        header = _HEADER.pack(
-            _V2, len(payload), 0, 0, self._seq, _SYSTEM, _COMPONENT, number & 0xFFFF, number >> 16
-        )
-        body = header + payload
-        checksum = crc16.mcrf4xx(body[1:] + bytes((extra,)))
+        checksum = crc16.mcrf4xx(body[1:] + _SENSOR_EXTRA)
         return body + checksum.to_bytes(2, "little")
 
     def gps(self, t_us: int, fix: GnssFix, place: GeodeticPoint) -> bytes:
@@ -107,9 +104,15 @@ class HilDecoder:
     def __init__(self) -> None:
         self._rest = b""
 
-    def feed(self, data: bytes) -> Iterator[Controls]:
+    def feed(self, data: bytes) -> Sequence[Controls]:
         """The controls that `data` completes."""
-        data = self._rest + data
+        if not self._rest and len(data) == _CONTROLS_SIZE:  # nearly always: one frame, whole
+            whole = _controls(data)
+            if whole is not None:
+                return (whole,)
+        return list(self._search(self._rest + data))
+
+    def _search(self, data: bytes) -> Iterator[Controls]:
         at = 0
         while True:
             while at < len(data) and data[at] not in (_V1, _V2):
@@ -119,22 +122,30 @@ class HilDecoder:
             size = data[at + 1] + (8 if data[at] == _V1 else 12 + 13 * (data[at + 2] & 1))
             if at + size > len(data):
                 break
-            frame = data[at : at + size]
-            at += size
-            if frame[0] == _V2 and int.from_bytes(frame[7:10], "little") == _CONTROLS_ID:
-                controls = _controls(frame)
-                if controls is None:
-                    at -= size - 1  # damaged: the next frame may begin inside of it
-                else:
-                    yield controls
+            controls = _controls(data[at : at + size])
+            if controls is not None:
+                yield controls
+                at += size
+            elif _is_controls(data, at):
+                at += 1  # damaged: the next frame may begin inside of it
+            else:
+                at += size
         self._rest = data[at:]
 
 
+def _is_controls(data: bytes, at: int) -> bool:
+    return data[at] == _V2 and data[at + 7 : at + 10] == _CONTROLS_ID
+
+
 def _controls(frame: bytes) -> Controls | None:
+    """A whole frame as controls; None where it is another message, or damaged."""
+    if not _is_controls(frame, 0):
+        return None
     end = 10 + frame[1]
-    checksum = crc16.mcrf4xx(frame[1:end] + bytes((_CONTROLS_EXTRA,)))
+    checksum = crc16.mcrf4xx(frame[1:end] + _CONTROLS_EXTRA)
     if checksum != int.from_bytes(frame[end : end + 2], "little"):
         return None
-    payload = frame[10:end].ljust(_CONTROLS.size, b"\0")  # MAVLink 2 leaves zeros at the end out
-    t_us, flags, a, b, c, d = _CONTROLS.unpack_from(payload)
+    if end < 10 + _CONTROLS.size:  # MAVLink 2 leaves zeros at the end out
+        frame = frame[:end].ljust(10 + _CONTROLS.size, b"\0")
+    t_us, flags, a, b, c, d = _CONTROLS.unpack_from(frame, 10)
     return Controls(t_us, bool(flags & _LOCKSTEP), (a, b, c, d))

@@ -82,8 +82,8 @@ class ArduPilotStandIn:
             return answers
 
     def answer(self) -> dict[str, Any]:
-        """The one answer that has come."""
-        (line,) = self.lines()
+        """The next answer."""
+        line = self._socket.recv(65536).decode()
         # ArduPilot looks for the text between two line ends, and for "[1,2" without spaces.
         assert line[0] == line[-1] == "\n"
         assert " " not in line
