@@ -228,7 +228,7 @@ async def open_external(
         feed,
     ):
         limits = await read_limits(pilot.parameters, pilot.dialect.limits)
-        feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())
+        feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}")
         for line in limits.lines():
             feed.note(f"parameter {line}")
         shortfalls = limits.shortfalls(demand, adjusted=link.set_parameters)
