@@ -169,8 +169,10 @@ class ExternalCarrier(PlanCarrier):
             raise FlightError(
                 f"the vehicle says that the mission is over, {miss_m:.0f} m short of its end"
             )
-        if not lands:
-            await pilot.land()
+        if lands:
+            await flyer.seen_down()
+        else:
+            await flyer.land()
 
 
 def make_carrier(ready: PreparedPlan, *, say: Say) -> PlanCarrier:
