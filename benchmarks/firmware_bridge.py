@@ -116,11 +116,11 @@ def main() -> None:
             lambda: ArduPilotBridge(plant(RATE_HZ), port=0),
         ),
     )
-    for name, rate_hz, peer, bridge in cases:
+    for name, rate, peer, bridge in cases:
         rows = [
             (
-                bare_s(rate_hz, seconds),
-                sensed_s(rate_hz, seconds),
+                bare_s(rate, seconds),
+                sensed_s(rate, seconds),
                 bridged_s(bridge(), peer, seconds),
             )
             for _ in range(3)

@@ -282,7 +282,7 @@ class Multirotor:
         return n() * FT_M, e() * FT_M, d() * FT_M
 
     def euler(self) -> Triple:
-        """Roll, pitch and yaw (rad), body to NED."""
+        """Roll, pitch and yaw (rad; yaw from 0 to 2 pi), body to NED."""
         roll, pitch, yaw = self._euler
         return roll(), pitch(), yaw()
 

@@ -13,6 +13,7 @@ from mission.config import LinkConfig
 from mission.errors import FlightError, InputError
 from mission.pilot.connection import connect
 from mission.pilot.feed import Known, TelemetryFeed
+from mission.pilot.limits import Limits, read_limits
 from mission.pilot.orders import Pilot
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
@@ -102,14 +103,14 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         ) from None
 
 
-async def look_at_vehicle(link: LinkConfig, *, area: Area, say: Say) -> None:
-    """Connect as for a flight, see that the vehicle stands in the area, and part.
+async def look_at_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
+    """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
 
     Raises:
         LinkLostError, FlightError, InputError: as `located`.
     """
-    async with located(link, area=area, observers=(), say=say):
-        pass
+    async with located(link, area=area, observers=(), say=say) as (pilot, _):
+        return await read_limits(pilot.parameters, pilot.dialect.limits)
 
 
 async def until(met: Callable[[], bool]) -> None:

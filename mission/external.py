@@ -28,6 +28,7 @@ from sitl.observer import VehicleObserver
 
 Floats = NDArray[np.float64]
 
+LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
 _SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
@@ -81,8 +82,16 @@ class ExternalFlyer(Flyer):
             raise FlightError("the vehicle is armed already: land and disarm it first")
 
     async def take_off(self) -> None:
-        """From the ground to the hover above where the vehicle stands."""
+        """From the ground to the hover above where the vehicle stands.
+
+        Raises:
+            FlightError: see `ready`; or nobody charged an empty battery in time.
+        """
         await self.ready()
+        reserve = self.mission.battery_reserve
+        if self.feed.battery_remaining < reserve:
+            self._say(f"{self._low(reserve)}: no take-off before it is charged")
+            await self._charged(reserve)
         await self.pilot.take_off(self.mission.altitude_m)
 
     async def upload(self, plan: FlightPlan) -> None:
@@ -138,6 +147,14 @@ class ExternalFlyer(Flyer):
     async def land(self) -> None:
         """Back to home and down."""
         await self.pilot.land()
+        await self.seen_down()
+
+    async def seen_down(self) -> None:
+        """Wait for the sample that shows the motors off, so that track and log have it."""
+        landed_ns = self.t_ns
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LAST_SAMPLE_S):
+                await until(lambda: self.t_ns > landed_ns)
 
     async def refresh(self, reserve: float) -> bool:
         """Return, land, wait for a charged battery, take off and come back to where it was.
@@ -146,13 +163,9 @@ class ExternalFlyer(Flyer):
             FlightError: nobody charged it in time; the vehicle stands at home.
         """
         self._doubt_battery(reserve)
-        remaining = self.battery_remaining
-        if not remaining < reserve:  # an unknown one is not
+        if not self.battery_remaining < reserve:  # an unknown one is not
             return False
-        self._say(
-            f"battery at {100 * remaining:.0f} %, mission.battery_reserve is {100 * reserve:.0f} %:"
-            " the vehicle returns, lands and waits for a charged one"
-        )
+        self._say(f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one")
         back = self.area.from_ned(self.here().est_ned_m)
         await self.land()
         await self._charged(reserve)
@@ -173,9 +186,15 @@ class ExternalFlyer(Flyer):
         except TimeoutError:
             raise FlightError(
                 f"the battery reads {100 * self.battery_remaining:.0f} % after "
-                f"{timeout_s:g} s on the ground (link.battery_timeout_s); the next round needs "
-                f"{100 * enough:.0f} %; the vehicle stands at home, motors off"
+                f"{timeout_s:g} s on the ground (link.battery_timeout_s); a flight needs "
+                f"{100 * enough:.0f} %; the vehicle stands on the ground, motors off"
             ) from None
+
+    def _low(self, reserve: float) -> str:
+        return (
+            f"battery at {100 * self.battery_remaining:.0f} %, mission.battery_reserve is "
+            f"{100 * reserve:.0f} %"
+        )
 
     def _doubt_battery(self, reserve: float) -> None:
         """Say once that the reserve cannot be kept."""
@@ -242,6 +261,11 @@ async def open_external(
         flown = mission.model_copy(update={"speed_mps": speed_mps})
         async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
             yield ExternalFlyer(pilot, feed, recorder, area=area, mission=flown, link=link, say=say)
+
+
+def telemetry_of(link: LinkConfig) -> str:
+    """Where the positions of an external autopilot come from, for people."""
+    return f"telemetry of {link.url}: truth and belief are what the autopilot says"
 
 
 async def limits_of(

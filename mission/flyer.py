@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 
 Tap: TypeAlias = Callable[[Link], Link]
 
+SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 
 

@@ -15,10 +15,10 @@ from flightdyn.plant import Plant
 from mission.config import LinkConfig
 from mission.contact import look_at_vehicle
 from mission.errors import InputError, LinkLostError
-from mission.external import open_external
+from mission.external import open_external, telemetry_of
 from mission.fence import fence_of
 from mission.firmware import FOLDER, NAMES, open_firmware
-from mission.flyer import Flyer, Tap, open_simulated
+from mission.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
 from mission.ground import Ground
 from mission.log.values import Zone
 from mission.pilot.limits import Demand
@@ -77,7 +77,7 @@ class BuiltInFlyers(Flyers):
 
     ground: Ground
     vehicle: Vehicle  # on the ground at home
-    position_source = "simulated vehicle: truth from its physics, belief from its estimator"
+    position_source = SIMULATED_POSITIONS
     no_resume = ""
 
     def check(self) -> None:
@@ -172,8 +172,7 @@ class ExternalFlyers(Flyers):
     @property
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
-        url = self.ground.config.link.url
-        return f"telemetry of {url}: truth and belief are what the autopilot says"
+        return telemetry_of(self.ground.config.link)
 
     def check(self) -> None:
         """Refuse a port that is taken."""

@@ -45,7 +45,7 @@ def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hove
     """The instant in a window at which the track, straight between samples, is closest."""
     inside = (flight.t_ns > after_ns) & (flight.t_ns < until_ns)
     instants = np.concatenate(([after_ns], flight.t_ns[inside], [until_ns]))
-    points = np.array([flight.at(int(t_ns)).est_ned_m[:2] for t_ns in instants]) - stop[:2]
+    points = np.array([flight.at(int(t_ns)).est_ned_m for t_ns in instants]) - stop
     best_m, best_ns = float(np.linalg.norm(points[0])), after_ns
     nearest: list[tuple[float, int]] = [(best_m, best_ns)]
     for (a, b), (t_a, t_b) in zip(

@@ -38,8 +38,14 @@ class Vehicle:
         Whoever needs simulated time to go on lets nobody reboot the vehicle.
 
         Raises:
-            SitlInputError: a parameter or a rate is not acceptable; says which and why.
+            SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
+                says which and why.
         """
+        if config.autopilot != "built-in":
+            raise SitlInputError(
+                f"vehicle.autopilot = {config.autopilot!r}: here the built-in autopilot flies; "
+                "aerofed run takes a firmware, and aerofed world serves the aircraft to one"
+            )
         self._config = config
         self._home = home
         self._streams = streams

@@ -7,6 +7,14 @@ from mission.pilot.readiness import EKF_STATUS_REPORT, ESTIMATOR_STATUS, Estimat
 
 
 @dataclass(frozen=True)
+class ArmingMode:
+    """A mode that no vehicle takes before it has a position."""
+
+    custom: int  # its custom mode number
+    shown: str
+
+
+@dataclass(frozen=True)
 class Dialect:
     """One family of autopilots."""
 
@@ -15,9 +23,10 @@ class Dialect:
     finite: bool  # parameters may not be NaN
     keeps_radius: bool  # a downloaded waypoint still has its acceptance radius
     resting: frozenset[str]  # modes in which the vehicle holds its position
-    arming_mode: int | None  # custom mode to arm in, which needs a position; None: any does
+    arming_mode: ArmingMode | None  # to arm in; None: any mode will do
     estimator: EstimatorMessage
     limits: LimitNames
+    tells_commit: bool  # its version has a commit as bytes; ArduPilot's are letters of one
 
     @property
     def first_item(self) -> int:
@@ -35,6 +44,7 @@ PX4 = Dialect(
     arming_mode=None,
     estimator=ESTIMATOR_STATUS,
     limits=PX4_LIMITS,
+    tells_commit=True,
 )
 # Guided mode (MAVSDK: OFFBOARD) holds after a take-off, AUTO (MISSION) after a mission's end.
 # In the mode that it starts in, STABILIZE, it arms without a position.
@@ -44,7 +54,8 @@ ARDUPILOT = Dialect(
     finite=True,
     keeps_radius=False,
     resting=frozenset({"HOLD", "OFFBOARD", "MISSION"}),
-    arming_mode=4,
+    arming_mode=ArmingMode(4, "OFFBOARD"),
     estimator=EKF_STATUS_REPORT,
     limits=ARDUPILOT_LIMITS,
+    tells_commit=False,
 )

@@ -201,7 +201,7 @@ class TelemetryFeed:
             observer.happened(event)
 
     def _take_text(self, severity: int, text: str) -> None:
-        self._happened("status", text, severity)
+        self._happened("status", text.strip(), severity)
 
     async def _watch_attitude(self) -> None:
         async for fields in self._heard.of("ATTITUDE_QUATERNION"):

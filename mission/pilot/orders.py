@@ -60,6 +60,10 @@ class Pilot:
         """Whether the vehicle is off the ground, by its own word."""
         return self.watch.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF)
 
+    @property
+    def _landed(self) -> bool:
+        return self.watch.landed == LandedState.ON_GROUND and not self.watch.armed
+
     async def ready(self) -> None:
         """Wait until the vehicle says that it can be armed.
 
@@ -73,8 +77,10 @@ class Pilot:
         mode = self.dialect.arming_mode
         if mode is not None:
             self.watch.order_given()
-            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, mode) != ACCEPTED:
+            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, mode.custom) != ACCEPTED:
                 raise await self._refused("take the mode to arm in")
+            # Before it is seen MAVSDK may order a hold, in whose mode ArduCopter cannot be armed.
+            await self._until(lambda: self.mode == mode.shown, "take the mode to arm in")
         await self._order("arm", self._action.arm())
         await self._until(lambda: self.watch.armed, "arm")
 
@@ -112,8 +118,10 @@ class Pilot:
             lambda: self.mode in self.dialect.resting, "hold its position after the mission"
         )
 
-    async def carry_out(self) -> None:
+    async def carry_out(self, *, lands: bool = False) -> None:
         """Start any mission that was uploaded, and wait until the vehicle has carried it out.
+
+        One that `lands` is over when the motors are off, whatever the vehicle says of the mission.
 
         Raises:
             FlightError: the vehicle leaves it, or misses its end.
@@ -123,6 +131,8 @@ class Pilot:
         left_at: float | None = None
         while not await self._call("report the mission", self._mission.is_mission_finished()):
             self._check_alive("finish the mission")
+            if lands and self._landed:
+                return
             if self.watch.mode == FlightMode.MISSION:
                 left_at = None
             elif left_at is None:
@@ -140,7 +150,7 @@ class Pilot:
             logger.info("no version: %s", error)
             return ""
         number = f"{said.flight_sw_major}.{said.flight_sw_minor}.{said.flight_sw_patch}"
-        return f"{number} {said.flight_sw_git_hash}".rstrip()
+        return f"{number} {said.flight_sw_git_hash}" if self.dialect.tells_commit else number
 
     async def upload_fence(self, items: list[MissionItem]) -> None:
         """Upload a geofence."""
@@ -152,10 +162,7 @@ class Pilot:
 
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
-        await self._until(
-            lambda: self.watch.landed == LandedState.ON_GROUND and not self.watch.armed,
-            "land and disarm",
-        )
+        await self._until(lambda: self._landed, "land and disarm")
 
     async def land(self) -> None:
         """Return to home, land, and wait until the motors are off."""

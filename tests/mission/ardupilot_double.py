@@ -20,7 +20,8 @@ class ArduPilotDouble(threading.Thread):
     """A copter at (lat, lon), `speed` times faster than real time.
 
     Until `located_s` after its start its estimator has no origin: it streams 0, 0, has no home, and
-    refuses GUIDED; in STABILIZE it lets itself be armed all the same.
+    refuses GUIDED; in STABILIZE it lets itself be armed all the same. `drain` is the charge (0..1)
+    that a simulated second costs with motors on; whoever stands disarmed gets a full battery.
     """
 
     def __init__(
@@ -31,6 +32,7 @@ class ArduPilotDouble(threading.Thread):
         lon: float,
         speed: float = 10.0,
         located_s: float = 0.0,
+        drain: float = 0.0,
     ) -> None:
         super().__init__(daemon=True)
         self.refusals: list[str] = []
@@ -47,6 +49,7 @@ class ArduPilotDouble(threading.Thread):
         self._speed = speed
         self._t = 0.0  # simulated seconds since boot
         self._located_s = located_s
+        self._drain, self._charge = drain, 0.8
         self._cruise = 5.0
         self._goal_up: float | None = None
         self._items: list[mav.MAVLink_mission_item_int_message] = []
@@ -80,8 +83,8 @@ class ArduPilotDouble(threading.Thread):
                 beat = now
                 self._heartbeat()
             for number, interval_s in self._interval_s.items():
-                if number != 33 and now >= self._due.get(number, 0.0):
-                    self._due[number] = now + interval_s
+                if number != 33 and self._t >= self._due.get(number, 0.0):
+                    self._due[number] = self._t + interval_s
                     self._tell(number)
             while (message := self._link.recv_match()) is not None:
                 self._take(message)
@@ -91,6 +94,8 @@ class ArduPilotDouble(threading.Thread):
 
     def _move(self, dt: float) -> None:
         self._t += dt
+        if self._drain:
+            self._charge = max(self._charge - self._drain * dt, 0.0) if self.armed else 1.0
         self._velocity = (0.0, 0.0, 0.0)
         if self.mode == GUIDED and self._goal_up is not None:
             self._towards((self._at[0], self._at[1], self._goal_up), 3.0, dt)
@@ -151,7 +156,7 @@ class ArduPilotDouble(threading.Thread):
     def _tell(self, number: int) -> None:
         send, ms = self._link.mav, int(self._t * 1e3)
         lat, lon = self._place()
-        up = round(self._at[2] * 1e3)
+        up, percent = round(self._at[2] * 1e3), round(self._charge * 100)
         home = (round(self._home[0] * 1e7), round(self._home[1] * 1e7), 130_000)
         sensors = (1 << 0) | (1 << 1) | (1 << 2) | (1 << 5) | (1 << 28)
         if number == 1:
@@ -171,7 +176,7 @@ class ArduPilotDouble(threading.Thread):
             state = 5 if self._complete else 3 if self._running else 2
             send.mission_current_send(self._current, max(len(self._items) - 1, 0), state)
         elif number == 147:
-            send.battery_status_send(0, 0, 0, 32767, [12_000] + [65535] * 9, 500, 300, -1, 80)
+            send.battery_status_send(0, 0, 0, 32767, [12_000] + [65535] * 9, 500, 300, -1, percent)
         elif number == 148:
             send.autopilot_version_send(0xFFFF, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
         elif number == 193:
@@ -256,6 +261,7 @@ class ArduPilotDouble(threading.Thread):
                     return denied
                 self._current = max(self._current, 1)
                 self._running, self._complete = True, False
+                self._link.mav.statustext_send(mav.MAV_SEVERITY_INFO, b"Mission: 1 WP")
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
                 self.mode = RTL
             case _:
