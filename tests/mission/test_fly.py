@@ -108,7 +108,7 @@ def test_heights_above_sea_level_are_no_orders_for_an_external_vehicle(
 ) -> None:
     above_sea = simple(16, 0, 3, 0, None, NORTH, 8.5, 538, frame=0)
     plan, out = written(tmp_path, TAKE_OFF, above_sea), tmp_path / "out"
-    url = "udpin://127.0.0.1:9"  # nobody is asked
+    url = "udpout://127.0.0.1:9"  # nobody is asked
     assert call(["fly", str(plan), "--out", str(out), "--vehicle", url]) == 2
     (error,) = capsys.readouterr().err.splitlines()
     assert "item 1, NAV_WAYPOINT" in error
