@@ -100,7 +100,7 @@ def test_the_reserve_is_kept_and_the_battery_waited_for(
     out = tmp_path / "out"
     talking = [word for word in SMALL if word != "--quiet"]
     # Take-off and a round take 40 s.
-    with flying(drain=0.02) as (double, url):
+    with flying(drain=0.03) as (double, url):
         assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "2", *talking]) == 0
     changes = json.loads((out / "summary.json").read_text())["battery_changes"]
     assert changes >= 1
