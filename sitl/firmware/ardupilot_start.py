@@ -64,6 +64,7 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "ANGLE_MAX": 100 * min(limits.tilt_deg, 80.0),
         "WPNAV_SPEED": min(fast_cmps, 2000),
         "WPNAV_ACCEL": min(100 * limits.acceleration_mps2, 500),
+        "WPNAV_JERK": min(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 20),
         "WPNAV_SPEED_UP": min(100 * limits.climb_mps, 1000),
         "WPNAV_SPEED_DN": min(100 * limits.descent_mps, 500),
         "LOG_DISARMED": 0,

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 from flightdyn.airframe.parameters import Airframe
+from flightdyn.config import LimitsConfig
 from flightdyn.plant import Plant
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareSilentError
@@ -123,6 +124,7 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "MPC_XY_VEL_MAX": fast,
         "MPC_XY_CRUISE": min(fast, order.speed_mps),
         "MPC_ACC_HOR": min(max(limits.acceleration_mps2, 2.0), 15.0),
+        "MPC_JERK_AUTO": _jerk(limits),
         "MPC_TILTMAX_AIR": min(max(limits.tilt_deg, 20.0), 89.0),
         "MPC_Z_VEL_MAX_UP": limits.climb_mps,
         "MPC_Z_V_AUTO_UP": limits.climb_mps,
@@ -134,6 +136,11 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "COM_FLTT_LOW_ACT": 0,
         "SDLOG_MODE": -1,  # the run's own log holds the flight
     }
+
+
+def _jerk(limits: LimitsConfig) -> float:
+    """By what acceleration may change along a mission, in the range that PX4 takes."""
+    return min(max(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 1.0), 80.0)
 
 
 def _geometry(airframe: Airframe) -> dict[str, float]:
