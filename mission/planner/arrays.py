@@ -1,10 +1,9 @@
-"""A planning problem as the plain arrays that the compiled loops take."""
+"""A planning problem as the plain arrays that the native loops take."""
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mission.planner.kernels.insertion import Lists
-from mission.planner.kernels.instance import Devices, Limits, Relaxation
+from mission.planner.native.library import Devices, Limits, Lists, Relaxation
 from mission.planner.problem import Floats, RoundProblem
 from mission.planner.reward import conjugates, reward_table
 
