@@ -27,7 +27,7 @@ ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no c
 # Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.
 _FLAGS = (
     "-std=gnu11", "-O3", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-fno-math-errno",
-    "-fno-trapping-math", "-Wall", "-Wextra", "-Wno-psabi",
+    "-fno-trapping-math", "-g0", "-Wall", "-Wextra", "-Wno-psabi",
 )  # fmt: skip
 # Kinds of processor, the plainest first; a library holds its inner loops once for each.
 _AVX2 = ("-mavx2", "-mfma")

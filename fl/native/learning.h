@@ -1,4 +1,4 @@
-/* What Python and the library hand each other; `fl/native/library.py` says the same in ctypes. */
+/* What Python and the library hand each other; `library.py` says the same in ctypes. */
 #ifndef LEARNING_H
 #define LEARNING_H
 
@@ -41,6 +41,8 @@ typedef struct {
                  double *loss);
     /* Add to `correct` (classes,) how many images of each class the weights get right. */
     int (*count_correct)(const Network *, const Images *, const float *weights, int64_t *correct);
+    /* Overwrite numbers (count,) by the shares of the normal distribution under them. */
+    int (*normal_shares)(int64_t count, double *numbers);
 } Learning;
 
 extern const Learning learning_baseline, learning_avx2, learning_avx512;

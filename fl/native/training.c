@@ -3,6 +3,7 @@
 
 #include "levelled.h"
 #include "network.h"
+#include "normal.h"
 
 /* v = m v + g + mu (w - w_global), w -= eta v, and g = 0. */
 static void descend(const Passage *net, const float *correction, Rates rates)
@@ -71,4 +72,10 @@ static int count_correct(const Network *shape, const Images *images, const float
     return 0;
 }
 
-const Learning NAMED(learning) = {train, count_correct};
+static int normal_shares(int64_t count, double *numbers)
+{
+    for (int64_t i = 0; i < count; i++) numbers[i] = normal_share(numbers[i]);
+    return 0;
+}
+
+const Learning NAMED(learning) = {train, count_correct, normal_shares};

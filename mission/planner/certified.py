@@ -1,6 +1,6 @@
 """The planner with a certificate: the true objective, and a bound that no plan exceeds."""
 
-from mission.planner.arrays import instance, neighbour_lists, relax, root_bound
+from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import MOST_DEVICES, explore, search
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -38,9 +38,7 @@ class CertifiedPlanner:
         devices, limits = instance(problem)
         count = len(devices.delta)
         relaxation = relax(problem, devices)
-        value, way, assigned = explore(
-            devices, limits, neighbour_lists(devices), starts=STARTS, tries=tries(count)
-        )
+        value, way, assigned = explore(devices, limits, starts=STARTS, tries=tries(count))
         bound = root_bound(relaxation.promise[:, 0], limits)
         # Beyond, the search cannot narrow the gap in any time worth waiting for.
         nodes = self._max_nodes if count <= MOST_DEVICES else 0

@@ -15,7 +15,7 @@ import osqp
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mission.planner.arrays import instance, neighbour_lists
+from mission.planner.arrays import instance
 from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
@@ -72,9 +72,7 @@ class SqpPlanner:
             return at_rest
         devices, limits = instance(problem)
         attempts = tries(len(devices.delta)) if self._tries is None else self._tries
-        _, way, _ = explore(
-            devices, limits, neighbour_lists(devices), starts=self._starts, tries=attempts
-        )
+        _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
         way = ascend(way, devices, limits)
         return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 

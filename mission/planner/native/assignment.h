@@ -168,22 +168,20 @@ static Displacement displace(
 }
 
 /* Write the step of every device into `assigned` (K,), -1 where it is not served. `best` (K,) is
-   what each earns at its best step, or less than nothing to leave it out. */
+   what each earns at its best step, or less than nothing to leave it out. Worths that are not known
+   are worked out from `way` and `devices`. */
 static void solve_assignment(
-    const Point *way, const Devices *devices, const double *best, int64_t *assigned,
+    const Point *way, const Devices *devices, int64_t count, const double *best, int64_t *assigned,
     const Places *places)
 {
-    for (int64_t k = 0; k < devices->count; k++) {
-        assigned[k] = -1;
-        places->known[k] = 0;
-    }
+    for (int64_t k = 0; k < count; k++) assigned[k] = -1;
     for (int64_t n = 0; n < places->steps; n++) {
         places->price[n] = 0.0;
         places->load[n] = 0;
     }
-    const int64_t *order = descending(best, devices->count, places->order, places->spare);
+    const int64_t *order = descending(best, count, places->order, places->spare);
     double cheapest = 0.0;
-    for (int64_t i = 0; i < devices->count; i++) {
+    for (int64_t i = 0; i < count; i++) {
         int64_t device = order[i];
         /* No place is worth its price for this device, nor for any after it. */
         if (best[device] <= cheapest) break;

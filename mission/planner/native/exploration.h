@@ -21,6 +21,7 @@ static const double EXCESS = 0.05;   /* of the length: polishing rounds corners 
 
 /* Memory for an exploration, and what it has found so far. */
 typedef struct {
+    Lists lists;
     Draft draft;
     Plan pool[POOL]; /* the best plans so far, best first; of value -1 where there is none */
     int64_t *anchors; /* (starts,) */
@@ -33,6 +34,7 @@ typedef struct {
 static void lay_out_exploration(
     Exploration *all, Arena *arena, int64_t devices, const Limits *limits, int64_t starts)
 {
+    all->lists = lay_out_lists(arena, devices);
     all->draft = lay_out_draft(arena, devices, limits);
     for (int p = 0; p < POOL; p++) {
         all->pool[p] = lay_out_plan(arena, devices, limits->steps);
@@ -95,8 +97,7 @@ static void enter(Exploration *all, int64_t devices, int64_t steps)
 
 /* Improve a plan by `tries` stretches taken out and filled anew. */
 static void mend(
-    const Devices *devices, const Limits *limits, const Lists *lists, int64_t tries, Plan *plan,
-    Exploration *all)
+    const Devices *devices, const Limits *limits, int64_t tries, Plan *plan, Exploration *all)
 {
     int64_t steps = limits->steps;
     Plan *present = &all->present, *made = &all->made;
@@ -109,7 +110,7 @@ static void mend(
         double length = limits->length * (1.0 + 2.0 * EXCESS * next_random(&all->state));
         cut_out(
             present->way, present->assigned, devices, steps, first, first + cut, &all->draft);
-        extend(devices, limits, lists, length, power, &all->draft);
+        extend(devices, limits, &all->lists, length, power, &all->draft);
         polish(
             all->draft.points, all->draft.count, limits, devices, HOPELESS * present->value, ROUGH,
             made, &all->polish);
@@ -123,7 +124,7 @@ static void mend(
 
 /* A first path towards anchor i, or towards none where i < 0, into the pool. */
 static void start(
-    int64_t i, const Devices *devices, const Limits *limits, const Lists *lists, Exploration *all)
+    int64_t i, const Devices *devices, const Limits *limits, Exploration *all)
 {
     Draft *draft = &all->draft;
     double power = 0.0, length = limits->length * (1.0 + EXCESS);
@@ -132,12 +133,12 @@ static void start(
     draft->count = 1;
     if (i >= 0) {
         draft->points[draft->count++] = devices->at[all->anchors[i]];
-        serve(all->anchors[i], devices, lists, draft);
+        serve(all->anchors[i], devices, &all->lists, draft);
     } else {
         power = -0.5 * (double)(i + 1);
         length = limits->length;
     }
-    extend(devices, limits, lists, length, power, draft);
+    extend(devices, limits, &all->lists, length, power, draft);
     polish(
         draft->points, draft->count, limits, devices, HOPELESS * all->pool[POOL - 1].value, ROUGH,
         &all->made, &all->polish);
@@ -146,18 +147,19 @@ static void start(
 
 /* The best of paths towards devices all over the area, after `tries` changes, into `plan`. */
 static void find_plan(
-    const Devices *devices, const Limits *limits, const Lists *lists, int64_t starts, int64_t tries,
-    Plan *plan, Exploration *all)
+    const Devices *devices, const Limits *limits, int64_t starts, int64_t tries, Plan *plan,
+    Exploration *all)
 {
+    fill_lists(devices, &all->lists);
     int64_t reachable = spread_out(devices, limits->length, starts, all);
-    for (int64_t i = -3; i < reachable; i++) start(i, devices, limits, lists, all);
+    for (int64_t i = -3; i < reachable; i++) start(i, devices, limits, all);
     Plan *best = &all->pool[0];
     for (Plan *one = all->pool; one < all->pool + POOL; one++)
         if (one->value > 0.0) {
-            mend(devices, limits, lists, tries / (2 * POOL), one, all);
+            mend(devices, limits, tries / (2 * POOL), one, all);
             if (one->value > best->value) best = one;
         }
-    mend(devices, limits, lists, tries - tries / 2, best, all);
+    mend(devices, limits, tries - tries / 2, best, all);
     polish(
         best->way, limits->steps, limits, devices, 0.0, FINE, &all->made, &all->polish);
     copy_plan(all->made.value > best->value ? &all->made : best, plan, devices->count, limits->steps);

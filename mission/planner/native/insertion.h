@@ -2,8 +2,7 @@
 #ifndef INSERTION_H
 #define INSERTION_H
 
-#include "arena.h"
-#include "rewards.h"
+#include "lists.h"
 
 /* A path under construction. */
 typedef struct {

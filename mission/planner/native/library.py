@@ -27,10 +27,6 @@ class _Limits(ctypes.Structure):
     _fields_ = (("steps", _INT), ("per_step", _INT), ("length", _DOUBLE))
 
 
-class _Lists(ctypes.Structure):
-    _fields_ = (("begin", _POINTER), ("neighbour", _POINTER), ("share", _POINTER))
-
-
 class _Relaxation(ctypes.Structure):
     _fields_ = (
         ("radii", _INT), ("splines", _INT), ("coefficients", _POINTER), ("spacing", _POINTER),
@@ -42,11 +38,12 @@ class _Relaxation(ctypes.Structure):
 class _Functions(ctypes.Structure):
     _fields_ = (
         ("explore", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
         ("search", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _DOUBLE, _POINTER, _POINTER,
             _POINTER)),
-        ("assign", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
+        ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
@@ -88,28 +85,6 @@ class Limits:
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
         return _Limits(self.steps, self.per_step, self.length)
-
-
-@dataclass(frozen=True)
-class Lists:
-    """Neighbour lists: a stop above device k serves `neighbour[begin[k]:begin[k + 1]]` well."""
-
-    begin: Ints  # (K + 1,)
-    neighbour: Ints  # (E,)
-    share: Floats  # (E,) f at their distance
-
-    def as_c(self, devices: int) -> _Lists:
-        """For the C code, which the arrays have to outlive."""
-        entries = len(self.neighbour)
-        result = _Lists(
-            address(self.begin, np.int64, (devices + 1,)),
-            address(self.neighbour, np.int64, (entries,)),
-            address(self.share, np.float64, (entries,)),
-        )
-        if self.begin[0] != 0 or self.begin[-1] != entries or (np.diff(self.begin) < 0).any():
-            raise ValueError("neighbour lists must follow each other")
-        _check_range("neighbours", self.neighbour, devices)
-        return result
 
 
 @dataclass(frozen=True)
@@ -158,7 +133,7 @@ _FUNCTIONS = functions(load(LIBRARIES[1]), _Functions)
 
 
 def explore(
-    devices: Devices, limits: Limits, lists: Lists, *, starts: int, tries: int
+    devices: Devices, limits: Limits, *, starts: int, tries: int
 ) -> tuple[float, Floats, Ints]:
     """The best of paths towards devices all over the area, after `tries` changes.
 
@@ -170,7 +145,7 @@ def explore(
         MemoryError: there is too little memory.
     """
     way, assigned = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1, dtype=np.int64)
-    shared = devices.as_c(), limits.as_c(), lists.as_c(len(devices.delta))
+    shared = devices.as_c(), limits.as_c()
     value = _FUNCTIONS.explore(
         *map(ctypes.addressof, shared),
         min(starts, len(devices.delta)),
@@ -236,11 +211,34 @@ def search(
     return bound.value, nodes
 
 
-def assign(devices: Devices, limits: Limits, way: Floats) -> tuple[float, Ints]:
+def assign(worth: Floats, per_step: int) -> Ints:
+    """The step of each device, -1 for none, at which the most of `worth` (K, N) is earned.
+
+    At most `per_step` devices a step.
+
+    Raises:
+        ValueError: it is not such an array.
+        MemoryError: there is too little memory.
+    """
+    devices, steps = worth.shape
+    assigned = np.full(devices, -1, dtype=np.int64)
+    if not devices or not steps or per_step < 1:
+        return assigned
+    if not np.isfinite(worth).all():
+        raise ValueError("what assignments are worth must be finite")
+    failed = _FUNCTIONS.assign(
+        devices, steps, per_step, address(worth, np.float64, (devices, steps)), assigned.ctypes.data
+    )
+    if failed:
+        raise MemoryError("too little memory to assign devices")
+    return assigned
+
+
+def match(devices: Devices, limits: Limits, way: Floats) -> tuple[float, Ints]:
     """The best assignment of devices to the steps of a path (N, 2), and what it earns."""
     assigned = np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
-    value = _FUNCTIONS.assign(
+    value = _FUNCTIONS.match(
         *map(ctypes.addressof, shared),
         address(way, np.float64, (limits.steps, 2)),
         assigned.ctypes.data,

@@ -102,7 +102,8 @@ static void match(Plan *plan, const Limits *limits, const Devices *devices, cons
         if (load[nearest] > limits->per_step) fits = 0;
     }
     if (!fits) {
-        solve_assignment(plan->way, devices, best, assigned, &memory->places);
+        memset(memory->places.known, 0, (size_t)devices->count);
+        solve_assignment(plan->way, devices, devices->count, best, assigned, &memory->places);
         total = earned(plan->way, assigned, devices);
     }
     plan->value = total;

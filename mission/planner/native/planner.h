@@ -24,13 +24,6 @@ typedef struct {
     double length;    /* L_max, metres */
 } Limits;
 
-/* Neighbour lists: a stop above device k serves `neighbour[begin[k]..begin[k + 1]]` well. */
-typedef struct {
-    const int64_t *begin;     /* (K + 1,) */
-    const int64_t *neighbour; /* (E,) */
-    const double *share;      /* (E,) f at their distance */
-} Lists;
-
 /* Tables of the dual bound; see `mission.planner.reward.Conjugates`. */
 typedef struct {
     int64_t radii;              /* B */
@@ -52,8 +45,8 @@ typedef struct {
     /* The best plan found after building paths towards `starts` devices and changing them `tries`
        times; into `way` (N,) and `assigned` (K,), -1 for a device that is not served. Returns what
        it earns. */
-    double (*explore)(const Devices *, const Limits *, const Lists *, int64_t starts, int64_t tries,
-                      Point *way, int64_t *assigned);
+    double (*explore)(const Devices *, const Limits *, int64_t starts, int64_t tries, Point *way,
+                      int64_t *assigned);
     /* Improve on a plan of that value, above 0, until none can be better by more than the relative
        gap, or `max_nodes` have been looked into; at most `max_open` are open. Needs 1 to
        MOST_DEVICES devices and a positive length. Writes the bound; returns the nodes looked into. */
@@ -61,10 +54,15 @@ typedef struct {
                       int64_t max_nodes, int64_t max_open, double value, Point *way,
                       int64_t *assigned, double *bound);
 
+    /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
+       most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
+    int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
+                  int64_t *assigned);
+
     /* Parts that are tested by themselves. */
 
     /* Assign devices to the points of `way` so that the most is earned; returns that. */
-    double (*assign)(const Devices *, const Limits *, Point *way, int64_t *assigned);
+    double (*match)(const Devices *, const Limits *, Point *way, int64_t *assigned);
     /* The least bound of the order in which the devices stand, with the rows of their distance
        intervals, and 1 where a stop is one with the one before; -1 if its steps did not end well. */
     double (*order_bound)(const Devices *, const Limits *, const Relaxation *,

@@ -5,8 +5,8 @@
 #include "search.h"
 
 static double explore(
-    const Devices *devices, const Limits *limits, const Lists *lists, int64_t starts, int64_t tries,
-    Point *way, int64_t *assigned)
+    const Devices *devices, const Limits *limits, int64_t starts, int64_t tries, Point *way,
+    int64_t *assigned)
 {
     Arena arena = {0};
     Exploration all;
@@ -14,7 +14,7 @@ static double explore(
     lay_out_exploration(&all, &arena, devices->count, limits, starts);
     if (!provide(&arena)) return NAN;
     lay_out_exploration(&all, &arena, devices->count, limits, starts);
-    find_plan(devices, limits, lists, starts, tries, &plan, &all);
+    find_plan(devices, limits, starts, tries, &plan, &all);
     release(&arena);
     return plan.value;
 }
@@ -45,7 +45,27 @@ static int64_t search(
     return proof.nodes;
 }
 
-static double assign(
+static int assign(
+    int64_t devices, int64_t steps, int64_t per_step, const double *worth, int64_t *assigned)
+{
+    Arena arena = {0};
+    Places places = lay_out_places(&arena, devices, steps, per_step);
+    double *best = claim(&arena, devices, sizeof(double));
+    if (!provide(&arena)) return -1;
+    places = lay_out_places(&arena, devices, steps, per_step);
+    best = claim(&arena, devices, sizeof(double));
+    for (int64_t k = 0; k < devices; k++) {
+        double *row = (double *)(places.worth + k * wides(steps));
+        memcpy(row, worth + k * steps, (size_t)steps * sizeof(double));
+        places.known[k] = 1;
+        for (int64_t n = 0; n < steps; n++) best[k] = most(best[k], row[n]);
+    }
+    solve_assignment(NULL, NULL, devices, best, assigned, &places);
+    release(&arena);
+    return 0;
+}
+
+static double match_devices(
     const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
 {
     Arena arena = {0};
@@ -81,4 +101,5 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
     return spline(s, row, relaxation).h;
 }
 
-const Planner NAMED(planner) = {explore, search, assign, order_bound, conjugate};
+const Planner NAMED(planner) = {
+    explore, search, assign, match_devices, order_bound, conjugate};
