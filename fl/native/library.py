@@ -68,8 +68,25 @@ class Network:
         if not len(self.maps) == len(self.kernels) == len(self.padding):
             raise ValueError("each block has its maps, kernel and padding")
         fits = all(k in KERNELS and 0 <= p < k for k, p in zip(self.kernels, self.padding, strict=True))
-        if not fits or min(*self.image_shape, *self.maps, *self.outputs) < 1:
+        sizes = self._sizes() if fits else []
+        if not fits or min(*self.image_shape, *self.maps, *self.outputs, *sizes) < 1:
             raise ValueError(f"not a network: {self}")
+        if sum(sizes) != self.parameters:
+            raise ValueError(f"{sum(sizes)} parameters, not {self.parameters}")
+
+    def _sizes(self) -> list[int]:
+        """Parameters of each layer."""
+        height, width, depth = self.image_shape
+        sizes = []
+        for maps, kernel, padding in zip(self.maps, self.kernels, self.padding, strict=True):
+            height, width = ((n + 2 * padding - kernel + 1) // 2 for n in (height, width))
+            sizes.append(maps * (depth * kernel * kernel + 1) if min(height, width) > 0 else 0)
+            depth = maps
+        features = height * width * depth
+        for outputs in self.outputs:
+            sizes.append(outputs * (features + 1))
+            features = outputs
+        return sizes
 
     @property
     def classes(self) -> int:
