@@ -89,9 +89,7 @@ class ConvNet:
     ) -> LocalResult:
         order, weights = batch_order(task, settings), model.copy()
         rates = settings.learning_rate, settings.momentum, settings.mu
-        loss = train(
-            self._network, images, order, weights, correction=task.correction, rates=rates
-        )
+        loss = train(self._network, images, order, weights, correction=task.correction, rates=rates)
         return LocalResult(weights, len(order), loss)
 
     @cached_property

@@ -13,9 +13,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fl.native.library import normal_shares
-
 from fl.errors import SettingError
+from fl.native.library import normal_shares
 
 Floats = NDArray[np.float64]
 

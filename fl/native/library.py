@@ -1,7 +1,6 @@
 """The C interface of training (`learning.h`), every size and pointer checked once."""
 
 import ctypes
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -67,7 +66,9 @@ class Network:
             raise ValueError(f"{len(self.maps)} blocks and {len(self.outputs)} dense layers")
         if not len(self.maps) == len(self.kernels) == len(self.padding):
             raise ValueError("each block has its maps, kernel and padding")
-        fits = all(k in KERNELS and 0 <= p < k for k, p in zip(self.kernels, self.padding, strict=True))
+        fits = all(
+            k in KERNELS and 0 <= p < k for k, p in zip(self.kernels, self.padding, strict=True)
+        )
         sizes = self._sizes() if fits else []
         if not fits or min(*self.image_shape, *self.maps, *self.outputs, *sizes) < 1:
             raise ValueError(f"not a network: {self}")

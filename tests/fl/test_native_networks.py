@@ -54,9 +54,7 @@ def test_training_is_that_of_torch(sizes):
     loss = train(network, images, order, weights, correction=None, rates=(0.05, 0.9, 0.1))
     batches = [row[row >= 0] for row in order]
     scaled = pixels * scale + shift
-    expected = train_plainly(
-        net, scaled, labels, batches, learning_rate=0.05, momentum=0.9, mu=0.1
-    )
+    expected = train_plainly(net, scaled, labels, batches, learning_rate=0.05, momentum=0.9, mu=0.1)
     assert loss == pytest.approx(expected, rel=1e-5)
     np.testing.assert_allclose(weights, flat(net), rtol=1e-4, atol=2e-6)
     guess = net(torch.from_numpy(scaled).permute(0, 3, 1, 2)).argmax(dim=1).numpy()

@@ -48,7 +48,7 @@ def test_an_array_that_is_not_what_it_should_be(array, dtype, shape, written):
     ],
 )
 def test_images_that_do_not_fit(changes):
-    with pytest.raises(ValueError, match="labels must be|the native code takes"):
+    with pytest.raises(ValueError, match=r"labels must be|the native code takes"):
         learning.count_correct(NET, images(**changes), WEIGHTS)
 
 
@@ -73,7 +73,7 @@ def test_an_order_of_images_that_are_not_there(order):
     ],
 )
 def test_a_network_that_the_code_cannot_do(sizes):
-    with pytest.raises(ValueError, match="blocks and|each block|not a network"):
+    with pytest.raises(ValueError, match=r"blocks and|each block|not a network"):
         learning.Network(*sizes, 100)
 
 

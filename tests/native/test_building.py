@@ -57,7 +57,9 @@ def test_without_sources_the_library_is_taken_as_it_is(library):
 
 @pytest.mark.usefixtures("no_compiler")
 def test_without_a_compiler_one_line_says_what_helps(library):
-    with pytest.raises(LibraryError, match=r"no C compiler .*: install one .* or `pip install") as e:
+    with pytest.raises(
+        LibraryError, match=r"no C compiler .*: install one .* or `pip install"
+    ) as e:
         loading.load(library)
     assert "\n" not in str(e.value)
     assert list(library.folder.glob(".build-*")) == []
@@ -65,7 +67,7 @@ def test_without_a_compiler_one_line_says_what_helps(library):
 
 def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(library):
     (library.folder / "rewards.h").write_text("no C\n")
-    with pytest.raises(BuildError, match="rewards.h:1:1: error: "):
+    with pytest.raises(BuildError, match=r"rewards\.h:1:1: error: "):
         building.build(library)
     assert library.built == []
 

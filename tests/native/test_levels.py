@@ -67,7 +67,9 @@ def test_products_are_fused_alike_whatever_the_numbers(tmp_path):
     bits[:, ::2] = (bits[:, ::2] & 0x807FFFFF) | 0x3F800000
     bits[2, ::4] ^= 0x80000000
     # Sums that lie next to half a unit of the result, where rounding twice goes wrong.
-    bits[2, 1::2] = (bits[2, 1::2] & 0x807FFFFF) | (rng.integers(90, 160, 80_000) << 23).astype("u4")
+    bits[2, 1::2] = (bits[2, 1::2] & 0x807FFFFF) | (rng.integers(90, 160, 80_000) << 23).astype(
+        "u4"
+    )
     a, b, c = bits.view(np.float32)
     results = []
     for level in POSSIBLE:

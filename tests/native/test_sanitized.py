@@ -9,7 +9,7 @@ FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g
 
 
 @pytest.fixture(scope="module")
-def runtime(tmp_path_factory):
+def runtime():
     """The sanitizer's library, which a process has to load before anything else."""
     if "gcc" not in compilers():
         pytest.skip("needs GCC with its sanitizers")
