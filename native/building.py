@@ -1,9 +1,9 @@
 """From C to a shared library: which compiler, which flags. Standard library only.
 
-The build of a wheel or an editable installation calls this (`hatch_build.py`), and `native.loading`
-where a working tree's sources have changed since. The C interface needs no header of Python, so that
-one library serves every Python. Where there is no compiler, `ziglang` from the package index is
-one: plain C takes it seconds (its C++ library would take minutes to be made, once).
+The build of a wheel or an editable installation calls this (`hatch_build.py`), and
+`native.loading` where a working tree's sources have changed since. The C interface needs no header
+of Python, so that one library serves every Python. Where there is no compiler, `ziglang` from the
+package index is one: plain C takes it seconds (its C++ library would take minutes, at first use).
 """
 
 import hashlib
