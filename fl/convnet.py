@@ -87,9 +87,11 @@ class ConvNet:
     def _train(
         self, images: Images, model: Vector, task: LocalTask, settings: LocalSettings
     ) -> LocalResult:
-        order, weights = batch_order(task, settings), model.copy()
+        order = batch_order(task, settings)
         rates = settings.learning_rate, settings.momentum, settings.mu
-        loss = train(self._network, images, order, weights, correction=task.correction, rates=rates)
+        weights, loss = train(
+            self._network, images, order, model, correction=task.correction, rates=rates
+        )
         return LocalResult(weights, len(order), loss)
 
     @cached_property

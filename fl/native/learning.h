@@ -33,12 +33,12 @@ typedef struct {
 
 /* The same functions for every kind of processor; 0, or -1 where memory is short. */
 typedef struct {
-    /* Steps of SGD from `weights` (P,), in place, with the batches of `order` (steps, batch): -1
+    /* Steps of SGD from the global `model` (P,), with the batches of `order` (steps, batch): -1
        behind the last image of a smaller one. `correction` (P,), or NULL, is added to every
-       gradient. Writes the mean cross-entropy over the steps. */
+       gradient. Writes the `weights` (P,) and the mean cross-entropy over the steps. */
     int (*train)(const Network *, const Images *, const int64_t *order, int64_t steps,
-                 int64_t batch, const float *correction, const Rates *, float *weights,
-                 double *loss);
+                 int64_t batch, const float *model, const float *correction, const Rates *,
+                 float *weights, double *loss);
     /* Add to `correct` (classes,) how many images of each class the weights get right. */
     int (*count_correct)(const Network *, const Images *, const float *weights, int64_t *correct);
     /* Overwrite numbers (count,) by the shares of the normal distribution under them. */

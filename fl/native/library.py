@@ -42,7 +42,7 @@ class _Functions(ctypes.Structure):
     _fields_ = (
         ("train", ctypes.CFUNCTYPE(
             ctypes.c_int, _POINTER, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER, _POINTER,
-            _POINTER)),
+            _POINTER, _POINTER)),
         ("count_correct", ctypes.CFUNCTYPE(
             ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _POINTER)),
@@ -136,23 +136,23 @@ def train(
     network: Network,
     images: Images,
     order: Indices,
-    weights: Floats,
+    model: Floats,
     *,
     correction: Floats | None,
     rates: Sequence[float],
-) -> float:
+) -> tuple[Floats, float]:
     """Steps of SGD with the batches of `order` (steps, batch), -1 behind the last of a smaller one.
 
     Args:
         network: what is trained.
         images: what it is trained on.
         order: indices of images.
-        weights: (P,) changed in place.
+        model: (P,) the global model, where they begin.
         correction: (P,) added to every gradient.
         rates: learning rate, momentum, and the weight mu of mu/2 |w - w_global|^2.
 
     Returns:
-        The mean cross-entropy over the steps.
+        The weights (P,), and the mean cross-entropy over the steps.
 
     Raises:
         ValueError: arrays that do not fit together.
@@ -163,13 +163,14 @@ def train(
         raise ValueError("every step needs images, and there must be all that are asked for")
     shape = (network.parameters,)
     shared = network.as_c(), images.as_c(network), _Rates(*rates)
-    loss = ctypes.c_double()
+    weights, loss = np.empty_like(model), ctypes.c_double()
     failed = _FUNCTIONS.train(
         ctypes.addressof(shared[0]),
         ctypes.addressof(shared[1]),
         address(order, np.int64, (steps, batch)),
         steps,
         batch,
+        address(model, np.float32, shape),
         None if correction is None else address(correction, np.float32, shape),
         ctypes.addressof(shared[2]),
         address(weights, np.float32, shape, written=True),
@@ -177,7 +178,7 @@ def train(
     )
     if failed:
         raise MemoryError("too little memory to train the network")
-    return loss.value
+    return weights, loss.value
 
 
 def count_correct(network: Network, images: Images, weights: Floats) -> Indices:

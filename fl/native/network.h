@@ -11,7 +11,7 @@
 /* A block of the network with what passes through it. */
 typedef struct {
     int64_t kernel, padding;
-    float *weights, *bias;             /* within the flat vector of parameters */
+    const float *weights, *bias;       /* within the flat vector of parameters */
     float *weight_slopes, *bias_slopes;
     Maps input;                        /* with a border of zeros, `padding` wide */
     Maps winner;                       /* which of 2x2 places went through */
@@ -22,7 +22,7 @@ typedef struct {
 
 typedef struct {
     int64_t inputs, outputs;
-    float *weights, *bias;
+    const float *weights, *bias;
     float *weight_slopes, *bias_slopes;
     float *features, *slopes; /* (inputs, lane); the outputs follow */
 } Layer;
@@ -33,8 +33,7 @@ typedef struct {
     int64_t blocks, layers, classes, parameters;
     Maps image;              /* where the images go, with a border */
     int64_t border;
-    float *weights, *slopes; /* (parameters,) and zeros up to a multiple of 16 */
-    float *anchor, *velocity;
+    float *slopes, *velocity; /* (parameters,) */
     float *logits, *logit_slopes; /* (classes, lane) */
     float *turned;                /* features, see `turn_features` */
     int64_t labels[WIDTH];        /* of the images, -1 where there is none */
@@ -109,16 +108,13 @@ static void lay_out(Passage *net, const Network *shape, Arena *arena)
                                : (Maps){net->layer[0].features, from.channels, from.height, from.width};
     net->border = shape->blocks ? shape->padding[0] : 0;
     net->turned = claim_floats(arena, padded(widest) * WIDTH);
-    const int64_t parameters = padded(net->parameters);
-    net->weights = claim_floats(arena, parameters);
-    net->slopes = claim_floats(arena, parameters);
-    net->anchor = claim_floats(arena, parameters);
-    net->velocity = claim_floats(arena, parameters);
+    net->slopes = claim_floats(arena, net->parameters);
+    net->velocity = claim_floats(arena, net->parameters);
 }
 
-static void place_parameters(Passage *net)
+static void place_parameters(Passage *net, const float *weights)
 {
-    float *weights = net->weights, *slopes = net->slopes;
+    float *slopes = net->slopes;
     for (int64_t b = 0; b < net->blocks; b++) {
         Block *block = &net->block[b];
         const int64_t maps = block->winner.channels;
@@ -142,15 +138,14 @@ static void place_parameters(Passage *net)
     }
 }
 
-/* A network's memory, all zeros but the weights; 0 where there is too little of it. */
+/* A network with weights (P,) that stay the caller's; 0 where there is too little memory. */
 static int open_passage(Passage *net, const Network *shape, const float *weights)
 {
     memset(net, 0, sizeof *net);
     lay_out(net, shape, &net->arena);
     if (!provide(&net->arena)) return 0;
     lay_out(net, shape, &net->arena);
-    place_parameters(net);
-    memcpy(net->weights, weights, (size_t)net->parameters * sizeof(float));
+    place_parameters(net, weights);
     return 1;
 }
 

@@ -5,31 +5,55 @@
 #include "network.h"
 #include "normal.h"
 
-/* v = m v + g + mu (w - w_global), w -= eta v, and g = 0. */
-static void descend(const Passage *net, const float *correction, Rates rates)
+/* What the steps of a training change and keep, (P,) each. */
+typedef struct {
+    float *weights, *velocity, *slopes;
+    const float *anchor, *correction; /* the global model; NULL, or added to every gradient */
+} Vectors;
+
+/* v = m v + g + mu (w - w_global), w -= eta v, and g = 0, for 16 parameters. */
+INLINE void descend_lanes(const Vectors *vectors, const Rates *rates, int64_t i)
 {
-    const Lanes mu = splat(rates.mu), momentum = splat(rates.momentum);
-    const Lanes down = splat(-rates.learning_rate), zero = splat(0.0f);
-    for (int64_t i = 0; correction && i < net->parameters; i++) net->slopes[i] += correction[i];
-    for (int64_t i = 0; i < net->parameters; i += WIDTH) {
-        Lanes weight = load(net->weights + i);
-        Lanes slope =
-            multiply_add(mu, subtract(weight, load(net->anchor + i)), load(net->slopes + i));
-        Lanes velocity = multiply_add(momentum, load(net->velocity + i), slope);
-        store(net->velocity + i, velocity);
-        store(net->weights + i, multiply_add(down, velocity, weight));
-        store(net->slopes + i, zero);
-    }
+    const Lanes weight = load(vectors->weights + i);
+    Lanes slope = load(vectors->slopes + i);
+    if (vectors->correction) slope = add(slope, load(vectors->correction + i));
+    slope = multiply_add(splat(rates->mu), subtract(weight, load(vectors->anchor + i)), slope);
+    const Lanes velocity = multiply_add(splat(rates->momentum), load(vectors->velocity + i), slope);
+    store(vectors->velocity + i, velocity);
+    store(vectors->weights + i, multiply_add(splat(-rates->learning_rate), velocity, weight));
+    store(vectors->slopes + i, splat(0.0f));
+}
+
+/* The same for all parameters; those behind the last whole vector take turns in one of their own. */
+static void descend(const Vectors *vectors, const Rates *rates, int64_t parameters)
+{
+    const int64_t whole = parameters - parameters % WIDTH;
+    const size_t left = (size_t)(parameters - whole) * sizeof(float);
+    float weights[WIDTH] = {0}, velocity[WIDTH] = {0}, slopes[WIDTH] = {0};
+    float anchor[WIDTH] = {0}, correction[WIDTH] = {0};
+    const Vectors rest = {
+        weights, velocity, slopes, anchor, vectors->correction ? correction : NULL};
+    for (int64_t i = 0; i < whole; i += WIDTH) descend_lanes(vectors, rates, i);
+    memcpy(weights, vectors->weights + whole, left);
+    memcpy(velocity, vectors->velocity + whole, left);
+    memcpy(slopes, vectors->slopes + whole, left);
+    memcpy(anchor, vectors->anchor + whole, left);
+    if (vectors->correction) memcpy(correction, vectors->correction + whole, left);
+    descend_lanes(&rest, rates, 0);
+    memcpy(vectors->weights + whole, weights, left);
+    memcpy(vectors->velocity + whole, velocity, left);
+    memcpy(vectors->slopes + whole, slopes, left);
 }
 
 static int train(const Network *shape, const Images *images, const int64_t *order, int64_t steps,
-                 int64_t batch, const float *correction, const Rates *rates, float *weights,
-                 double *mean)
+                 int64_t batch, const float *model, const float *correction, const Rates *rates,
+                 float *weights, double *mean)
 {
     Passage net;
     double sum = 0.0;
     if (!open_passage(&net, shape, weights)) return -1;
-    memcpy(net.anchor, net.weights, (size_t)net.parameters * sizeof(float));
+    const Vectors vectors = {weights, net.velocity, net.slopes, model, correction};
+    memcpy(weights, model, (size_t)net.parameters * sizeof(float));
     for (int64_t step = 0; step < steps; step++, order += batch) {
         int64_t real = 0;
         while (real < batch && order[real] >= 0) real++;
@@ -42,9 +66,8 @@ static int train(const Network *shape, const Images *images, const int64_t *orde
             sum += loss(&net, 1.0 / (double)real);
             backward(&net);
         }
-        descend(&net, correction, *rates);
+        descend(&vectors, rates, net.parameters);
     }
-    memcpy(weights, net.weights, (size_t)net.parameters * sizeof(float));
     close_passage(&net);
     *mean = sum / (double)steps;
     return 0;

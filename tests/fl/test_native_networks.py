@@ -51,7 +51,7 @@ def test_training_is_that_of_torch(sizes):
     images = Images(pixels, labels, scale, shift)
     order = np.concatenate([rng.permutation(count), [-1, -1]]).reshape(2, 21)
     network = Network(*sizes, len(weights))
-    loss = train(network, images, order, weights, correction=None, rates=(0.05, 0.9, 0.1))
+    weights, loss = train(network, images, order, weights, correction=None, rates=(0.05, 0.9, 0.1))
     batches = [row[row >= 0] for row in order]
     scaled = pixels * scale + shift
     expected = train_plainly(net, scaled, labels, batches, learning_rate=0.05, momentum=0.9, mu=0.1)

@@ -56,7 +56,7 @@ def test_images_that_do_not_fit(changes):
 def test_an_order_of_images_that_are_not_there(order):
     with pytest.raises(ValueError, match="every step needs images"):
         learning.train(
-            NET, images(), np.array(order, np.int64), WEIGHTS.copy(), correction=None,
+            NET, images(), np.array(order, np.int64), WEIGHTS, correction=None,
             rates=(0.1, 0.9, 0.0),
         )  # fmt: skip
 
