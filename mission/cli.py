@@ -11,6 +11,7 @@ from mission import helps
 from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.interrupts import hear_interruptions
 from mission.terminal import Terminal
+from native.errors import LibraryError
 
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
@@ -69,6 +70,9 @@ def call(tokens: Sequence[str] | None = None) -> int:
         for line in str(error).splitlines():
             errors.print(f"aerofed: {line}")
         return error.exit_code
+    except LibraryError as error:
+        errors.print(f"aerofed: {error}")
+        return InputError.exit_code
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED

@@ -105,9 +105,7 @@ class Experiment:
         recalled = self._recalled()
         with self.stopwatch("fly"):
             self.tally.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
-        first = number == 1 and world.config.planner.kind == "certified"
-        planning = f"planning{' (after an installation it compiles first)' if first else ''}"
-        self._show("flying again" if recalled else planning)
+        self._show("flying again" if recalled else "planning")
         start = flyer.here()
         problem = self._problem(start, strategy, recalled)
         if recalled is not None and recalled.sortie is not None:

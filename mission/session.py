@@ -10,7 +10,6 @@ from pathlib import Path
 from fl import federation as learning
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
-from mission.compilation import LEARNING, PLANNING, compile_kernels
 from mission.config import RunConfig
 from mission.configfile import load_config
 from mission.ending import Ending
@@ -72,7 +71,6 @@ def fly_session(
         with folder.unless_refused():
             if world.strategy is not None:
                 world.flyers.await_vehicle(say=audience.say)
-            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
@@ -117,7 +115,6 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
                 )
             if world.strategy is not None:
                 world.flyers.check()
-            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
             found = checkpoint.load(world.federation, values)
             live = live_views(audience)
             SetAside(folder).take()
