@@ -12,7 +12,7 @@ from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
-from sitl.autopilot.items import check_item
+from sitl.autopilot.items import check_item, why_refused
 from sitl.autopilot.message_requests import MessageCommands
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
@@ -74,7 +74,7 @@ class Autopilot:
         self.flight.position_ok = self.guard.position_ok
         self.flight.forbidden = self.guard.breach
         self.flight.arming_denied = self._arming_denied
-        self._transfer = MissionTransfer(self._outbox, check=check_item, store=self._store)
+        self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
         self._flight_commands = FlightCommands(aircraft, self.flight)
         self._message_commands = MessageCommands(self._outbox, self._streams)
@@ -219,6 +219,13 @@ class Autopilot:
             return "no GNSS solution"
         critical = self.failsafes.present(Cause.BATTERY_CRITICAL)
         return "battery critical" if critical else ""
+
+    def _check_item(self, item: m.MissionItem) -> MissionResult:
+        verdict = check_item(item)
+        if verdict is not MissionResult.ACCEPTED:
+            refused = f"{item.mission_type.name.capitalize()} refused: {why_refused(item, verdict)}"
+            self._report.say(Severity.WARNING, refused)
+        return verdict
 
     def _store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
         """Take a list that was uploaded whole, or say what is wrong with it."""

@@ -293,7 +293,10 @@ def check_mission(
             place = frame.to_ned(item.x, item.y, item_altitude(item, home))
             distance = float(np.hypot(place[0], place[1]))
             if distance > farthest_m:
-                return f"item {item.seq} is {distance:.0f} m from home; MIS_DIST_1WP allows less"
+                return (
+                    f"item {item.seq} is {_distance(distance)} from home, "
+                    f"MIS_DIST_1WP allows {_distance(farthest_m)}"
+                )
     nowhere = Start(np.zeros(3), on_ground=True)
     any_limits = Limits(10.0, 10.0, 3.0, 3.0, 3.0, 5.0)
     try:
@@ -301,3 +304,7 @@ def check_mission(
     except SitlInputError as error:
         return str(error)
     return ""
+
+
+def _distance(metres: float) -> str:
+    return f"{metres:.0f} m" if metres < 10_000 else f"{metres / 1000:.0f} km"

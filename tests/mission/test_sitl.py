@@ -97,6 +97,29 @@ def test_a_crashed_vehicle_is_rebooted() -> None:
         client.close()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ([], (47.397742, 8.545594, 488.0)),  # PX4's simulators: PX4_HOME_LAT, _LON, _ALT
+        (["--set", "area.home_alt_msl_m=10"], (47.397742, 8.545594, 10.0)),
+        (["--home=-33.5,151.25,20.5"], (-33.5, 151.25, 20.5)),
+    ],
+)
+def test_home_is_px4s_or_the_one_given(
+    arguments: list[str], place: tuple[float, float, float]
+) -> None:
+    port = free_port()
+    with served("--udp", f"udpin://127.0.0.1:{port}", *arguments):
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
+        try:
+            client.mav.heartbeat_send(6, 8, 0, 0, 0)
+            home = wait_for(client, "HOME_POSITION")
+            assert (home.latitude / 1e7, home.longitude / 1e7) == pytest.approx(place[:2])
+            assert home.altitude / 1e3 == pytest.approx(place[2])
+        finally:
+            client.close()
+
+
 def test_it_listens_for_whoever_comes() -> None:
     port = free_port()
     with served("--udp", f"udpin://127.0.0.1:{port}", "--speed", "max"):
@@ -114,6 +137,9 @@ def test_it_listens_for_whoever_comes() -> None:
         (["--udp", "70000"], ["--udp 70000", "65535"]),
         (["--udp", "udp://host"], ["--udp udp://host", "udpin://HOST:PORT"]),
         (["--speed", "0"], ["--speed 0"]),
+        (["--home", "47,8"], ["--home 47,8", "LAT,LON,ALT", "--home 47.3977,8.54559,488"]),
+        (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
+        (["--home", "47,200,1"], ["area.home_lon_deg = 200", "from -180 to 180"]),
         (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
         (["--set", "vehicle.parameters.NO_SUCH=1"], ["NO_SUCH"]),
     ],
