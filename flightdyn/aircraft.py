@@ -1,7 +1,7 @@
 """The aircraft: physics, sensors, estimation, guidance and control, one tick at a time."""
 
 from flightdyn.config import AircraftConfig
-from flightdyn.control import Controller
+from flightdyn.control import AttitudeOrder, Controller
 from flightdyn.faults import Fault
 from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
@@ -11,6 +11,7 @@ from flightdyn.inner_loops import InnerLoops
 from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.plant import Plant
+from flightdyn.pursuit import Target
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
     BatteryState,
@@ -210,3 +211,15 @@ class Aircraft:
     def follow(self, path: FlightPath) -> None:
         """Fly a path and hold its last point."""
         self._guidance.follow(self._nav, path)
+
+    def pursue(self, target: Target) -> None:
+        """Go after a target until the next order; it may be another one at any time."""
+        self._guidance.pursue(self._nav, target)
+
+    def keep_attitude(self, order: AttitudeOrder) -> None:
+        """Keep an attitude and a thrust until the next order."""
+        self._guidance.attitude(order)
+
+    def look_at(self, pos_ned_m: Vector | None) -> None:
+        """Head towards a place on every path and hold from now on; None for the course again."""
+        self._guidance.interest = None if pos_ned_m is None else _triple(pos_ned_m)
