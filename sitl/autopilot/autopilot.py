@@ -10,17 +10,22 @@ from sitl.autopilot.commands import CommandServer, Refusal
 from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
+from sitl.autopilot.follow import Follower
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
 from sitl.autopilot.items import check_item, why_refused
 from sitl.autopilot.message_requests import MessageCommands
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
+from sitl.autopilot.offboard import Offboard
+from sitl.autopilot.orbit import Orbits
 from sitl.autopilot.orders import FlightCommands
 from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import EventSink, Reporter
 from sitl.autopilot.route import check_mission
+from sitl.autopilot.sticks import Sticks
+from sitl.autopilot.stream import WallClock
 from sitl.autopilot.streams import Streams
 from sitl.autopilot.transfer import MissionTransfer
 from sitl.errors import SitlInputError
@@ -76,13 +81,38 @@ class Autopilot:
         self.flight.arming_denied = self._arming_denied
         self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
-        self._flight_commands = FlightCommands(aircraft, self.flight)
+        self._clock = WallClock()
+        self._offboard = Offboard(
+            aircraft,
+            self.flight,
+            parameters,
+            clock=self._clock,
+            failsafes=self.failsafes,
+            reporter=self._report,
+        )
+        self._sticks = Sticks(
+            aircraft, self.flight, parameters, clock=self._clock, failsafes=self.failsafes
+        )
+        self.failsafes.by_sticks = self._sticks.enter
+        self._follower = Follower(aircraft, self.flight, parameters, clock=self._clock)
+        self.orbits = Orbits(aircraft, self.flight, self.flight.navigator)
+        self._pilots = (self._offboard, self._sticks)
+        self._flight_commands = FlightCommands(
+            aircraft,
+            self.flight,
+            pilots={
+                Mode.OFFBOARD: self._offboard.enter,
+                Mode.FOLLOW: self._follower.enter,
+                **self._sticks.modes(),
+            },
+        )
         self._message_commands = MessageCommands(self._outbox, self._streams)
         self._commands = CommandServer(self._outbox, self._report)
         self._commands.add(self._flight_commands.handlers())
         self._commands.add(self._message_commands.handlers())
         self._commands.add(
             {
+                Command.DO_ORBIT: self.orbits.command,
                 Command.PREFLIGHT_STORAGE: self._store_parameters,
                 Command.DO_FENCE_ENABLE: self._enable_fence,
                 Command.PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
@@ -117,6 +147,7 @@ class Autopilot:
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take bytes that arrived: a datagram, or more of a `stream`."""
+        self._clock.now = now
         for peer, body in self._wire.read(data, stream):
             self._handle(peer, body, now)
 
@@ -126,6 +157,9 @@ class Autopilot:
 
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
+        self._clock.now = now
+        for pilot in self._pilots:
+            pilot.poll()
         self._transfer.poll(now)
         self._parameter_server.poll(now)
         self.guard.poll(now)
@@ -151,10 +185,17 @@ class Autopilot:
 
     def due(self) -> float:
         """When `poll` has something to do at the latest."""
-        timers = (self._streams.due(), self._transfer.due(), self._parameter_server.due())
+        timers = (
+            self._streams.due(),
+            self._transfer.due(),
+            self._parameter_server.due(),
+            *(pilot.due() for pilot in self._pilots),
+        )
         return min(timer for timer in timers if timer is not None)
 
     def _handle(self, peer: m.Peer, body: m.Incoming, now: float) -> None:
+        if any(pilot.receive(body) for pilot in (*self._pilots, self._follower)):
+            return
         if self._transfer.receive(peer, body, now):
             return
         if self._parameter_server.receive(peer, body, now):

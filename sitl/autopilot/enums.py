@@ -16,12 +16,17 @@ class Command(IntEnum):
     CONDITION_DELAY = 112
     CONDITION_YAW = 115
     DO_SET_MODE = 176
+    DO_ORBIT = 34
     DO_JUMP = 177
     DO_CHANGE_SPEED = 178
     DO_SET_HOME = 179
     DO_FLIGHTTERMINATION = 185
+    DO_CHANGE_ALTITUDE = 186
     DO_REPOSITION = 192
     DO_PAUSE_CONTINUE = 193
+    DO_SET_ROI_LOCATION = 195
+    DO_SET_ROI_NONE = 197
+    DO_SET_ROI = 201
     DO_FENCE_ENABLE = 207
     DO_SET_MISSION_CURRENT = 224
     PREFLIGHT_STORAGE = 245
@@ -98,10 +103,12 @@ class Frame(IntEnum):
     """MAV_FRAME: what the coordinates of an item mean."""
 
     GLOBAL = 0
+    LOCAL_NED = 1
     MISSION = 2
     GLOBAL_RELATIVE_ALT = 3
     GLOBAL_INT = 5
     GLOBAL_RELATIVE_ALT_INT = 6
+    BODY_NED = 8
 
 
 ABSOLUTE_FRAMES = frozenset({Frame.GLOBAL, Frame.GLOBAL_INT})
@@ -206,6 +213,17 @@ class FailureType(IntEnum):
     SLOW = 5
     DELAYED = 6
     INTERMITTENT = 7
+
+
+class OrbitYaw(IntEnum):
+    """ORBIT_YAW_BEHAVIOUR: where the nose points on an orbit."""
+
+    FRONT_TO_CENTER = 0
+    INITIAL_HEADING = 1
+    UNCONTROLLED = 2
+    TANGENT = 3
+    RC_CONTROLLED = 4
+    UNCHANGED = 5
 
 
 class Message(IntEnum):

@@ -16,6 +16,7 @@ from sitl.autopilot.enums import (
     Result,
     Severity,
 )
+from sitl.autopilot.setpoints import Streamed
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +235,8 @@ class StatusText:
 
 
 Incoming: TypeAlias = (
-    Heartbeat
+    Streamed
+    | Heartbeat
     | CommandOrder
     | SetMode
     | MissionItem

@@ -7,12 +7,21 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot import messages as m
+from sitl.autopilot.codec.setpoints import SETPOINT_DECODERS
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType, ParamType
 
 # Commands whose fifth and sixth parameter are a position: COMMAND_INT carries it in degE7.
 _POSITION_COMMANDS = frozenset(
-    {Command.NAV_TAKEOFF, Command.NAV_LAND, Command.DO_SET_HOME, Command.DO_REPOSITION}
+    {
+        Command.NAV_TAKEOFF,
+        Command.NAV_LAND,
+        Command.DO_SET_HOME,
+        Command.DO_REPOSITION,
+        Command.DO_ORBIT,
+        Command.DO_SET_ROI_LOCATION,
+        Command.DO_SET_ROI,
+    }
 )
 
 
@@ -125,6 +134,7 @@ _DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
     ),
     mav.MAVLINK_MSG_ID_PARAM_SET: _param_set,
     mav.MAVLINK_MSG_ID_PING: lambda msg: m.Ping(msg.time_usec, msg.seq, msg.target_system),
+    **SETPOINT_DECODERS,
     mav.MAVLINK_MSG_ID_TIMESYNC: lambda msg: m.TimeSync(msg.tc1, msg.ts1),
 }
 

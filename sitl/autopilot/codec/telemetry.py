@@ -13,12 +13,11 @@ from sitl.autopilot.snapshot import Snapshot
 
 _UNKNOWN_U16 = 65535
 _ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED
-_BASE_MODE = (
-    mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    | mav.MAV_MODE_FLAG_AUTO_ENABLED
-    | mav.MAV_MODE_FLAG_GUIDED_ENABLED
-    | mav.MAV_MODE_FLAG_STABILIZE_ENABLED
-)
+_STABILIZED = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mav.MAV_MODE_FLAG_STABILIZE_ENABLED
+_AUTOMATIC = _STABILIZED | mav.MAV_MODE_FLAG_AUTO_ENABLED | mav.MAV_MODE_FLAG_GUIDED_ENABLED
+_BY_STICKS = _STABILIZED | mav.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+# By PX4's main mode: automatic ones, offboard, and those flown by sticks.
+_BASE_MODE = {4: _AUTOMATIC, 6: _STABILIZED}
 _CAPABILITIES = (
     mav.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | mav.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -27,6 +26,9 @@ _CAPABILITIES = (
     | mav.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     | mav.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | mav.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | mav.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
 )
 _SOFTWARE_VERSION = 0 << 24 | 1 << 16 | 0 << 8 | mav.FIRMWARE_VERSION_TYPE_DEV
 _UID = int.from_bytes(b"aerofed")
@@ -41,7 +43,7 @@ def _heartbeat(s: Snapshot) -> Any:
     return mav.MAVLink_heartbeat_message(
         mav.MAV_TYPE_QUADROTOR,
         mav.MAV_AUTOPILOT_PX4,
-        _BASE_MODE | (_ARMED_FLAG if s.armed else 0),
+        _BASE_MODE.get(s.custom_mode >> 16 & 0xFF, _BY_STICKS) | (_ARMED_FLAG if s.armed else 0),
         s.custom_mode,
         int(s.system_state),
         3,
