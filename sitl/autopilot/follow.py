@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.frames import Triple
+from flightdyn.frames import Triple, wrap_pi
 from flightdyn.pursuit import Target
 from sitl.autopilot import manoeuvres as do
 from sitl.autopilot import messages as m
@@ -57,7 +57,8 @@ class Follower:
         self._pos = (float(place[0]), float(place[1]), float(place[2]))
         self._vel = (vel[0], vel[1], vel[2])
         if math.hypot(vel[0], vel[1]) > _COURSE_MPS:
-            self._course_rad = math.atan2(vel[1], vel[0])
+            turn = wrap_pi(math.atan2(vel[1], vel[0]) - self._course_rad)
+            self._course_rad += (1 - self._parameters["FLW_TGT_RS"]) * turn
         return True
 
     def enter(self) -> str | None:
@@ -91,12 +92,15 @@ class Follower:
             y + distance * math.sin(beside),
             floor - p["FLW_TGT_HT"],
         )
+        limits, own_mps = self._flight.speed_limits, math.hypot(self._vel[0], self._vel[1])
         here = self._aircraft.belief.pos_ned_m
         self._aircraft.pursue(
             Target(
                 pos=place,
                 vel=(self._vel[0], self._vel[1], self._vel[2] if by_target else 0.0),
                 yaw=math.atan2(y - here[1], x - here[0]),
-                **self._flight.speed_limits._asdict(),
+                speed_mps=min(limits.speed_mps, own_mps + p["FLW_TGT_MAX_VEL"]),
+                climb_mps=limits.climb_mps,
+                descent_mps=limits.descent_mps,
             )
         )
