@@ -19,6 +19,7 @@ _KEPT_S = 3.0  # wall time for which a target that has fallen silent is thought 
 _COURSE_MPS = 1.0  # slower than that a target has no course; its last one counts
 _FARTHEST_M = 100_000.0
 _FASTEST_MPS = 100.0
+_LOWEST_M = 2.0  # above home: a target's own altitude may be anything
 _PERIOD_S = 0.1
 
 
@@ -90,7 +91,7 @@ class Follower:
         place = (
             x + distance * math.cos(beside),
             y + distance * math.sin(beside),
-            floor - p["FLW_TGT_HT"],
+            min(floor - p["FLW_TGT_HT"], float(self._flight.home_ned_m[2]) - _LOWEST_M),
         )
         limits, own_mps = self._flight.speed_limits, math.hypot(self._vel[0], self._vel[1])
         here = self._aircraft.belief.pos_ned_m

@@ -12,7 +12,7 @@ from flightdyn.pursuit import Target
 from flightdyn.state import Vector
 from sitl.autopilot import manoeuvres as do
 from sitl.autopilot.commands import Answer, Refusal
-from sitl.autopilot.enums import GLOBAL_FRAMES, RELATIVE_FRAMES, OrbitYaw, Result
+from sitl.autopilot.enums import GLOBAL_FRAMES, OrbitYaw, Result
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.messages import CommandOrder
 from sitl.autopilot.modes import Mode, Trigger
@@ -130,7 +130,7 @@ class Orbits:
             return Refusal(Result.DENIED, f"yaw behaviour {yaw:g}, 0 to 5 are allowed")
         here = self._aircraft.belief.pos_ned_m
         center = [float(here[0]), float(here[1]), float(here[2])]
-        frame, home = self._flight.frame, self._flight.home
+        frame = self._flight.frame
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):
             if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
                 return Refusal(Result.DENIED, f"no such place: {lat_deg:g}, {lon_deg:g}")
@@ -138,8 +138,8 @@ class Orbits:
         if math.isinf(z):
             return Refusal(Result.DENIED, "no such altitude")
         if not math.isnan(z):
-            base = home.alt_msl_m if order.frame in RELATIVE_FRAMES else 0.0
-            center[2] = frame.origin.alt_msl_m - (z + base)
+            # Above mean sea level in every frame, as PX4 has it: MAVSDK names a relative one.
+            center[2] = frame.origin.alt_msl_m - z
         # The sign of the radius is the direction; a speed that would press too hard is lowered.
         fastest = math.sqrt(_INWARDS_MPS2 * abs(radius))
         return Orbit(
