@@ -95,7 +95,7 @@ class Autopilot:
         )
         self.failsafes.by_sticks = self._sticks.enter
         self._follower = Follower(aircraft, self.flight, parameters, clock=self._clock)
-        self.orbits = Orbits(aircraft, self.flight, self.flight.navigator)
+        self.orbits = Orbits(aircraft, self.flight, parameters)
         self._pilots = (self._offboard, self._sticks)
         self._flight_commands = FlightCommands(
             aircraft,

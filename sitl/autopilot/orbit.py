@@ -16,7 +16,8 @@ from sitl.autopilot.enums import GLOBAL_FRAMES, OrbitYaw, Result
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.messages import CommandOrder
 from sitl.autopilot.modes import Mode, Trigger
-from sitl.autopilot.navigator import Navigator
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.route import too_far
 
 _DEFAULT_RADIUS_M, _DEFAULT_SPEED_MPS = 10.0, 2.0
 _RADII_M = (1.0, 1000.0)
@@ -88,10 +89,10 @@ class Circle:
 class Orbits:
     """Carries out DO_ORBIT; `current` is the circle being flown."""
 
-    def __init__(self, aircraft: Aircraft, flight: Flight, navigator: Navigator) -> None:
+    def __init__(self, aircraft: Aircraft, flight: Flight, parameters: Parameters) -> None:
         self._aircraft = aircraft
         self._flight = flight
-        self._navigator = navigator
+        self._parameters = parameters
         self._orbit: Orbit | None = None
 
     @property
@@ -104,6 +105,9 @@ class Orbits:
         orbit = self._asked(order)
         if isinstance(orbit, Refusal):
             return orbit
+        farthest_m = self._parameters["MIS_DIST_1WP"]
+        if far := too_far(np.array(orbit.center_ned_m), farthest_m=farthest_m):
+            return Refusal(Result.DENIED, f"the orbit is {far}")
         for i in range(_LOOKS):
             if forbidden := self._flight.forbidden(orbit.point(math.tau * i / _LOOKS)):
                 return Refusal(Result.DENIED, f"the orbit leads {forbidden}")
@@ -151,10 +155,12 @@ class Orbits:
 
     def _fly(self, orbit: Orbit) -> do.Manoeuvre:
         def parts() -> Iterator[do.Manoeuvre]:
-            here = self._navigator.here(resting=False)
+            here = self._flight.navigator.here(resting=False)
             north, east, _ = orbit.center_ned_m
             phase = math.atan2(here[1] - east, here[0] - north)
-            yield self._navigator.go_to(here, orbit.point(phase), speed_mps=None, yaw_rad=None)
+            yield self._flight.navigator.go_to(
+                here, orbit.point(phase), speed_mps=None, yaw_rad=None
+            )
             yield Circle(self._aircraft, orbit, phase_rad=phase)
 
         return do.Sequence(parts())
