@@ -1,5 +1,8 @@
 """The aircraft: physics, sensors, estimation, guidance and control, one tick at a time."""
 
+import math
+
+from flightdyn.attitude import attitude_along
 from flightdyn.config import AircraftConfig
 from flightdyn.control import AttitudeOrder, Controller
 from flightdyn.faults import Fault
@@ -8,6 +11,7 @@ from flightdyn.guidance import Guidance
 from flightdyn.inertial import Earth
 from flightdyn.inertial_navigation import InertialNavigation
 from flightdyn.inner_loops import InnerLoops
+from flightdyn.instruments import Instruments
 from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.plant import Plant
@@ -223,3 +227,17 @@ class Aircraft:
     def look_at(self, pos_ned_m: Vector | None) -> None:
         """Head towards a place on every path and hold from now on; None for the course again."""
         self._guidance.interest = None if pos_ned_m is None else _triple(pos_ned_m)
+
+    def instruments(self) -> Instruments:
+        """What its parts read and order at this instant."""
+        control, full = self.controller, self.vehicle.airframe.rotor_max_thrust_n
+        thrusts = self.vehicle.rotor_thrusts_n()
+        return Instruments(
+            readings=self.navigation.readings(),
+            setpoint=self._guidance.setpoint,
+            q_wanted=attitude_along(control.wanted_thrust, yaw=control.wanted_yaw),
+            collective=control.collective,
+            # A rotor's thrust grows with the square of its speed.
+            motors=tuple(math.sqrt(min(1.0, max(0.0, thrust / full))) for thrust in thrusts),
+            wind_ned_mps=self.wind_ned_mps,
+        )

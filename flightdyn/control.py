@@ -77,6 +77,9 @@ class Controller:
         self._gains = gains or Gains()
         self._full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
         self.lead_s = self._gains.lead_s
+        self.wanted_thrust: Triple = (0.0, 0.0, -1.0)  # over mass, NED: what is leaned to
+        self.wanted_yaw = 0.0
+        self.collective = 0.0  # ordered last
         self.saturated = False
         self.lift = 0.0  # thrust ordered over weight
         self.effectiveness = 1.0  # measured thrust over ordered thrust
@@ -90,12 +93,14 @@ class Controller:
         self.effectiveness = 1.0
         self.saturated = False
         self.lift = 0.0
+        self.wanted_thrust = (0.0, 0.0, -1.0)
 
     def idle(self, *, armed: bool) -> None:
         """Motors turning without lift (armed), attitude left alone."""
         zero = (0.0, 0.0, 0.0)
         self.reset()
-        self._inner.command(zero, zero, self._airframe.idle_collective if armed else 0.0)
+        self.collective = self._airframe.idle_collective if armed else 0.0
+        self._inner.command(zero, zero, self.collective)
 
     def fly(self, nav: NavState, force: Triple, *, to: Setpoint, flying: bool) -> None:
         """One step; `force` is the measured specific force (body).
@@ -145,6 +150,7 @@ class Controller:
         self._lagged += dt / k.motor_lag_s * (collective - self._lagged)
         self.lift = collective * full / self._g
         error = attitude_error(r, thrust, heading=math.atan2(r[3], r[0]), wanted_heading=to.yaw)
+        self.wanted_thrust, self.wanted_yaw, self.collective = thrust, to.yaw, collective
         rate = to.yaw_rate
         self._inner.command(error, (r[6] * rate, r[7] * rate, r[8] * rate), collective)
 
@@ -165,10 +171,13 @@ class Controller:
         error = (0.0, 0.0, 0.0)
         if order.q_frd_to_ned is not None and self.lift > _LEAST_LIFT:
             w = rotation_matrix(order.q_frd_to_ned)
+            self.wanted_thrust = (-w[2], -w[5], -w[8])
+            self.wanted_yaw = yaw_of(order.q_frd_to_ned)
             heading = math.atan2(r[3], r[0])
             error = attitude_error(
-                r, (-w[2], -w[5], -w[8]), heading=heading, wanted_heading=yaw_of(order.q_frd_to_ned)
+                r, self.wanted_thrust, heading=heading, wanted_heading=self.wanted_yaw
             )
+        self.collective = collective
         rates = order.rates_radps if self.lift > _LEAST_LIFT else error
         self._inner.command(error, rates, collective)
 

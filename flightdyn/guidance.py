@@ -70,6 +70,11 @@ class Guidance:
         """Where the aircraft is wanted; None while no order holds it anywhere."""
         return None if self._point is None else self._point.p
 
+    @property
+    def setpoint(self) -> Setpoint | None:
+        """What the controller is to follow; None while it is told nothing, or an attitude."""
+        return self._point
+
     def idle(self) -> None:
         """Motors turn without lift when armed."""
         self._mode = None

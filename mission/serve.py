@@ -43,7 +43,7 @@ def make_vehicle(config: RunConfig) -> Vehicle:
             config.vehicle,
             home=config.area.build().home,
             streams=RandomStreams(config.seed),
-            may_reboot=True,
+            standalone=True,
         )
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None

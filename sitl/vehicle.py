@@ -31,11 +31,12 @@ class Vehicle:
         streams: RandomStreams,
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
-        may_reboot: bool = False,
+        standalone: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
-        Whoever needs simulated time to go on lets nobody reboot the vehicle.
+        A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
+        says.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
@@ -49,7 +50,7 @@ class Vehicle:
         self._config = config
         self._home = home
         self._streams = streams
-        self._may_reboot = may_reboot
+        self._standalone = standalone
         self._observers = list(observers)
         self._boot(aircraft or self._new_aircraft(), _parameters(config))
 
@@ -65,7 +66,7 @@ class Vehicle:
             system=config.system_id,
             sink=self._happened,
             storage=_storage(config.parameter_file),
-            may_reboot=self._may_reboot,
+            standalone=self._standalone,
         )
         self._tick = 0
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot import messages as m
+from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.commands import CommandServer, Refusal
 from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
@@ -24,9 +25,10 @@ from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import EventSink, Reporter
 from sitl.autopilot.route import check_mission
+from sitl.autopilot.snapshot import Dials
 from sitl.autopilot.sticks import Sticks
 from sitl.autopilot.stream import WallClock
-from sitl.autopilot.streams import Streams
+from sitl.autopilot.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.transfer import MissionTransfer
 from sitl.errors import SitlInputError
 
@@ -56,12 +58,12 @@ class Autopilot:
         system: int,
         sink: EventSink,
         storage: Storage | None = None,
-        may_reboot: bool = False,
+        standalone: bool = False,
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
         self._wire = Wire(system, COMPONENT)
-        self._streams = Streams()
+        self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
         self.parameters = parameters
         self.flight = Flight(
             aircraft, parameters, home=aircraft.frame.origin, reporter=self._report
@@ -122,7 +124,7 @@ class Autopilot:
             }
         )
         self._storage = storage
-        self._may_reboot = may_reboot
+        self._standalone = standalone
         self.reboot_ordered = False  # whoever owns the autopilot makes a new one
         self.tick = self.flight.tick
 
@@ -171,13 +173,17 @@ class Autopilot:
         # State first: whoever reads an answer already knows the state that it led to.
         if kinds:
             snapshot = self.monitor.snapshot(self.failsafes)
+            dials: Dials | None = None
             for kind in kinds:
                 if kind is Message.MISSION_CURRENT:
                     in_mission = self.flight.mode is Mode.MISSION
                     body = self.flight.mission.message(in_mission_mode=in_mission)
                     frames += self._wire.frames(m.Envelope(body))
-                else:
+                elif kind in TELEMETRY:
                     frames.append(self._wire.telemetry(kind, snapshot))
+                elif kind is not Message.ORBIT_EXECUTION_STATUS or self.orbits.current:
+                    dials = dials or self.monitor.dials(self.orbits.current)
+                    frames.append(self._wire.instruments(kind, snapshot, dials))
         for envelope in self._outbox:
             frames += self._wire.frames(envelope)
         self._outbox.clear()
@@ -241,7 +247,7 @@ class Autopilot:
     def _order_reboot(self, order: m.CommandOrder, _now: float) -> Refusal | None:
         if order.params[0] != 1.0:
             return Refusal(Result.UNSUPPORTED, f"parameter 1 = {order.params[0]:g}: 1 reboots")
-        if not self._may_reboot:
+        if not self._standalone:
             return Refusal(Result.DENIED, "the vehicle is part of a run")
         reason = self.flight.not_at_rest()
         if reason:

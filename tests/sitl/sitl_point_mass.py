@@ -11,6 +11,7 @@ from flightdyn.config import LimitsConfig
 from flightdyn.control import AttitudeOrder
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.instruments import Instruments, Readings
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.pursuit import Target, wanted_velocity
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
@@ -113,6 +114,12 @@ class PointMass:
         self.paths.append(path)
         self._path = path
         self.progress = PathProgress(passed=1)
+
+    def instruments(self) -> Instruments:
+        still = (0.0, 0.0, 0.0)
+        readings = Readings(still, (0.0, 0.0, -9.81), 95_000.0, (0.2, 0.0, 0.4), still, None)
+        zero = np.zeros(3)
+        return Instruments(readings, None, (1.0, 0.0, 0.0, 0.0), 0.0, (0.0,) * 4, zero)
 
     def step(self) -> None:
         self.t_ns += self.dt_ns
