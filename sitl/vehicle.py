@@ -7,6 +7,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot, Storage
+from sitl.autopilot.files import LogFolder
 from sitl.autopilot.parameter_file import load_parameters, save_parameters
 from sitl.autopilot.parameters import Parameters
 from sitl.config import VehicleConfig
@@ -31,12 +32,13 @@ class Vehicle:
         streams: RandomStreams,
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
+        logs: LogFolder | None = None,
         standalone: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
         A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
-        says.
+        says. `logs` are served to ground stations.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
@@ -51,6 +53,7 @@ class Vehicle:
         self._home = home
         self._streams = streams
         self._standalone = standalone
+        self._logs = logs
         self._observers = list(observers)
         self._boot(aircraft or self._new_aircraft(), _parameters(config))
 
@@ -66,6 +69,7 @@ class Vehicle:
             system=config.system_id,
             sink=self._happened,
             storage=_storage(config.parameter_file),
+            logs=self._logs,
             standalone=self._standalone,
         )
         self._tick = 0

@@ -10,24 +10,23 @@ from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.commands import CommandServer, Refusal
 from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
 from sitl.autopilot.failsafe import Cause, Failsafes
+from sitl.autopilot.files import LogFolder, NoLogs
 from sitl.autopilot.flight import Flight
-from sitl.autopilot.follow import Follower
+from sitl.autopilot.ftp import FtpServer
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
 from sitl.autopilot.items import check_item, why_refused
+from sitl.autopilot.log_server import LogServer
 from sitl.autopilot.message_requests import MessageCommands
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
-from sitl.autopilot.offboard import Offboard
-from sitl.autopilot.orbit import Orbits
 from sitl.autopilot.orders import FlightCommands
 from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.pilots import Pilots
 from sitl.autopilot.reporter import EventSink, Reporter
 from sitl.autopilot.route import check_mission
 from sitl.autopilot.snapshot import Dials
-from sitl.autopilot.sticks import Sticks
-from sitl.autopilot.stream import WallClock
 from sitl.autopilot.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.transfer import MissionTransfer
 from sitl.errors import SitlInputError
@@ -58,6 +57,7 @@ class Autopilot:
         system: int,
         sink: EventSink,
         storage: Storage | None = None,
+        logs: LogFolder | None = None,
         standalone: bool = False,
     ) -> None:
         self._outbox: m.Outbox = []
@@ -83,38 +83,32 @@ class Autopilot:
         self.flight.arming_denied = self._arming_denied
         self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
-        self._clock = WallClock()
-        self._offboard = Offboard(
+        self._log_server = LogServer(
+            self._outbox, logs or NoLogs(), reporter=self._report, armed=lambda: aircraft.armed
+        )
+        self._ftp = FtpServer(self._outbox, logs or NoLogs(), parameters)
+        self._pilots = Pilots(
             aircraft,
             self.flight,
             parameters,
-            clock=self._clock,
             failsafes=self.failsafes,
             reporter=self._report,
         )
-        self._sticks = Sticks(
-            aircraft, self.flight, parameters, clock=self._clock, failsafes=self.failsafes
+        self._servers = (
+            self._transfer,
+            self._parameter_server,
+            self._log_server,
+            self._ftp,
+            self._pilots,
         )
-        self.failsafes.by_sticks = self._sticks.enter
-        self._follower = Follower(aircraft, self.flight, parameters, clock=self._clock)
-        self.orbits = Orbits(aircraft, self.flight, parameters)
-        self._pilots = (self._offboard, self._sticks)
-        self._flight_commands = FlightCommands(
-            aircraft,
-            self.flight,
-            pilots={
-                Mode.OFFBOARD: self._offboard.enter,
-                Mode.FOLLOW: self._follower.enter,
-                **self._sticks.modes(),
-            },
-        )
+        self._flight_commands = FlightCommands(aircraft, self.flight, pilots=self._pilots.modes())
         self._message_commands = MessageCommands(self._outbox, self._streams)
         self._commands = CommandServer(self._outbox, self._report)
         self._commands.add(self._flight_commands.handlers())
         self._commands.add(self._message_commands.handlers())
+        self._commands.add(self._pilots.handlers())
         self._commands.add(
             {
-                Command.DO_ORBIT: self.orbits.command,
                 Command.PREFLIGHT_STORAGE: self._store_parameters,
                 Command.DO_FENCE_ENABLE: self._enable_fence,
                 Command.PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
@@ -149,7 +143,7 @@ class Autopilot:
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take bytes that arrived: a datagram, or more of a `stream`."""
-        self._clock.now = now
+        self._pilots.note_time(now)
         for peer, body in self._wire.read(data, stream):
             self._handle(peer, body, now)
 
@@ -159,11 +153,8 @@ class Autopilot:
 
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
-        self._clock.now = now
-        for pilot in self._pilots:
-            pilot.poll()
-        self._transfer.poll(now)
-        self._parameter_server.poll(now)
+        for server in self._servers:
+            server.poll(now)
         self.guard.poll(now)
         nudged = self._report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
@@ -181,8 +172,8 @@ class Autopilot:
                     frames += self._wire.frames(m.Envelope(body))
                 elif kind in TELEMETRY:
                     frames.append(self._wire.telemetry(kind, snapshot))
-                elif kind is not Message.ORBIT_EXECUTION_STATUS or self.orbits.current:
-                    dials = dials or self.monitor.dials(self.orbits.current)
+                elif kind is not Message.ORBIT_EXECUTION_STATUS or self._pilots.orbit:
+                    dials = dials or self.monitor.dials(self._pilots.orbit)
                     frames.append(self._wire.instruments(kind, snapshot, dials))
         for envelope in self._outbox:
             frames += self._wire.frames(envelope)
@@ -191,20 +182,11 @@ class Autopilot:
 
     def due(self) -> float:
         """When `poll` has something to do at the latest."""
-        timers = (
-            self._streams.due(),
-            self._transfer.due(),
-            self._parameter_server.due(),
-            *(pilot.due() for pilot in self._pilots),
-        )
+        timers = (self._streams.due(), *(server.due() for server in self._servers))
         return min(timer for timer in timers if timer is not None)
 
     def _handle(self, peer: m.Peer, body: m.Incoming, now: float) -> None:
-        if any(pilot.receive(body) for pilot in (*self._pilots, self._follower)):
-            return
-        if self._transfer.receive(peer, body, now):
-            return
-        if self._parameter_server.receive(peer, body, now):
+        if any(server.receive(peer, body, now) for server in self._servers):
             return
         match body:
             case m.CommandOrder():

@@ -16,6 +16,7 @@ from sitl.autopilot.enums import (
     Result,
     Severity,
 )
+from sitl.autopilot.files import FileAnswer, FileRequest
 from sitl.autopilot.setpoints import Streamed
 
 
@@ -236,6 +237,7 @@ class StatusText:
 
 Incoming: TypeAlias = (
     Streamed
+    | FileRequest
     | Heartbeat
     | CommandOrder
     | SetMode
@@ -254,7 +256,8 @@ Incoming: TypeAlias = (
     | TimeSync
 )
 Outgoing: TypeAlias = (
-    CommandAck
+    FileAnswer
+    | CommandAck
     | MissionRequest
     | MissionAck
     | MissionCount

@@ -6,6 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot import files as f
 from sitl.autopilot import messages as m
 from sitl.autopilot.codec.setpoints import SETPOINT_DECODERS
 from sitl.autopilot.codec.units import from_deg_e7
@@ -135,6 +136,11 @@ _DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
     mav.MAVLINK_MSG_ID_PARAM_SET: _param_set,
     mav.MAVLINK_MSG_ID_PING: lambda msg: m.Ping(msg.time_usec, msg.seq, msg.target_system),
     **SETPOINT_DECODERS,
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_LIST: lambda msg: f.LogRequestList(msg.start, msg.end),
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_DATA: lambda msg: f.LogRequestData(msg.id, msg.ofs, msg.count),
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_END: lambda _: f.LogRequestEnd(),
+    mav.MAVLINK_MSG_ID_LOG_ERASE: lambda _: f.LogErase(),
+    mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: lambda msg: f.FtpMessage(bytes(msg.payload)),
     mav.MAVLINK_MSG_ID_TIMESYNC: lambda msg: m.TimeSync(msg.tc1, msg.ts1),
 }
 

@@ -6,12 +6,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot import files as f
 from sitl.autopilot import messages as m
 from sitl.autopilot.codec.units import deg_e7, int32
 from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
 from sitl.errors import ProtocolError
 
 _TEXT_BYTES = 50  # of one STATUSTEXT
+_LOG_BYTES = 90  # of one LOG_DATA
 _EVERYBODY = m.Peer(0, 0)
 
 
@@ -90,6 +92,23 @@ def _interval(body: m.MessageInterval, _: m.Peer) -> Any:
     return mav.MAVLink_message_interval_message(body.message_id, int32(interval_us))
 
 
+def _log_entry(body: f.LogEntry, _: m.Peer) -> Any:
+    return mav.MAVLink_log_entry_message(
+        body.log, body.count, body.last, body.written_s, min(body.size, 2**32 - 1)
+    )
+
+
+def _log_data(body: f.LogData, _: m.Peer) -> Any:
+    padded = list(body.data.ljust(_LOG_BYTES, b"\0"))
+    return mav.MAVLink_log_data_message(body.log, body.offset, len(body.data), padded)
+
+
+def _ftp(body: f.FtpMessage, to: m.Peer) -> Any:
+    return mav.MAVLink_file_transfer_protocol_message(
+        0, to.system, to.component, list(body.payload)
+    )
+
+
 _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.MissionItem: _item,
     m.MissionRequest: _request,
@@ -103,6 +122,9 @@ _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.Pong: _pong,
     m.TimeSync: lambda body, _: mav.MAVLink_timesync_message(body.remote_ns, body.sender_ns),
     m.MessageInterval: _interval,
+    f.LogEntry: _log_entry,
+    f.LogData: _log_data,
+    f.FtpMessage: _ftp,
 }
 
 
