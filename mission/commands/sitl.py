@@ -25,6 +25,8 @@ def sitl(
     udp: Annotated[tuple[str, ...], Parameter(negative=())] = ("14540", "14550"),
     speed: float | Literal["max"] = 1.0,
     home: str | None = None,
+    count: int = 1,
+    logs: Path | None = None,
     set_: Overrides = (),
 ) -> int:
     """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
@@ -41,6 +43,12 @@ def sitl(
         Simulated seconds per second, or "max".
     home
         LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands.
+    count
+        Vehicles in one process, side by side: system ids 1, 2, ..., and ports from the first --udp
+        on (14540, 14541, ...); the other --udp are spoken to by all.
+    logs
+        Folder to write each flight to, from arming to disarming; ground stations may list and
+        download what is there.
     set_
         Override any key: --set vehicle.aircraft.wind.speed_mps=5
     """
@@ -50,12 +58,11 @@ def sitl(
     usual = [] if config else [f"{key}={value}" for key, value in PX4_HOME.items()]
     resolved = load(config, [*usual, *set_], _home(home))
     # Only now, so that wrong input is answered at once.
-    from mission.serve import link_url, make_vehicle, serve
+    from mission.serve import make_vehicles, serve
 
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     serve(
-        make_vehicle(resolved),
-        [link_url(text) for text in udp],
+        make_vehicles(resolved, count=count, udp=udp, logs=logs),
         speed=math.inf if speed == "max" else speed,
         say=console.print,
     )

@@ -8,6 +8,7 @@ from sitl_point_mass import PointMass
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
+from sitl.autopilot.files import LogFolder
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 
@@ -22,6 +23,7 @@ class Desk:
         ready: bool = True,
         ready_after_s: float = 0.2,
         aircraft: Aircraft | None = None,
+        logs: LogFolder | None = None,
     ) -> None:
         """`aircraft` flies instead of the point mass."""
         self.recorder = Recorder()
@@ -32,6 +34,7 @@ class Desk:
             streams=RandomStreams(1),
             observers=(self.recorder,),
             aircraft=aircraft or self.mass,  # type: ignore[arg-type]
+            logs=logs,
         )
         self.now = 100.0
         self.heard: list[Any] = []
