@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot import messages as m
+from sitl.autopilot.absent import Absent
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.commands import CommandServer, Refusal
@@ -100,6 +101,7 @@ class Autopilot:
             self._log_server,
             self._ftp,
             self._pilots,
+            Absent(self._outbox, self._report),
         )
         self._flight_commands = FlightCommands(aircraft, self.flight, pilots=self._pilots.modes())
         self._message_commands = MessageCommands(self._outbox, self._streams)

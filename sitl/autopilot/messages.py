@@ -17,6 +17,7 @@ from sitl.autopilot.enums import (
     Severity,
 )
 from sitl.autopilot.files import FileAnswer, FileRequest
+from sitl.autopilot.parts import PartAnswer, PartRequest
 from sitl.autopilot.setpoints import Streamed
 
 
@@ -238,6 +239,7 @@ class StatusText:
 Incoming: TypeAlias = (
     Streamed
     | FileRequest
+    | PartRequest
     | Heartbeat
     | CommandOrder
     | SetMode
@@ -257,6 +259,7 @@ Incoming: TypeAlias = (
 )
 Outgoing: TypeAlias = (
     FileAnswer
+    | PartAnswer
     | CommandAck
     | MissionRequest
     | MissionAck

@@ -36,7 +36,7 @@ def wait_for(client: Any, kind: str, fit: Callable[[Any], bool] = bool) -> Any:
 def command(client: Any, number: int, *params: float) -> int:
     """The MAV_RESULT of a command."""
     values = (*params, *(0.0 for _ in range(7 - len(params))))
-    client.mav.command_long_send(1, 1, number, 0, *values)
+    client.mav.command_long_send(client.target_system or 1, 1, number, 0, *values)
     return int(wait_for(client, "COMMAND_ACK", lambda m: m.command == number).result)
 
 

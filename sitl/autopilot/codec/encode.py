@@ -8,11 +8,13 @@ from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot import files as f
 from sitl.autopilot import messages as m
+from sitl.autopilot import parts as p
 from sitl.autopilot.codec.units import deg_e7, int32
 from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
 from sitl.errors import ProtocolError
 
 _TEXT_BYTES = 50  # of one STATUSTEXT
+_SHELL_BYTES = 70  # of one SERIAL_CONTROL
 _LOG_BYTES = 90  # of one LOG_DATA
 _EVERYBODY = m.Peer(0, 0)
 
@@ -109,6 +111,24 @@ def _ftp(body: f.FtpMessage, to: m.Peer) -> Any:
     )
 
 
+def _shell(body: p.ShellOutput, _: m.Peer) -> Any:
+    data = body.text.encode("ascii", "replace")[:_SHELL_BYTES]
+    return mav.MAVLink_serial_control_message(
+        body.device,
+        mav.SERIAL_CONTROL_FLAG_REPLY,
+        0,
+        0,
+        len(data),
+        list(data.ljust(_SHELL_BYTES, b"\0")),
+    )
+
+
+def _extended_param(body: p.ExtendedParamRefused, _: m.Peer) -> Any:
+    return mav.MAVLink_param_ext_ack_message(
+        body.name.encode(), b"", mav.MAV_PARAM_EXT_TYPE_CUSTOM, mav.PARAM_ACK_FAILED
+    )
+
+
 _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.MissionItem: _item,
     m.MissionRequest: _request,
@@ -122,6 +142,8 @@ _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.Pong: _pong,
     m.TimeSync: lambda body, _: mav.MAVLink_timesync_message(body.remote_ns, body.sender_ns),
     m.MessageInterval: _interval,
+    p.ShellOutput: _shell,
+    p.ExtendedParamRefused: _extended_param,
     f.LogEntry: _log_entry,
     f.LogData: _log_data,
     f.FtpMessage: _ftp,
