@@ -116,7 +116,8 @@ class InertialNavigation:
         if fix is not None:
             self.gnss = fix
         step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
-        self._interval, self._samples = self._samples, []
+        self._interval, self._samples = self._samples, self._interval
+        self._samples.clear()
         estimator = self.estimator
         estimator.step(step, fix)
         biases = estimator.biases

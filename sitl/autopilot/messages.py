@@ -94,10 +94,11 @@ class MissionCount:
 
 @dataclass(frozen=True, slots=True)
 class MissionRequest:
-    """One item is asked for."""
+    """One item is asked for; `old`: by the message of that name, not by the one for integers."""
 
     seq: int
     mission_type: MissionType
+    old: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,9 +38,10 @@ def _item(body: m.MissionItem, to: m.Peer) -> Any:
 
 
 def _request(body: m.MissionRequest, to: m.Peer) -> Any:
-    return mav.MAVLink_mission_request_int_message(
-        to.system, to.component, body.seq, int(body.mission_type)
+    message = (
+        mav.MAVLink_mission_request_message if body.old else mav.MAVLink_mission_request_int_message
     )
+    return message(to.system, to.component, body.seq, int(body.mission_type))
 
 
 def _count(body: m.MissionCount, to: m.Peer) -> Any:
