@@ -43,6 +43,7 @@ class _Upload:
     asked: int = 1
     items: list[m.MissionItem] = field(default_factory=list)
     lossy: bool = False  # something had to be asked for again
+    old: bool = False  # asked for by the old message
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,8 +234,9 @@ class MissionTransfer:
         upload.deadline = now + REQUEST_AGAIN_S
         # Who has not answered once may know the old message only (dronekit); MAVSDK knows the new
         # one only, and ends an upload by the old one.
-        old = not upload.items and upload.asked > _OLD_AFTER and upload.asked % 2 == 1
-        self._send(upload.peer, m.MissionRequest(len(upload.items), upload.kind, old))
+        if not upload.items:
+            upload.old = upload.asked > _OLD_AFTER and upload.asked % 2 == 1
+        self._send(upload.peer, m.MissionRequest(len(upload.items), upload.kind, upload.old))
 
     def _finish(self, upload: _Upload, result: MissionResult) -> None:
         self._upload = None
