@@ -1,16 +1,21 @@
 """The aircraft: physics, sensors, estimation, guidance and control, one tick at a time."""
 
+import math
+
+from flightdyn.attitude import attitude_along
 from flightdyn.config import AircraftConfig
-from flightdyn.control import Controller
+from flightdyn.control import AttitudeOrder, Controller
 from flightdyn.faults import Fault
 from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
 from flightdyn.inertial import Earth
 from flightdyn.inertial_navigation import InertialNavigation
 from flightdyn.inner_loops import InnerLoops
+from flightdyn.instruments import Instruments
 from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.plant import Plant
+from flightdyn.pursuit import Target
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
     BatteryState,
@@ -210,3 +215,29 @@ class Aircraft:
     def follow(self, path: FlightPath) -> None:
         """Fly a path and hold its last point."""
         self._guidance.follow(self._nav, path)
+
+    def pursue(self, target: Target) -> None:
+        """Go after a target until the next order; it may be another one at any time."""
+        self._guidance.pursue(self._nav, target)
+
+    def keep_attitude(self, order: AttitudeOrder) -> None:
+        """Keep an attitude and a thrust until the next order."""
+        self._guidance.attitude(order)
+
+    def look_at(self, pos_ned_m: Vector | None) -> None:
+        """Head towards a place on every path and hold from now on; None for the course again."""
+        self._guidance.interest = None if pos_ned_m is None else _triple(pos_ned_m)
+
+    def instruments(self) -> Instruments:
+        """What its parts read and order at this instant."""
+        control, full = self.controller, self.vehicle.airframe.rotor_max_thrust_n
+        thrusts = self.vehicle.rotor_thrusts_n()
+        return Instruments(
+            readings=self.navigation.readings(),
+            setpoint=self._guidance.setpoint,
+            q_wanted=attitude_along(control.wanted_thrust, yaw=control.wanted_yaw),
+            collective=control.collective,
+            # A rotor's thrust grows with the square of its speed.
+            motors=tuple(math.sqrt(min(1.0, max(0.0, thrust / full))) for thrust in thrusts),
+            wind_ned_mps=self.wind_ned_mps,
+        )

@@ -1,6 +1,7 @@
 """The filter, fed by the sensors, as the source of what the aircraft flies on."""
 
 import math
+from statistics import pstdev
 
 from flightdyn.clock import SimClock
 from flightdyn.error_model import Alignment
@@ -9,6 +10,7 @@ from flightdyn.estimator import Estimator
 from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
 from flightdyn.inner_loops import InnerLoops
+from flightdyn.instruments import Readings
 from flightdyn.multirotor import Multirotor
 from flightdyn.sensor_suite import SensorSuite
 from flightdyn.state import GnssFix, Innovation, Kinematics
@@ -47,6 +49,7 @@ class InertialNavigation:
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
         self._samples: list[ImuSample] = []
+        self._interval: list[ImuSample] = []  # of the guidance interval before
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
@@ -113,6 +116,7 @@ class InertialNavigation:
         if fix is not None:
             self.gnss = fix
         step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
+        self._interval, self._samples = self._samples, self._interval
         self._samples.clear()
         estimator = self.estimator
         estimator.step(step, fix)
@@ -150,6 +154,27 @@ class InertialNavigation:
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the filter was given after an instant, against what it expected."""
         return self.estimator.innovations_after(t_ns)
+
+    def readings(self) -> Readings:
+        """Of this tick's IMU sample, and of the other sensors' last ones."""
+        sensors, b = self.sensors, self.estimator.biases
+        x, y, z = self._samples[-1][3:] if self._samples else self.specific_force
+        bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
+        assert sensors.pressure is not None  # aligned by it
+        return Readings(
+            self._believed_rates(),
+            (x - bx, y - by, z - bz),
+            sensors.pressure.pressure_pa,
+            None if sensors.field is None else sensors.field.field_frd_gauss,
+            self._vibration(),
+            self.estimator.std(slice(0, 9)),
+        )
+
+    def _vibration(self) -> Triple:
+        if not self._interval:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (pstdev(sample[axis] for sample in self._interval) for axis in (3, 4, 5))
+        return x, y, z
 
     def _believed_rates(self) -> Triple:
         (p, q, r), b = self.sensors.rates, self._gyro_bias

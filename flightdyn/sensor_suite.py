@@ -30,6 +30,8 @@ class SensorSuite:
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self._next_errors = iter(self.errors).__next__
         self.rates: Triple = (0.0, 0.0, 0.0)  # gyroscopes, as read last
+        self.pressure: BaroSample | None = None  # as read last
+        self.field: MagSample | None = None
         self.due = 0  # the tick from which `slow` has something to read
 
     def imu(self) -> ImuSample:
@@ -58,9 +60,9 @@ class SensorSuite:
         if tick % self._gnss_ticks == 0:
             self.receiver.measure(clock.t_ns, vehicle.position_ned(), vehicle.velocity_ned())
         if tick % self._baro_ticks == 0:
-            pressure = self._baro.measure(clock.t_ns, vehicle.pressure_pa())
+            pressure = self.pressure = self._baro.measure(clock.t_ns, vehicle.pressure_pa())
         if tick % self._mag_ticks == 0:
-            field = self._mag.measure(clock.t_ns, vehicle.attitude())
+            field = self.field = self._mag.measure(clock.t_ns, vehicle.attitude())
         self.due = min(
             (tick // n + 1) * n for n in (self._gnss_ticks, self._baro_ticks, self._mag_ticks)
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from sitl.autopilot.enums import LandedState, Severity
 from sitl.autopilot.items import NAVIGATION
 from sitl.autopilot.messages import MissionItem
 from sitl.autopilot.mission import Mission
-from sitl.autopilot.modes import Mode, Need, Trigger, transition
+from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
 from sitl.autopilot.navigator import Navigator
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.rally import refuge
@@ -29,6 +30,14 @@ class _Goal:
 
     pos_ned_m: tuple[float, ...]
     yaw_rad: float | None
+
+
+class SpeedLimits(NamedTuple):
+    """What whoever flies the vehicle may ask for at most."""
+
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
 
 
 class Flight:
@@ -53,6 +62,7 @@ class Flight:
         # What others have to say about where the aircraft is, and where it may be.
         self.position_ok: Callable[[], bool] = lambda: True
         self.forbidden: Callable[[Vector], str] = lambda _: ""
+        self.needs: dict[Need, Callable[[], bool]] = {}
         self.arming_denied: Callable[[], str] = lambda: ""
         self.flights = 0
         self.armed_t_ns = 0
@@ -63,7 +73,7 @@ class Flight:
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
         self._last_stage: route.Stage | None = None  # that ended the mission by itself
-        self._navigator = Navigator(aircraft, parameters)
+        self.navigator = Navigator(aircraft, parameters)
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
         self._released = False  # the motors, by order
@@ -98,6 +108,12 @@ class Flight:
         home = self.home
         return self.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
 
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """By the parameters."""
+        p = self._parameters
+        return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
         if not self._aircraft.ready:
@@ -107,6 +123,10 @@ class Flight:
         if self._settling:
             return _STARTING
         return self.arming_denied()
+
+    def here(self) -> Vector:
+        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        return self._here()
 
     def not_at_rest(self) -> str:
         """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
@@ -181,7 +201,7 @@ class Flight:
             return f"take-off altitude {altitude:.1f} m is not above the aircraft"
         if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
             return f"the end of the take-off is {forbidden}"
-        return self._order(Trigger.ORDER_TAKEOFF, lambda: self._navigator.climb(here, down_m))
+        return self._order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
@@ -211,7 +231,7 @@ class Flight:
         """Brake and stay."""
         if self.mode is Mode.HOLD and self._goal is None:
             return None
-        return self._order(Trigger.ORDER_HOLD, self._navigator.stop, why)
+        return self._order(Trigger.ORDER_HOLD, self.navigator.stop, why)
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
@@ -232,7 +252,7 @@ class Flight:
         place = self._here()
         return self._order(
             Trigger.ORDER_GOTO,
-            lambda: self._navigator.turn(place, yaw_rad),
+            lambda: self.navigator.turn(place, yaw_rad),
         )
 
     def return_home(self, why: str | None = None) -> str | None:
@@ -246,6 +266,12 @@ class Flight:
         if self.mode is Mode.LAND:
             return None
         return self._order(Trigger.ORDER_LAND, self._land_here, why)
+
+    def fly_by(
+        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
+    ) -> str | None:
+        """Let somebody else fly, by the manoeuvre that `make` begins."""
+        return self._order(trigger, make, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
         """Speed for what is being flown and what will be, until disarmed; None for the default."""
@@ -296,6 +322,8 @@ class Flight:
                 return bool(self.mission.items)
             case Need.POSITION:
                 return self.position_ok()
+            case _:
+                return self.needs[need]()
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
@@ -316,7 +344,7 @@ class Flight:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
             self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_here())
-        elif self.mode is Mode.LAND:
+        elif self.mode is Mode.LAND or self.mode in PILOTED:
             self._landed()
         else:
             self._follow_up(Trigger.DONE)
@@ -357,7 +385,7 @@ class Flight:
             self._report.armed(False)
 
     def _go(self, goal: _Goal) -> do.Manoeuvre:
-        return self._navigator.go_to(
+        return self.navigator.go_to(
             self._here(),
             np.array(goal.pos_ned_m),
             speed_mps=self._ordered_speed_mps,
@@ -368,7 +396,7 @@ class Flight:
         here = self._here()
         goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
         self._report.say(Severity.INFO, f"Returning to {goal.name}")
-        return self._navigator.return_to(
+        return self.navigator.return_to(
             here,
             goal.pos_ned_m,
             home_down_m=float(self.home_ned_m[2]),
@@ -376,16 +404,16 @@ class Flight:
         )
 
     def _here(self) -> Vector:
-        return self._navigator.here(resting=not self.moving)
+        return self.navigator.here(resting=not self.moving)
 
     def _land_here(self) -> do.Manoeuvre:
-        return self._navigator.land(self._here(), ground_down_m=float(self.home_ned_m[2]))
+        return self.navigator.land(self._here(), ground_down_m=float(self.home_ned_m[2]))
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
         self.mission.start()
         self._last_stage = None
         self._report.mission_changed()
-        return self._navigator.fly(
+        return self.navigator.fly(
             stages,
             reached=self._reached,
             ended=self._ended_by,
@@ -393,7 +421,7 @@ class Flight:
         )
 
     def _stages(self) -> tuple[route.Stage, ...]:
-        return self._navigator.stages(
+        return self.navigator.stages(
             self.mission, self._here(), home=self.home, speed_mps=self._ordered_speed_mps
         )
 

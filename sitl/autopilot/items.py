@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.enums import (
     GLOBAL_FRAMES,
     RELATIVE_FRAMES,
@@ -39,6 +40,23 @@ def check_item(item: MissionItem) -> MissionResult:
     return _CHECKS[item.mission_type](item)
 
 
+def why_refused(item: MissionItem, verdict: MissionResult) -> str:
+    """What `check_item` has against an item, in words: which, why, and what is allowed."""
+    low, high = _altitudes(item)
+    above = "home" if item.frame in RELATIVE_FRAMES else "mean sea level"
+    allowed = f"{low:g} to {high:g} m above {above} are allowed"
+    words = {
+        MissionResult.UNSUPPORTED: "is not supported",
+        MissionResult.UNSUPPORTED_FRAME: f"frame {item.frame}, 0, 3, 5 and 6 are supported",
+        MissionResult.INVALID_PARAM5_X: f"latitude {item.x:g}, -90 to 90 are allowed",
+        MissionResult.INVALID_PARAM6_Y: f"longitude {item.y:g}, -180 to 180 are allowed",
+        MissionResult.INVALID_PARAM7: f"altitude {item.z:g} m, {allowed}",
+        MissionResult.INVALID_PARAM1: f"parameter 1 = {item.params[0]:g} is not possible",
+        MissionResult.INVALID_PARAM2: f"parameter 2 = {item.params[1]:g} is not possible",
+    }
+    return f"item {item.seq} {command_name(item.command)}: {words.get(verdict, verdict.name)}"
+
+
 def _mission(item: MissionItem) -> MissionResult:
     if item.command in _PLACES:
         return _place(item) or _times(item) or MissionResult.ACCEPTED
@@ -61,8 +79,13 @@ def _place(item: MissionItem) -> MissionResult | None:
         return MissionResult.INVALID_PARAM5_X
     if not abs(item.y) <= 180.0:
         return MissionResult.INVALID_PARAM6_Y
-    low, high = (-500.0, 10_000.0) if item.frame in RELATIVE_FRAMES else (-1_000.0, 20_000.0)
+    low, high = _altitudes(item)
     return None if low <= item.z <= high else MissionResult.INVALID_PARAM7
+
+
+def _altitudes(item: MissionItem) -> tuple[float, float]:
+    """The least and the greatest altitude of an item, in its frame."""
+    return (-500.0, 10_000.0) if item.frame in RELATIVE_FRAMES else (-1_000.0, 20_000.0)
 
 
 def _times(item: MissionItem) -> MissionResult | None:
