@@ -17,6 +17,7 @@ def world(
     px4: Flag = False,
     ardupilot: Flag = False,
     port: int | None = None,
+    wind: float | None = None,
     speed: float | Literal["max"] = 1.0,
     set_: Overrides = (),
 ) -> int:
@@ -36,6 +37,8 @@ def world(
         For ArduPilot: answer its JSON interface (UDP, 9002).
     port
         Another port than the firmware's usual one.
+    wind
+        Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
     speed
         Simulated seconds per second, or "max".
     set_
@@ -47,7 +50,7 @@ def world(
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
     if port is not None and not 1 <= port <= 65535:
         raise InputError(f"--port {port}: must be from 1 to 65535")
-    resolved = load(config, set_)
+    resolved = load(config, set_, {"vehicle.aircraft.wind.speed_mps": wind})
     # Only now, so that wrong input is answered at once.
     from mission.serve_world import serve_world
     from sitl.firmware import ardupilot as json_interface

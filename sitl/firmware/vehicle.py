@@ -149,6 +149,10 @@ class FirmwareVehicle:
         error, died = self.clock.error, self.process.died
         if error is not None and not isinstance(error, FirmwareError):
             return error
+        if self.plant.impact_mps is not None:
+            return FirmwareError(
+                f"the aircraft is lost: it hit the ground at {self.plant.impact_mps:.1f} m/s"
+            )
         if died:
             return FirmwareSilentError(self._with_last_words(died))
         if error is not None:
