@@ -22,6 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"
+MACOS = os.environ.get("MACOSX_DEPLOYMENT_TARGET", "11.0")  # the oldest that a library runs on
 ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no compiler
 
 # Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.
@@ -158,10 +159,10 @@ def compile_to(
 
 
 def _machine(compiler: Sequence[str]) -> list[str]:
-    """Zig compiles for the very machine unless told otherwise; macOS names what it wants."""
+    """Zig compiles for the very machine unless told otherwise, other compilers for the system."""
     if "ziglang" in compiler:
         return ["-mcpu=baseline", "-fno-sanitize=undefined"]
-    return shlex.split(os.environ.get("ARCHFLAGS", "")) if sys.platform == "darwin" else []
+    return [f"-mmacosx-version-min={MACOS}"] if sys.platform == "darwin" else []
 
 
 def _run(command: Sequence[str]) -> None:
