@@ -88,11 +88,15 @@ def levels() -> dict[str, tuple[str, ...]]:
     return _X86_LEVELS if platform.machine() in ("x86_64", "AMD64") else {"baseline": ()}
 
 
+def named() -> str:
+    """The compiler that the user wants and no other, or nothing."""
+    return os.environ.get("CC", "").strip()
+
+
 def compilers() -> Iterator[tuple[str, ...]]:
-    """The compilers that work here: what `CC` names, or the system's, or the package index's."""
-    named = os.environ.get("CC")
+    """The compilers that work here: what `CC` names, else the system's and the package index's."""
     zig = (sys.executable, "-m", "ziglang", "cc")
-    for command in [shlex.split(named)] if named else [["cc"], ["gcc"], ["clang"], zig]:
+    for command in [shlex.split(named())] if named() else [["cc"], ["gcc"], ["clang"], zig]:
         if tuple(command) == zig and importlib.util.find_spec("ziglang") is None:
             continue
         if _works(command):
@@ -118,6 +122,8 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
         BuildError: there is no compiler, or it fails.
     """
     compiler = compiler or next(compilers(), None)
+    if compiler is None and named():
+        raise BuildError(f"CC={named()}: does not compile a C program into a shared library")
     if compiler is None:
         raise BuildError(
             f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "
