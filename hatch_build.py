@@ -1,7 +1,7 @@
 """Builds the native libraries into the wheel, or into the tree of an editable installation."""
 
 import importlib.util
-import os
+import platform
 import sys
 import sysconfig
 from pathlib import Path
@@ -29,7 +29,7 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
     def dependencies(self) -> list[str]:
         """What the build needs besides hatchling."""
         building = _building()
-        return [] if next(building.compilers(), None) else [building.ZIG]
+        return [] if building.named() or next(building.compilers(), None) else [building.ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the libraries, and name the wheel after the platform that they run on."""
@@ -40,6 +40,8 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
             where = path.relative_to(self.root)
             build_data["force_include"][str(path)] = str(where)
         build_data["pure_python"] = False
-        host = os.environ.get("_PYTHON_HOST_PLATFORM") or sysconfig.get_platform()
+        host = sysconfig.get_platform()
+        if sys.platform == "darwin":  # where Python may be for two kinds of processor
+            host = f"macosx-{building.MACOS}-{platform.machine()}"
         # No header of Python is used: one wheel serves all its versions.
         build_data["tag"] = f"py3-none-{host.replace('-', '_').replace('.', '_')}"

@@ -22,6 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"
+MACOS = os.environ.get("MACOSX_DEPLOYMENT_TARGET", "11.0")  # the oldest that a library runs on
 ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no compiler
 
 # Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.
@@ -87,11 +88,15 @@ def levels() -> dict[str, tuple[str, ...]]:
     return _X86_LEVELS if platform.machine() in ("x86_64", "AMD64") else {"baseline": ()}
 
 
+def named() -> str:
+    """The compiler that the user wants and no other, or nothing."""
+    return os.environ.get("CC", "").strip()
+
+
 def compilers() -> Iterator[tuple[str, ...]]:
-    """The compilers that work here: what `CC` names, or the system's, or the package index's."""
-    named = os.environ.get("CC")
+    """The compilers that work here: what `CC` names, else the system's and the package index's."""
     zig = (sys.executable, "-m", "ziglang", "cc")
-    for command in [shlex.split(named)] if named else [["cc"], ["gcc"], ["clang"], zig]:
+    for command in [shlex.split(named())] if named() else [["cc"], ["gcc"], ["clang"], zig]:
         if tuple(command) == zig and importlib.util.find_spec("ziglang") is None:
             continue
         if _works(command):
@@ -117,6 +122,8 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
         BuildError: there is no compiler, or it fails.
     """
     compiler = compiler or next(compilers(), None)
+    if compiler is None and named():
+        raise BuildError(f"CC={named()}: does not compile a C program into a shared library")
     if compiler is None:
         raise BuildError(
             f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "
@@ -158,10 +165,10 @@ def compile_to(
 
 
 def _machine(compiler: Sequence[str]) -> list[str]:
-    """Zig compiles for the very machine unless told otherwise; macOS names what it wants."""
+    """Zig compiles for the very machine unless told otherwise, other compilers for the system."""
     if "ziglang" in compiler:
         return ["-mcpu=baseline", "-fno-sanitize=undefined"]
-    return shlex.split(os.environ.get("ARCHFLAGS", "")) if sys.platform == "darwin" else []
+    return [f"-mmacosx-version-min={MACOS}"] if sys.platform == "darwin" else []
 
 
 def _run(command: Sequence[str]) -> None:

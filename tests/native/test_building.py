@@ -72,9 +72,11 @@ def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(lib
     assert library.built == []
 
 
-def test_cc_names_the_compiler(monkeypatch):
+def test_cc_names_the_only_compiler(monkeypatch, library):
     monkeypatch.setenv("CC", "/no/such/compiler -m64")
-    assert list(building.compilers()) == []
+    with pytest.raises(BuildError, match="CC=/no/such/compiler -m64: does not compile a C program"):
+        building.build(library)
+    assert build_hook(monkeypatch).dependencies() == []
 
 
 class _Hook:
@@ -98,8 +100,9 @@ def build_hook(monkeypatch):
     return module.NativeBuildHook(Path())
 
 
-def test_the_build_asks_for_a_compiler_only_where_there_is_none(monkeypatch, tmp_path):
+def test_the_build_asks_for_a_compiler_where_there_is_none(monkeypatch, tmp_path):
     hook = build_hook(monkeypatch)
     assert hook.dependencies() == []
-    monkeypatch.setenv("CC", str(tmp_path / "none"))
-    assert hook.dependencies() == [building.ZIG]
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(building.importlib.util, "find_spec", lambda _: None)
+    assert [*hook.dependencies()] == [building.ZIG]
