@@ -1,5 +1,6 @@
 """What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -114,15 +115,32 @@ class Flight:
             return "armed"
         return "" if self._aircraft.on_ground else "in the air"
 
+    def too_far(self, pos_ned_m: Vector) -> str:
+        """Why a place is farther away than anything may be; empty if it is not."""
+        distance, most = math.hypot(*pos_ned_m[:2]), self._parameters["MIS_DIST_1WP"]
+        return f"{distance:.0f} m away; MIS_DIST_1WP allows {most:g}" if distance > most else ""
+
     def tick(self) -> bool:
         """Look after the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre
         if manoeuvre is None:
             return False
-        if manoeuvre.tick():
-            self._finished()
+        try:
+            if manoeuvre.tick():
+                self._finished()
+                return self._manoeuvre is not None
+        except Exception as error:
+            self._report.internal_error("flying", error)
+            self._give_up()
             return self._manoeuvre is not None
         return True
+
+    def _give_up(self) -> None:
+        """What was being flown cannot be: hold, or stand where the aircraft is."""
+        self._manoeuvre = None
+        self._settling = False
+        if self.airborne and self.mode is not Mode.TERMINATED:
+            self._enter(Mode.HOLD, "internal error", self._navigator.stop())
 
     # --- orders ---------------------------------------------------------------------------------
 
@@ -188,12 +206,22 @@ class Flight:
         if self.mode is Mode.MISSION:
             return None
         stages = self._stages()
-        for stage in stages:
-            if isinstance(stage, route.Fly):
-                for point in stage.path.points_ned_m[1:]:
-                    if forbidden := self.forbidden(point):
-                        return f"the mission leads {forbidden}"
+        if self.mission.items and not stages:
+            return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
+        paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
+        if paths and (forbidden := self.forbidden(np.vstack(paths))):
+            return f"the mission leads {forbidden}"
         return self._order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+
+    def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
+        """Have another mission on board, to be started; not while one is being flown."""
+        if self.mode is Mode.MISSION:
+            if self.moving:
+                return "Mission is being flown: hold before a new one"
+            self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
+        self.mission.replace(items)
+        self._report.mission_changed()
+        return None
 
     def rewind_mission(self, seq: int) -> str | None:
         """Go on with item `seq`, at once if the mission is being flown."""

@@ -92,11 +92,7 @@ class Navigator:
     def stages(
         self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
-        """What the mission comes to from where it would start.
-
-        Raises:
-            SitlInputError: the items jump in circles without end.
-        """
+        """What the mission comes to from where it would start."""
         first, item_speed = mission.next_start
         return route.compile_route(
             mission.items,

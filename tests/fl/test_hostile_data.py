@@ -3,7 +3,6 @@
 import gzip
 import pickle
 import pickletools
-import resource
 import struct
 import subprocess
 import sys
@@ -88,7 +87,8 @@ def test_any_program_is_a_batch_or_refused(parts: list[bytes], protocol: int) ->
         try:
             cifar.decode_python(content, path="batch")
         except DataDamagedError as error:
-            assert "\n" not in str(error)
+            if "\n" in str(error):
+                raise
 
 
 @settings(max_examples=300, deadline=None)
