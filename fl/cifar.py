@@ -56,7 +56,7 @@ def read_archive(path: Path) -> dict[str, bytes]:
     try:
         with path.open("rb") as raw, _unpacked(raw) as unpacked:
             stream = Bounded(unpacked, path=path)
-            with tarfile.open(fileobj=stream, mode="r:") as archive:
+            with tarfile.open(fileobj=cast(IO[bytes], stream), mode="r:") as archive:
                 for member in archive:
                     name = member.name.rpartition("/")[2]
                     if member.isfile() and name.removesuffix(".bin") in BATCHES:

@@ -50,9 +50,9 @@ def make_vehicle(config: RunConfig) -> Vehicle:
 
 
 def serve(
-    vehicle: Vehicle, urls: Sequence[str], *, speed: float, say: Callable[[str], None]
+    vehicle: Vehicle, links: Sequence[UdpLink], *, speed: float, say: Callable[[str], None]
 ) -> None:
-    """Serve the vehicle on every URL until the process gets SIGINT or SIGTERM.
+    """Serve the vehicle on every link until the process gets SIGINT or SIGTERM.
 
     `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets one
     line once all links are open.
@@ -62,7 +62,7 @@ def serve(
         FlightError: the simulated aircraft left the range of its physics.
     """
     try:
-        asyncio.run(_serve(vehicle, urls, speed=speed, say=say))
+        asyncio.run(_serve(vehicle, links, speed=speed, say=say))
     except LinkError as error:
         raise LinkLostError(str(error)) from None
     except FlightDynamicsError as error:
@@ -70,7 +70,7 @@ def serve(
 
 
 async def _serve(
-    vehicle: Vehicle, urls: Sequence[str], *, speed: float, say: Callable[[str], None]
+    vehicle: Vehicle, links: Sequence[UdpLink], *, speed: float, say: Callable[[str], None]
 ) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -78,13 +78,13 @@ async def _serve(
     for number in signals:
         loop.add_signal_handler(number, stop.set)
     try:
-        links = [UdpLink(url) for url in urls]
         async with Simulation(vehicle, *links, speed=speed, free_running=True):
             home = vehicle.aircraft.frame.origin
             pace = "as fast as possible" if math.isinf(speed) else f"at {speed:g}x real time"
+            where = ", ".join(link.url for link in links)
             say(
                 f"vehicle at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
-                f"{home.alt_msl_m:g} m, {pace}, MAVLink on {', '.join(urls)}; Ctrl-C ends"
+                f"{home.alt_msl_m:g} m, {pace}, MAVLink on {where}; Ctrl-C ends"
             )
             await stop.wait()
     finally:

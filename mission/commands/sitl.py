@@ -37,12 +37,13 @@ def sitl(
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
     resolved = load(config, set_)
     # Only now, so that wrong input is answered at once.
+    from mission.gcs import station_links
     from mission.serve import link_url, make_vehicle, serve
 
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     serve(
         make_vehicle(resolved),
-        [link_url(text) for text in udp],
+        station_links(resolved.link, [link_url(text) for text in udp]),
         speed=math.inf if speed == "max" else speed,
         say=console.print,
     )
