@@ -7,7 +7,7 @@ promise beyond `LARGEST_BYTES` is believed.
 import gzip
 import zlib
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 from fl.errors import DataDamagedError
 
@@ -38,7 +38,7 @@ def open_maybe_gzipped(path: Path) -> IO[bytes]:
         DataDamagedError: it cannot be opened.
     """
     try:
-        return gzip.open(path) if path.suffix == ".gz" else path.open("rb")
+        return cast(IO[bytes], gzip.open(path)) if path.suffix == ".gz" else path.open("rb")
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
 
