@@ -1,6 +1,5 @@
 """The flyer that a configuration asks for."""
 
-import asyncio
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
@@ -9,6 +8,7 @@ from mission.config import LinkConfig
 from mission.errors import LinkLostError
 from mission.external import look_at_vehicle, open_external
 from mission.flyer import Flyer, Tap, open_simulated
+from mission.interrupts import run_flight
 from mission.world import World
 from sitl.observer import VehicleObserver
 
@@ -60,7 +60,7 @@ def await_vehicle(world: World, *, say: Callable[[str], None]) -> None:
     if world.strategy is None or config.link.kind != "external":
         return
     say(f"waiting for a vehicle on {config.link.url} (Ctrl-C ends)")
-    asyncio.run(look_at_vehicle(config.link, mission=config.mission, area=world.area))
+    run_flight(look_at_vehicle(config.link, mission=config.mission, area=world.area))
 
 
 def _check_url(url: str, key: str) -> None:

@@ -1,6 +1,5 @@
 """One `aerofed fly`: a plan file flown by the simulated vehicle, planned against flown."""
 
-import asyncio
 import csv
 import io
 from dataclasses import replace
@@ -20,6 +19,7 @@ from mission.figure_flight import draw_flight
 from mission.flyer import SimulatedFlyer, open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
+from mission.interrupts import run_flight
 from mission.log.live import live_views
 from mission.log.values import Devices, FlightData
 from mission.log.writer import FlightLog
@@ -68,7 +68,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
         _attach(log, ready)
         try:
             with stopwatch("fly"), ending.flight():
-                asyncio.run(_fly(ready, log))
+                run_flight(_fly(ready, log))
         finally:
             if ending.status != "finished":
                 folder.write_summary({**ending.summary, **about})

@@ -52,7 +52,7 @@ def make_vehicle(config: RunConfig) -> Vehicle:
 def serve(
     vehicle: Vehicle, links: Sequence[UdpLink], *, speed: float, say: Callable[[str], None]
 ) -> None:
-    """Serve the vehicle on every link until the process gets SIGINT or SIGTERM.
+    """Serve the vehicle on every link until the process gets SIGINT, SIGTERM or SIGHUP.
 
     `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets one
     line once all links are open.
@@ -74,7 +74,7 @@ async def _serve(
 ) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    signals = (signal.SIGINT, signal.SIGTERM)
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     for number in signals:
         loop.add_signal_handler(number, stop.set)
     try:
