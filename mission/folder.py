@@ -91,7 +91,7 @@ class RunFolder:
 
     @property
     def stillborn(self) -> bool:
-        """Whether a run was killed here before its first checkpoint: nothing of it is worth keeping.
+        """Whether a run was killed here before its first checkpoint: nothing of it is worth much.
 
         The lock comes first, so that nobody's own `config.toml` is taken for a run's.
         """

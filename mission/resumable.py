@@ -88,7 +88,7 @@ def _refuse_others(folder: RunFolder) -> None:
         hint = "it holds a sweep, which goes on when the same aerofed sweep command is given again"
     elif folder.stillborn:
         hint = (
-            "the run ended before its first checkpoint; the command that began it begins it again"
+            "the run ended before its first checkpoint; the command that began it begins it anew"
         )
     else:
         hint = f"it has no {folder.checkpoint.name}/{ROUNDS}"

@@ -79,7 +79,7 @@ def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
     assert process.returncode == -signal.SIGKILL
     assert out.exists()
     assert call(["run", "--resume", str(out)]) == 2
-    refused(capsys, "ended before its first checkpoint; the command that began it begins it again")
+    refused(capsys, "ended before its first checkpoint; the command that began it begins it anew")
     assert call(command) == 0
     assert digests(out) == digests(whole)
 
