@@ -87,9 +87,7 @@ def _refuse_others(folder: RunFolder) -> None:
     elif (path / "sweep.json").exists():
         hint = "it holds a sweep, which goes on when the same aerofed sweep command is given again"
     elif folder.stillborn:
-        hint = (
-            "the run ended before its first checkpoint; the command that began it begins it anew"
-        )
+        hint = "the run ended before its first checkpoint; the command that began it begins it anew"
     else:
         hint = f"it has no {folder.checkpoint.name}/{ROUNDS}"
     raise InputError(f"--resume {path}: not a folder that aerofed run left: {hint}")

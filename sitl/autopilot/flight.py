@@ -129,11 +129,26 @@ class Flight:
             if manoeuvre.tick():
                 self._finished()
                 return self._manoeuvre is not None
+        except do.StuckError as stuck:
+            self._stuck(str(stuck))
+            return self._manoeuvre is not None
         except Exception as error:
             self._report.internal_error("flying", error)
             self._give_up()
             return self._manoeuvre is not None
         return True
+
+    def _stuck(self, why: str) -> None:
+        """What is being flown leads nowhere: land; if that is what leads nowhere, let go."""
+        if self.notice_crash():
+            return
+        self._manoeuvre = None
+        self._report.failsafe(f"{why[0].upper()}{why[1:]}")
+        if not self.airborne:
+            self._stop_motors()
+            self._enter(Mode.HOLD, why, None)
+        elif self.mode is Mode.LAND or self.land(why) is not None:
+            self.terminate(why)
 
     def _give_up(self) -> None:
         """What was being flown cannot be: hold, or stand where the aircraft is."""
@@ -407,7 +422,9 @@ class Flight:
         return self._navigator.here(resting=not self.moving)
 
     def _land_here(self) -> do.Manoeuvre:
-        return self._navigator.land(self._here(), ground_down_m=float(self.home_ned_m[2]))
+        return self._navigator.land(
+            self._here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
+        )
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
         self.mission.start()
