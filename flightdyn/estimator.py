@@ -57,8 +57,9 @@ from flightdyn.state import GnssFix, Innovation, Vector
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
 _DOUBTS = 3
 _DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
-_UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, that by drag is taken
-_AIR_STD_MPS = 1.5  # of it: its errors last, and are not those of one sample
+_UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, nothing is learnt of the wind
+_ADRIFT_NS = 10_000_000_000  # and for so long, the velocity by drag is better than the inertial one
+_AIR_STD_MPS = 2.0  # of it: its errors last, and are not those of one sample
 _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
@@ -205,7 +206,7 @@ class Estimator:
         self._batch.clear()
         force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
         self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
-        if not self._unaided:
+        if self._unaided_ns < _UNAIDED_NS:
             self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
         F = self._kf.F
         S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
@@ -246,16 +247,16 @@ class Estimator:
             z[HEADING] = self._residual_heading(mag)
             rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
         extra: list[int] = []
-        if fix is None and self._unaided:
+        if fix is None and self._unaided_ns > _ADRIFT_NS:
             # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
             extra = [3, 4]
             z[3:5] = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
         return self._fuse(z, rows, extra)
 
     @property
-    def _unaided(self) -> bool:
-        """Whether no velocity of GNSS has been believed for a while."""
-        return self.horizon.t_ns - self.fused_ns["gnss velocity"] > _UNAIDED_NS
+    def _unaided_ns(self) -> int:
+        """How long no velocity of GNSS has been believed."""
+        return self.horizon.t_ns - self.fused_ns["gnss velocity"]
 
     def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
         (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v

@@ -78,7 +78,7 @@ class Navigator:
         return self._follow([start, above_start, above_goal], self._speed(speed_mps))
 
     def land(self, start: Vector, *, ground_down_m: float, sure: bool = True) -> do.Manoeuvre:
-        """Straight down until on the ground; where the position is not `sure`, without keeping it."""
+        """Straight down until on the ground; keeping the position where that is `sure`."""
         p = self._parameters
         speeds = {"descent_mps": p["MPC_Z_VEL_MAX_DN"], "landing_mps": p["MPC_LAND_SPEED"]}
         height, settle = p["MPC_LAND_ALT2"], p["COM_DISARM_LAND"]
