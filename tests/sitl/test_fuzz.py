@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of
-from sitl_fuzz import FLOATS, Attack, Frames
+from sitl_fuzz import FLOATS, KINDS, Attack, Frames
 
 from sitl.autopilot.modes import Mode
 
@@ -51,6 +51,7 @@ def test_frames_cover_the_dialect() -> None:
     assert versions == {0xFE, 0xFD}
     assert signed == {True, False}
     assert kinds >= set(mav.mavlink_map)
+    assert len(KINDS) == 301
 
 
 class Station(RuleBasedStateMachine):
@@ -67,7 +68,9 @@ class Station(RuleBasedStateMachine):
             max_size=6,
         ),
     )
-    def upload(self, kind: int, drawn: list[tuple[int, tuple[float, ...], tuple[float, ...], int]]) -> None:  # fmt: skip
+    def upload(
+        self, kind: int, drawn: list[tuple[int, tuple[float, ...], tuple[float, ...], int]]
+    ) -> None:
         commands = LISTS[kind]
         items = [
             item(seq, commands[pick % len(commands)], north=n, east=e, height=up,
