@@ -6,17 +6,17 @@ is n records of a label byte and 3072 pixel bytes. Pixels run channel, row, colu
 
 import bz2
 import gzip
-import io
 import lzma
-import pickle
 import tarfile
 import zlib
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.batch_pickle import BatchPickleError, load_batch
+from fl.bounded import Bounded, read_exactly
 from fl.datasets import Dataset, Provenance, SourceFile, Split, checked
 from fl.errors import DataDamagedError, DataMissingError
 from fl.official import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, md5
@@ -50,39 +50,47 @@ def read_archive(path: Path) -> dict[str, bytes]:
     """The batches in a tar archive of any compression, by file name; nothing is extracted.
 
     The archive is read to its last byte, so that the checksum of its compression is verified.
+    What unpacks to more than `LARGEST_BYTES` is refused.
     """
     batches: dict[str, bytes] = {}
     try:
-        with path.open("rb") as raw, _unpacked(raw) as stream:
-            with tarfile.open(fileobj=stream, mode="r:") as archive:
+        with path.open("rb") as raw, _unpacked(raw) as unpacked:
+            stream = Bounded(unpacked, path=path)
+            with tarfile.open(fileobj=cast(IO[bytes], stream), mode="r:") as archive:
                 for member in archive:
                     name = member.name.rpartition("/")[2]
                     if member.isfile() and name.removesuffix(".bin") in BATCHES:
                         content = archive.extractfile(member)
                         if content is not None:
-                            batches[name] = content.read()
-            while stream.read(1 << 20):
-                pass
+                            batches[name] = read_exactly(content, member.size, path=path)
+            stream.exhaust()
     except (tarfile.TarError, EOFError, zlib.error, lzma.LZMAError) as error:
         raise DataDamagedError(path, f"archive: {error}") from error
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
+    except MemoryError:
+        raise DataDamagedError(path, "takes more memory than there is") from None
     return batches
 
 
 def decode_python(content: bytes, *, path: str) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """(pixels (n, 3072), labels (n,)) of a pickled batch, without running anything from it."""
     try:
-        batch = _BatchUnpickler(io.BytesIO(content), encoding="latin1").load()
-        pixels, labels = batch["data"], batch["labels"]
-    except _PICKLE_ERRORS as error:
-        raise DataDamagedError(path, f"not a CIFAR-10 batch: {error!r}") from error
-    if not isinstance(pixels, np.ndarray) or pixels.dtype != np.uint8:
+        batch = load_batch(content)
+    except BatchPickleError as error:
+        raise DataDamagedError(path, f"not a CIFAR-10 batch: {error}") from error
+    lacking = [key for key in ("data", "labels") if key not in batch]
+    if lacking:
+        raise DataDamagedError(path, f"not a CIFAR-10 batch: it lacks {', '.join(lacking)}")
+    pixels, labels = batch["data"], batch["labels"]
+    if not isinstance(pixels, np.ndarray):
         raise DataDamagedError(path, "its data are no array of bytes")
     if pixels.ndim != 2 or pixels.shape[1] != PIXELS:
         raise DataDamagedError(path, f"its data are {pixels.shape}, not (n, {PIXELS})")
-    if not isinstance(labels, list) or not all(isinstance(label, int) for label in labels):
+    if not isinstance(labels, list) or not all(type(label) is int for label in labels):
         raise DataDamagedError(path, "its labels are no list of integers")
+    if not all(0 <= label <= 255 for label in labels):
+        raise DataDamagedError(path, "its labels do not fit into bytes")
     if len(labels) != len(pixels):
         raise DataDamagedError(path, f"{len(pixels)} images, but {len(labels)} labels")
     return pixels, np.asarray(labels, dtype=np.int64)
@@ -166,45 +174,3 @@ def _unpacked(raw: IO[bytes]) -> IO[bytes]:
 
 def _md5_of(path: Path) -> str:
     return md5(path.read_bytes())
-
-
-def _dtype(name: str, align: object, copy: object) -> np.dtype[Any]:
-    # Batches of 2009 say align=0, of which numpy warns; bool() is what it asks for.
-    return np.dtype(name, align=bool(align), copy=bool(copy))
-
-
-_PICKLE_ERRORS = (
-    pickle.UnpicklingError,
-    EOFError,
-    KeyError,
-    IndexError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    UnicodeDecodeError,
-    OverflowError,
-    MemoryError,
-)
-
-
-class _BatchUnpickler(pickle.Unpickler):
-    """Builds plain values and numpy arrays, refuses every other name a pickle may call."""
-
-    def find_class(self, module_name: str, global_name: str, /) -> Any:
-        if global_name == "_reconstruct" and module_name in _MULTIARRAY:
-            return _empty_array
-        if (module_name, global_name) == ("numpy", "ndarray"):
-            return np.ndarray
-        if (module_name, global_name) == ("numpy", "dtype"):
-            return _dtype
-        raise pickle.UnpicklingError(f"{module_name}.{global_name} has no place in a batch")
-
-
-_MULTIARRAY = ("numpy.core.multiarray", "numpy._core.multiarray")
-
-
-def _empty_array(kind: object, shape: object, code: object) -> NDArray[Any]:
-    """What numpy's own reconstruction makes: an empty array that the pickle's state fills."""
-    if kind is not np.ndarray or shape != (0,):
-        raise pickle.UnpicklingError(f"an array of {kind!r} with shape {shape!r}")
-    return np.empty(0, dtype=np.int8 if code in ("b", b"b") else np.dtype(str(code)))

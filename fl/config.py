@@ -1,6 +1,7 @@
 """Settings of the radio, the communities and the learning, as the user writes them."""
 
 from dataclasses import replace
+from pathlib import PurePath
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -78,7 +79,8 @@ class CommunityConfig(_Frozen):
     )
     task: Task = Field(description="data set; 'digits' and 'colour-shapes' need no files")
     data_file: str | None = Field(
-        None, description="for task = 'npz': the file's name in the data folder"
+        None,
+        description="for task = 'npz': the file's name in the data folder, or its absolute path",
     )
     devices: int = Field(6, ge=1, le=1000, description="number of devices")
     partition: Literal["labels", "dirichlet", "iid"] = Field(
@@ -100,6 +102,10 @@ class CommunityConfig(_Frozen):
     def _file_with_npz_only(self) -> Self:
         if (self.task == "npz") != (self.data_file is not None):
             raise ValueError("data_file belongs to task = 'npz', which needs it")
+        if self.data_file is not None and ".." in PurePath(self.data_file).parts:
+            raise ValueError(
+                "data_file stays in the data folder; a file elsewhere is given by its absolute path"
+            )
         return self
 
 

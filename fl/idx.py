@@ -4,13 +4,12 @@ An IDX file of unsigned bytes is 0, 0, 0x08, the number of dimensions, each dime
 big-endian 32-bit integer, then the bytes.
 """
 
-import gzip
-import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.bounded import UNPACKING_ERRORS, open_maybe_gzipped, read_exactly
 from fl.datasets import Dataset, Provenance, SourceFile, Split, checked
 from fl.errors import DataDamagedError, DataMissingError
 from fl.official import IDX_MD5, md5
@@ -41,9 +40,8 @@ def load(task: str, data_dir: Path) -> Dataset:
         path = _find(folder, name)
         if path is None:
             raise DataMissingError(task, folder, f"{name}.gz or {name}")
-        content = read(path)
+        content, arrays[name] = read(path, dimensions=3 if "idx3" in name else 1)
         files.append(_recognise(task, path, name, content))
-        arrays[name] = decode(content, path=path, dimensions=3 if "idx3" in name else 1)
     provenance = Provenance(str(folder), all(f.official for f in files), tuple(files))
     train, validation = (
         Split(
@@ -55,36 +53,46 @@ def load(task: str, data_dir: Path) -> Dataset:
     return checked(task, train, validation, classes=CLASSES, provenance=provenance)
 
 
-def read(path: Path) -> bytes:
-    """The content of a file, unpacked if it is gzipped (its checksum is verified)."""
+def read(path: Path, *, dimensions: int) -> tuple[bytes, NDArray[np.uint8]]:
+    """The content of a file, unpacked if it is gzipped (its checksum is verified), and its array.
+
+    Nothing is unpacked beyond what the header promises.
+
+    Raises:
+        DataDamagedError: it cannot be read, or is not what its header says.
+    """
+    start = 4 + 4 * dimensions
     try:
-        raw = path.read_bytes()
-        return gzip.decompress(raw) if path.suffix == ".gz" else raw
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        with open_maybe_gzipped(path) as stream:
+            header = stream.read(start)
+            shape = _shape(header, path=path, dimensions=dimensions)
+            promised = int(np.prod(shape, dtype=object))
+            body = read_exactly(stream, promised, path=path)
+            more = bool(stream.read(1))
+    except UNPACKING_ERRORS as error:
         raise DataDamagedError(path, f"gzip: {error}") from error
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
-
-
-def decode(content: bytes, *, path: Path, dimensions: int) -> NDArray[np.uint8]:
-    """The array of an IDX file; `path` is for the message of `DataDamagedError`."""
-    start = 4 + 4 * dimensions
-    if len(content) < start:
-        raise DataDamagedError(path, f"{len(content)} bytes are too few for an IDX header")
-    magic = bytes((0, 0, 0x08, dimensions))
-    if content[:4] != magic:
-        raise DataDamagedError(
-            path, f"the header starts with {content[:4].hex()}, not with {magic.hex()}"
-        )
-    shape = tuple(int(n) for n in np.frombuffer(content, ">u4", count=dimensions, offset=4))
-    promised = int(np.prod(shape, dtype=object))
-    if len(content) - start != promised:
+    except MemoryError:
+        raise DataDamagedError(path, "takes more memory than there is") from None
+    if more or len(body) < promised:
+        found = "more" if more else str(len(body))
         raise DataDamagedError(
             path,
-            f"the header promises {'x'.join(map(str, shape))} = {promised} bytes,"
-            f" {len(content) - start} follow",
+            f"the header promises {'x'.join(map(str, shape))} = {promised} bytes, {found} follow",
         )
-    return np.frombuffer(content, np.uint8, offset=start).reshape(shape)
+    return header + body, np.frombuffer(body, np.uint8).reshape(shape)
+
+
+def _shape(header: bytes, *, path: Path, dimensions: int) -> tuple[int, ...]:
+    if len(header) < 4 + 4 * dimensions:
+        raise DataDamagedError(path, f"{len(header)} bytes are too few for an IDX header")
+    magic = bytes((0, 0, 0x08, dimensions))
+    if header[:4] != magic:
+        raise DataDamagedError(
+            path, f"the header starts with {header[:4].hex()}, not with {magic.hex()}"
+        )
+    return tuple(int(n) for n in np.frombuffer(header, ">u4", count=dimensions, offset=4))
 
 
 def _find(folder: Path, name: str) -> Path | None:

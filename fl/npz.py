@@ -6,6 +6,7 @@ held out for validation. Images are (n, height, width) or (n, height, width, cha
 or 4 channels, bytes or floats in [0, 1]; labels are integers from 0, (n,) or (n, 1).
 """
 
+import lzma
 import zipfile
 import zlib
 from pathlib import Path
@@ -14,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.bounded import LARGEST_BYTES
 from fl.datasets import Dataset, Pixels, Provenance, SourceFile, Split, checked, hold_out
-from fl.errors import DataDamagedError, DataMissingError
+from fl.errors import DataDamagedError, DataMissingError, first_line
 from fl.official import md5
 
 LAYOUTS = (
@@ -24,6 +26,7 @@ LAYOUTS = (
     ("images", "labels"),
 )
 HELD_OUT = 1.0 / 6.0
+MOST_CLASSES = 2**16
 
 
 def load(name: str, data_dir: Path) -> Dataset:
@@ -34,6 +37,12 @@ def load(name: str, data_dir: Path) -> Dataset:
     try:
         if not zipfile.is_zipfile(path):
             raise DataDamagedError(path, "not an .npz archive, or only the beginning of one")
+        with zipfile.ZipFile(path) as members:
+            size = sum(member.file_size for member in members.infolist())
+        if size > LARGEST_BYTES:
+            raise DataDamagedError(
+                path, f"unpacks to {size} bytes; at most {LARGEST_BYTES} are believed"
+            )
         with np.load(path, allow_pickle=False) as archive:
             layout = next((keys for keys in LAYOUTS if set(keys) <= set(archive.files)), None)
             if layout is None:
@@ -44,8 +53,14 @@ def load(name: str, data_dir: Path) -> Dataset:
                 )
             arrays = [archive[key] for key in layout]
         content_md5 = md5(path.read_bytes())
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError) as error:
-        raise DataDamagedError(path, f"npz: {error}") from error
+    # The others are what numpy's parsing of a header of brackets, or a foreign compression, raises.
+    except (
+        *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, TypeError),
+        *(NotImplementedError, RuntimeError, SyntaxError, OverflowError, LookupError),
+    ) as error:
+        raise DataDamagedError(path, f"npz: {first_line(error)}") from error
+    except MemoryError:
+        raise DataDamagedError(path, "takes more memory than there is") from None
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
     splits = [
@@ -88,5 +103,9 @@ def _labels(array: NDArray[Any], key: str, path: Path) -> NDArray[np.int64]:
     if array.ndim != 1 or array.dtype.kind not in "iu":
         raise DataDamagedError(
             path, f"{key} is {array.dtype} {array.shape}; wanted integers (n,) or (n, 1)"
+        )
+    if len(array) and int(array.max()) >= MOST_CLASSES:
+        raise DataDamagedError(
+            path, f"{key} holds a label {array.max()}; at most {MOST_CLASSES - 1}"
         )
     return array.astype(np.int64)

@@ -17,6 +17,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from scipy.linalg.lapack import dgesv
 
+from flightdyn.airframe.parameters import QUAD_X
+from flightdyn.airspeed import DragAirspeed
 from flightdyn.atmosphere import altitude_m, pressure_slope
 from flightdyn.config import SensorsConfig
 from flightdyn.error_model import (
@@ -55,6 +57,9 @@ from flightdyn.state import GnssFix, Innovation, Vector
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
 _DOUBTS = 3
 _DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
+_UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, nothing is learnt of the wind
+_ADRIFT_NS = 10_000_000_000  # and for so long, the velocity by drag is better than the inertial one
+_AIR_STD_MPS = 2.0  # of it: its errors last, and are not those of one sample
 _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
@@ -123,7 +128,8 @@ class Estimator:
         self._refused: Counter[str] = Counter()  # in a row
         self.innovations: deque[Innovation] = deque(maxlen=64)
         # When each kind was last believed; the first fix is where the filter starts.
-        self.fused_ns: dict[str, int] = {"gnss position": fix.t_ns}
+        self.fused_ns: dict[str, int] = dict.fromkeys(("gnss position", "gnss velocity"), fix.t_ns)
+        self._air = DragAirspeed(QUAD_X.drag, pressure_pa=align.pressure_pa)
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.inv = _inverse
         self._kf.x = np.zeros((STATES, 1))
@@ -198,6 +204,10 @@ class Estimator:
             self._downs[state.t_ns] = state.p[2]
         self.horizon = state
         self._batch.clear()
+        force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
+        self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
+        if self._unaided_ns < _UNAIDED_NS:
+            self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
         F = self._kf.F
         S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
         turned, half = R * -dt, dt / 2
@@ -236,7 +246,17 @@ class Estimator:
         if mag is not None and mag.t_ns == t_ns:
             z[HEADING] = self._residual_heading(mag)
             rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
-        return self._fuse(z, rows)
+        extra: list[int] = []
+        if fix is None and self._unaided_ns > _ADRIFT_NS:
+            # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
+            extra = [3, 4]
+            z[3:5] = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
+        return self._fuse(z, rows, extra)
+
+    @property
+    def _unaided_ns(self) -> int:
+        """How long no velocity of GNSS has been believed."""
+        return self.horizon.t_ns - self.fused_ns["gnss velocity"]
 
     def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
         (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v
@@ -281,12 +301,12 @@ class Estimator:
         east = r[3] * x + r[4] * y + r[5] * z
         return wrap_pi(self._declination - math.atan2(east, north))
 
-    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]]) -> bool:
-        """Use the measurements whose innovations are believable, all at once."""
+    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
+        """Use the measurements whose innovations are believable, and `extra`, all at once."""
         kf, H, R = self._kf, self._H, self._R
         S = H @ kf.P @ H.T + R
         stds = np.sqrt(S.diagonal())
-        use: list[int] = []
+        use = list(extra)
         t_ns = self.horizon.t_ns
         for kind, part, gate in rows:
             y = z[part]
@@ -305,7 +325,11 @@ class Estimator:
         if not use:
             return False
         if len(use) < 8:
+            use.sort()
             z, H, R = z[use], H[use], R[np.ix_(use, use)]
+            for row, number in enumerate(use):
+                if number in extra:
+                    R[row, row] = _AIR_STD_MPS**2
         kf.update(z[:, None], R=R, H=H)
         self._fold()
         return True

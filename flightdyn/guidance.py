@@ -22,6 +22,7 @@ _LAG_STOP_M = 6.0  # lag at which the reference waits
 _YIELD_PER_S, _RECOVER_PER_S = 0.3, 0.3  # of the reference's rate, while saturated and not
 _LEAST_ROOM = 0.2
 _LIMITED_RATE = 0.9  # the reference's clock slower than that: the speed cannot be held
+_STALL_S = 30.0  # the reference moves on by less than a second in so long: it is waited for in vain
 _STOPPED_MPS = 0.3
 _STOPPED_M = 0.5
 _EARLY_S = 0.5  # before its blend a corner cannot be passed, whatever the position says
@@ -51,6 +52,7 @@ class Guidance:
         self._corners: list[Corner] = []
         self._next = 0
         self._over_s = 0.0
+        self._waited_s = self._went_s = 0.0
         self._too_fast = False  # a speed ordered is beyond the limits
         self._target = Target()
         self._attitude: AttitudeOrder | None = None
@@ -105,7 +107,7 @@ class Guidance:
         self._attitude = None
         self._t = self._trajectory.start_s
         self._rate = self._smooth_rate = self._room = 1.0
-        self._over_s = 0.0
+        self._over_s = self._waited_s = self._went_s = 0.0
         self._yaw_order = yaw
         self._course_follows = course
         self.progress = PathProgress()
@@ -176,6 +178,7 @@ class Guidance:
         rate = self._governor(nav)
         step = self._dt * rate
         self._t = min(self._t + step, trajectory.end_s + 1.0)
+        self._watch_progress(step)
         p, v, a = trajectory.at(self._t, lead_s=self._controller.lead_s * rate)
         self._along = v
         if rate != 1.0 or self._rate != 1.0:
@@ -195,6 +198,15 @@ class Guidance:
         self._heading.turn(self._yaw_order)
         self._finish(nav)
         return Setpoint(p, v, a, self._heading.yaw, self._heading.rate)
+
+    def _watch_progress(self, step: float) -> None:
+        """A reference that waits for half a minute waits for good."""
+        self._waited_s += self._dt
+        self._went_s += step
+        if self._went_s >= 1.0 or self.progress.finished:
+            self._waited_s = self._went_s = 0.0
+        elif self._waited_s >= _STALL_S:
+            self.progress.stalled = True
 
     def _governor(self, nav: NavState) -> float:
         """Rate of the reference's clock: it waits for an aircraft that cannot keep up."""
@@ -229,6 +241,7 @@ class Guidance:
         speed = math.sqrt(nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2)
         if (off < _STOPPED_M and speed < _STOPPED_MPS) or self._over_s > 10.0:
             self.progress.finished = True
+            self.progress.missed_m = off
             self.progress.speed_limited = False
             if self._corners:
                 self.progress.passed = self._corners[-1].count

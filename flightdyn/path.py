@@ -47,4 +47,6 @@ class PathProgress:
 
     passed: int = 0  # points passed; 1 = the start; 0 = no path
     finished: bool = False  # stopped at the last point
+    stalled: bool = False  # the reference waits for an aircraft that does not come
+    missed_m: float = 0.0  # how far from the last point it was when it was given up to come closer
     speed_limited: bool = False  # the ordered speed cannot be held (wind, limits)

@@ -5,6 +5,7 @@ import os
 import sys
 
 from mission.errors import INTERRUPTED
+from mission.interrupts import end_deaf
 
 
 def main() -> None:
@@ -19,6 +20,7 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        end_deaf()
         sys.stderr.write("aerofed: interrupted\n")
         sys.exit(INTERRUPTED)
 

@@ -7,7 +7,6 @@ was learnt, which would take long to compute again.
 """
 
 import hashlib
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from mission.errors import InputError
 from mission.folder import write_atomically
 from mission.planner.problem import RoundPlan
 from mission.records import Learnt
-from mission.resumable import ROUNDS, header
+from mission.resumable import ROUNDS, header, sealed
 from mission.strategies import Sortie
 
 
@@ -71,7 +70,7 @@ class CheckpointFolder:
             "learning_sha256": hashlib.sha256(data).hexdigest(),
             "rounds": self._rounds,
         }
-        write_atomically(self.path / ROUNDS, json.dumps(values).encode())
+        write_atomically(self.path / ROUNDS, sealed(values))
         for old in self.path.glob("learning-*.bin"):
             if old.name != name:
                 old.unlink()

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from mission import helps
 from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
-from mission.interrupts import hear_interruptions
+from mission.interrupts import end_deaf, hear_interruptions
 from mission.terminal import Terminal
 from native.errors import LibraryError
 
@@ -54,7 +54,9 @@ app.command(data)
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
-    sys.exit(call(tokens))
+    code = call(tokens)
+    end_deaf()
+    sys.exit(code)
 
 
 def call(tokens: Sequence[str] | None = None) -> int:

@@ -1,6 +1,7 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import tomli_w
@@ -123,6 +124,11 @@ class LinkConfig(BaseModel):
         (),
         description="ground stations that see the simulated vehicle while it is flown: "
         "udpout://HOST:PORT or udpin://HOST:PORT",
+    )
+    signing_key: Path | None = Field(
+        None,
+        description="file with the pass phrase by which the links of gcs are signed (MAVLink 2), "
+        "both ways; unset: they are not",
     )
     udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
     speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(

@@ -15,6 +15,7 @@ from mission.area import Area
 from mission.config import MissionConfig, RunConfig
 from mission.errors import AerofedError, FlightError, LinkLostError
 from mission.flightplan import FlightPlan, Stop
+from mission.gcs import station_links
 from mission.pilot.connection import connect
 from mission.pilot.orders import Pilot
 from mission.track import Flight, FlightRecorder, Passage
@@ -171,7 +172,7 @@ async def open_simulated(
         if tap is not None:
             link = tap(link)
         async with (
-            Simulation(vehicle, link, *map(UdpLink, config.link.gcs), speed=speed),
+            Simulation(vehicle, link, *station_links(config.link), speed=speed),
             connect(
                 "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
                 raw_link=raw_link,

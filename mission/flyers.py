@@ -1,6 +1,5 @@
 """Who flies a run: chosen once, when the run is set up."""
 
-import asyncio
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
@@ -20,6 +19,7 @@ from mission.fence import fence_of
 from mission.firmware import FOLDER, NAMES, open_firmware
 from mission.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
 from mission.ground import Ground
+from mission.interrupts import run_flight
 from mission.log.values import Zone
 from mission.pilot.limits import Demand
 from mission.simulated import simulated_vehicle
@@ -182,7 +182,7 @@ class ExternalFlyers(Flyers):
         """Wait for an autopilot that can be flown."""
         link = self.ground.config.link
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-        asyncio.run(look_at_vehicle(link, area=self.ground.area, say=say))
+        run_flight(look_at_vehicle(link, area=self.ground.area, say=say))
 
     def fence(self) -> tuple[Zone, ...]:
         """Whatever it has, nobody told us."""

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -19,6 +20,9 @@ LIBRARIES = (
     "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
     "osqp", "torch", "mcap", "foxglove-sdk",
 )  # fmt: skip
+
+
+_LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,14 @@ class RunFolder:
         Raises:
             InputError: it exists and holds something, or is a file, or cannot be looked into.
         """
+        folder = RunFolder(path)
         try:
-            if path.exists() and any(path.iterdir()):
+            if path.exists() and any(path.iterdir()) and not folder.stillborn:
+                goes_on = folder.resumable and folder.status() != "finished"
+                hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
                 raise InputError(
-                    f"{path}: the output folder is already used; give a new or empty one by --out"
+                    f"{path}: the output folder is already used; give a new or empty one by "
+                    f"--out{hint}"
                 )
         except NotADirectoryError:
             raise InputError(f"{path}: the output folder is not a folder") from None
@@ -74,7 +82,29 @@ class RunFolder:
 
     def lock(self) -> AbstractContextManager[None]:
         """Keep other processes from flying into this folder; see `alone_in`."""
-        return alone_in(self.path, self.checkpoint / ".lock", who="aerofed run")
+        return alone_in(self.path, self.checkpoint / _LOCK, who="aerofed run")
+
+    @property
+    def resumable(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return (self.checkpoint / "rounds.json").exists()
+
+    @property
+    def stillborn(self) -> bool:
+        """Whether a run was killed here before its first checkpoint: nothing of it is worth much.
+
+        The lock comes first, so that nobody's own `config.toml` is taken for a run's.
+        """
+        lock = self.checkpoint / _LOCK
+        if self.resumable or not lock.is_file():
+            return False
+        left = {p.name for p in self.path.iterdir()} | {p.name for p in self.checkpoint.iterdir()}
+        return all(
+            name in (self.config.name, self.checkpoint.name, _LOCK)
+            or name.endswith(".partial")
+            or fnmatch(name, "learning-*.bin")
+            for name in left
+        )
 
     @property
     def config(self) -> Path:

@@ -4,13 +4,20 @@ import _thread
 import signal
 import sys
 import threading
+from collections.abc import Coroutine
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import asyncio
+
+T = TypeVar("T")
 
 # Long enough for the C code that called back to return to Python.
 _AGAIN_S = 0.1
 
 
 def hear_interruptions() -> None:
-    """Have SIGTERM do what Ctrl-C does, and neither be lost in a callback from C.
+    """Have SIGTERM and SIGHUP do what Ctrl-C does, and none be lost in a callback from C.
 
     An exception in such a callback has nobody to go to: Python prints it and goes on. An
     interruption is sent again instead.
@@ -19,9 +26,51 @@ def hear_interruptions() -> None:
         # A script's background job stays deaf to the terminal's Ctrl-C, but not to SIGTERM.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # From batch systems, containers, timeout(1).
-    signal.signal(signal.SIGTERM, lambda *_: _thread.interrupt_main())
+    # From batch systems, containers, timeout(1); from a terminal that goes away, unless nohup has
+    # had it ignored.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: _thread.interrupt_main())
     sys.unraisablehook = _unraisable
+
+
+def run_flight(flight: Coroutine[Any, Any, T]) -> T:
+    """As `asyncio.run`; but however often Ctrl-C is pressed, the flight is ended once, in order.
+
+    asyncio raises KeyboardInterrupt in the midst of the ending at the second one, and MAVSDK taken
+    down under its own threads ends the process by SIGABRT.
+
+    Raises:
+        KeyboardInterrupt: the flight was interrupted; when all of it has ended.
+    """
+    import asyncio  # not while the program is loading
+
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        return asyncio.run(flight)  # Ctrl-C is somebody else's: a sweep's, say
+    interrupted = False
+
+    def interrupt(task: "asyncio.Future[T]") -> None:
+        nonlocal interrupted
+        if not interrupted:
+            interrupted = True
+            task.cancel()
+
+    async def fly() -> "asyncio.Future[T]":
+        task = asyncio.ensure_future(flight)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGINT, interrupt, task)
+        await asyncio.wait((task,))
+        return task
+
+    ended = asyncio.run(fly())
+    if interrupted and ended.cancelled():
+        raise KeyboardInterrupt
+    return ended.result()
+
+
+def end_deaf() -> None:
+    """What there is to do is done: an interruption has nothing left to end."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _unraisable(lost: "sys.UnraisableHookArgs") -> None:

@@ -2,7 +2,6 @@
 against flown.
 """
 
-import asyncio
 import csv
 import io
 from pathlib import Path
@@ -18,6 +17,7 @@ from mission.errors import INTERRUPTED, FlightError
 from mission.figure_flight import draw_flight
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
+from mission.interrupts import run_flight
 from mission.log.live import live_views
 from mission.log.values import Devices, FlightData
 from mission.log.writer import FlightLog
@@ -65,7 +65,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
         _attach(log, ready)
         try:
             with stopwatch("fly"), ending.flight():
-                asyncio.run(carrier.fly(log))
+                run_flight(carrier.fly(log))
         finally:
             if ending.status != "finished":
                 folder.write_summary({**ending.summary, **about})

@@ -8,12 +8,24 @@ import json
 from pathlib import Path
 from typing import Any
 
+from fl.errors import first_line
 from mission.errors import InputError
 from mission.folder import RunFolder, environment
 
-FORMAT = 1
+FORMAT = 2
 ROUNDS = "rounds.json"
+SEAL = "sha256"
 _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
+
+
+def sealed(values: dict[str, Any]) -> bytes:
+    """A checkpoint as it is written, closed by the digest of all of it."""
+    text = json.dumps(values)
+    return f'{text[:-1]}, "{SEAL}": "{hashlib.sha256(text.encode()).hexdigest()}"}}'.encode()
+
+
+def _digest(values: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
 
 def header(config_toml: str, data_dir: Path | None) -> dict[str, Any]:
@@ -46,10 +58,14 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         text = folder.config.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{error.filename}: cannot read: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{file}: damaged: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: damaged: {first_line(error)}") from None
     if not isinstance(values, dict) or not values.keys() >= _HEAD:
         raise InputError(f"{file}: damaged: not what aerofed run writes")
+    # An older format has no seal; what it is, is said before that.
+    seal = values.pop(SEAL, None)
+    if values["format"] == FORMAT and seal != _digest(values):
+        raise InputError(f"{file}: damaged: its checksum differs, so it was changed or cut short")
     change = _change(values, header(text, None))
     if change:
         raise InputError(
@@ -70,6 +86,8 @@ def _refuse_others(folder: RunFolder) -> None:
         hint = f"it is the checkpoint itself; give {path.parent}"
     elif (path / "sweep.json").exists():
         hint = "it holds a sweep, which goes on when the same aerofed sweep command is given again"
+    elif folder.stillborn:
+        hint = "the run ended before its first checkpoint; the command that began it begins it anew"
     else:
         hint = f"it has no {folder.checkpoint.name}/{ROUNDS}"
     raise InputError(f"--resume {path}: not a folder that aerofed run left: {hint}")
@@ -77,6 +95,8 @@ def _refuse_others(folder: RunFolder) -> None:
 
 def _change(then: dict[str, Any], now: dict[str, Any]) -> str | None:
     """What is different now, in words."""
+    if not isinstance(then["libraries"], dict):
+        return "its checkpoint does not say what wrote it"
     if then["format"] != now["format"]:
         wrote = then["libraries"].get("aerofed", "?")
         return (

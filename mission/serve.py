@@ -16,6 +16,7 @@ from flightdyn.random import RandomStreams
 from mission.area import Area
 from mission.config import RunConfig
 from mission.errors import FlightError, InputError, LinkLostError
+from mission.gcs import station_links
 from sitl.errors import LinkError, SitlInputError
 from sitl.links import UdpLink
 from sitl.logfolder import DiskLogs
@@ -52,7 +53,7 @@ class Served:
     """One vehicle, where it speaks, and what writes its flights."""
 
     vehicle: Vehicle
-    urls: tuple[str, ...]
+    links: tuple[UdpLink, ...]
     logs: "FlightLogs | None"
 
 
@@ -108,7 +109,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
-    return Served(vehicle, tuple(urls), recorder)
+    return Served(vehicle, tuple(station_links(config.link, urls)), recorder)
 
 
 def _recorder(folder: Path, area: Area) -> "FlightLogs":
@@ -148,24 +149,24 @@ def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None])
 async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    signals = (signal.SIGINT, signal.SIGTERM)
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     for number in signals:
         loop.add_signal_handler(number, stop.set)
     pace = "as fast as possible" if math.isinf(speed) else f"at {speed:g}x real time"
     try:
         async with AsyncExitStack() as running:
             for one in served:
-                links = [UdpLink(url) for url in one.urls]
                 await running.enter_async_context(
-                    Simulation(one.vehicle, *links, speed=speed, free_running=True)
+                    Simulation(one.vehicle, *one.links, speed=speed, free_running=True)
                 )
             for i, one in enumerate(served):
                 home = one.vehicle.aircraft.frame.origin
                 name = "vehicle" if len(served) == 1 else f"vehicle {i + 1}"
+                where = ", ".join(link.url for link in one.links)
                 end = "; Ctrl-C ends" if one is served[-1] else ""
                 say(
                     f"{name} at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
-                    f"{home.alt_msl_m:g} m, {pace}, MAVLink on {', '.join(one.urls)}{end}"
+                    f"{home.alt_msl_m:g} m, {pace}, MAVLink on {where}{end}"
                 )
             await stop.wait()
     finally:

@@ -1,6 +1,5 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
-import asyncio
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from mission.ending import Ending
 from mission.errors import INTERRUPTED, InputError
 from mission.experiment import Experiment
 from mission.folder import RunFolder, write_atomically
+from mission.interrupts import run_flight
 from mission.log.live import LiveView, live_views
 from mission.log.mavlink import RecordedLink
 from mission.recorder import recording
@@ -133,7 +133,7 @@ def _fly(
     with _experiment(ready, audience, stopwatch, workers=workers) as experiment:
         try:
             with ending.flight():
-                asyncio.run(experiment.run())
+                run_flight(experiment.run())
         finally:
             if ending.status != "finished":
                 summary.ended(ending, experiment.tally, stopwatch)

@@ -17,7 +17,12 @@ _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual M
 _BACKLOG = 4096  # chunks or datagrams that wait, or are read at a time, at most
 _RECEIVE_BYTES = 2048
 # Wall time of silence after which a peer is forgotten; MAVLink has everybody speak each second.
+# One on another machine, whose address may be made up, is sent to for a few seconds a word only.
 FORGET_S = 60.0
+FORGET_REMOTE_S = 10.0
+MOST_PEERS = 16
+
+Address: TypeAlias = tuple[str, int]
 
 
 class Link(Protocol):
@@ -96,15 +101,27 @@ class RawLink:
         self._loop = None
 
 
+class Seal(Protocol):
+    """Signs what leaves and lets in what is signed."""
+
+    def sealed(self, frame: bytes) -> bytes:
+        """A frame with its signature."""
+
+    def opened(self, data: bytes) -> bytes:
+        """What of a datagram is signed."""
+
+
 class UdpLink:
     """MAVLink over UDP.
 
-    `udpout://host:port` sends to that address, which may be a broadcast one, from a free port;
-    `udpin://host:port` listens there and sends to everybody who has spoken in the last minute.
+    `udpout://host:port` sends to that address from a free port of the interface that leads there,
+    and hears nobody else. If it is a broadcast address, whoever answers first is the peer.
+    `udpin://host:port` listens there and sends to those who have spoken lately, `MOST_PEERS` at
+    most; others are not heard.
     """
 
-    def __init__(self, url: str) -> None:
-        """Check the address; nothing is opened yet.
+    def __init__(self, url: str, seal: Seal | None = None) -> None:
+        """Check the address; nothing is opened yet. With a `seal` all is signed, both ways.
 
         Raises:
             LinkError: `url` is neither of the two forms.
@@ -114,13 +131,15 @@ class UdpLink:
         valid = separator and colon and _named(host) and port.isdecimal() and int(port) < 65536
         if scheme not in ("udpin", "udpout") or not valid or (scheme == "udpout" and port == "0"):
             raise LinkError(f"{url}: no UDP address; udpin://HOST:PORT or udpout://HOST:PORT")
-        self._url = url
+        self.url = url
+        self._seal = seal
         self._listens = scheme == "udpin"
-        self._address = (host, int(port))
-        self._peers: dict[tuple[str, int], float] = {}  # wall time at which each was heard
+        self._address: Address = (host, int(port))
+        self._peers: dict[Address, float] = {}  # wall time at which each was heard
         self._socket: socket.socket | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._joined = False
+        self._broadcasts = False  # and nobody has answered yet
 
     @property
     def port(self) -> int:
@@ -140,15 +159,15 @@ class UdpLink:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             sock.setblocking(False)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             if self._listens:
                 sock.bind(self._address)
             else:
-                sock.bind(("", 0))
-                self._peers[socket.gethostbyname(self._address[0]), self._address[1]] = math.inf
+                peer = (socket.gethostbyname(self._address[0]), self._address[1])
+                self._peers[peer] = math.inf
+                self._broadcasts = not _connected(sock, peer)
         except OSError as error:
             sock.close()
-            raise LinkError(f"{self._url}: cannot be opened: {error.strerror or error}") from None
+            raise LinkError(f"{self.url}: cannot be opened: {error.strerror or error}") from None
         self._socket = sock
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(sock.fileno(), wake)
@@ -156,19 +175,33 @@ class UdpLink:
     def receive(self) -> list[Chunk]:
         sock, now = self._opened(), time.monotonic()
         chunks: list[Chunk] = []
-        while len(chunks) < _BACKLOG:
+        for _ in range(_BACKLOG):
             try:
                 data, peer = sock.recvfrom(_RECEIVE_BYTES)
             except BlockingIOError:
                 break
             except ConnectionError:
                 continue  # somebody we sent to is not there (any more)
-            if self._listens:
-                self._joined |= peer not in self._peers
-                self._peers[peer] = now
-            chunks.append((data, None))
-        self._peers = {p: heard for p, heard in self._peers.items() if now - heard < FORGET_S}
+            if self._seal is not None:
+                data = self._seal.opened(data)
+            if data and self._knows(peer, now):
+                chunks.append((data, None))
+        self._peers = {p: at for p, at in self._peers.items() if now - at < _kept_s(p)}
         return chunks
+
+    def _knows(self, peer: Address, now: float) -> bool:
+        """Whether what `peer` says counts; it may be the first word."""
+        if self._listens:
+            new = peer not in self._peers
+            if new and len(self._peers) >= MOST_PEERS:
+                return False
+            self._joined |= new
+            self._peers[peer] = now
+        elif self._broadcasts:
+            self._broadcasts = not _connected(self._opened(), peer)
+            self._peers = {peer: math.inf}
+        # The system drops strangers once a socket has its peer; those who came before it are left.
+        return peer in self._peers
 
     def newcomers(self) -> bool:
         joined, self._joined = self._joined, False
@@ -176,6 +209,8 @@ class UdpLink:
 
     def send(self, frames: Sequence[bytes]) -> None:
         sock = self._opened()
+        if self._seal is not None and self._peers:
+            frames = [self._seal.sealed(frame) for frame in frames]
         for datagram in _packed(frames):
             for peer in self._peers:
                 # UDP may lose, also where a network goes away; the protocols above cope.
@@ -191,8 +226,26 @@ class UdpLink:
 
     def _opened(self) -> socket.socket:
         if self._socket is None:
-            raise LinkError(f"{self._url}: not open")
+            raise LinkError(f"{self.url}: not open")
         return self._socket
+
+
+def _connected(sock: socket.socket, peer: Address) -> bool:
+    """Give a socket its peer, if that is one and not everybody.
+
+    Its own address is then that of the interface which leads there, and it hears nobody else.
+    """
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 0)
+    try:
+        sock.connect(peer)
+    except PermissionError:  # what the system says to a broadcast address
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        return False
+    return True
+
+
+def _kept_s(peer: Address) -> float:
+    return FORGET_S if peer[0].startswith("127.") else FORGET_REMOTE_S
 
 
 def _named(host: str) -> bool:

@@ -3,7 +3,12 @@
 import signal
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# No test depends on how fast the machine is.
+hypothesis.settings.register_profile("aerofed", deadline=None)
+hypothesis.settings.load_profile("aerofed")
 
 # A background job of a shell starts with SIGINT ignored and hands that down; the tests of Ctrl-C
 # need processes that hear it. xdist's workers inherit it from the controlling process.

@@ -17,6 +17,7 @@ class Airframe:
     motor_full_voltage_v: float  # JSBSim's maxvolts
     idle_collective: float  # motors turning, no lift to speak of
     reach_m: float  # farthest part that touches the ground, from the centre of gravity
+    drag: tuple[float, float, float]  # across the thrust, see `airspeed`; from steady flights
     impact_limit_mps: float  # the legs break where the ground is met faster than that
 
 
@@ -30,5 +31,6 @@ QUAD_X = Airframe(
     motor_full_voltage_v=16.8,
     idle_collective=0.03,
     reach_m=0.327,
+    drag=(0.106, 0.0062, 0.0001),
     impact_limit_mps=4.0,
 )

@@ -86,6 +86,8 @@ def tables(data: FlightData) -> Tables:
 def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     """Write every table with a row to `folder` as CSV; returns the files.
 
+    A text that a spreadsheet would compute gets an apostrophe in front.
+
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
@@ -172,10 +174,16 @@ def _axes(prefix: str, pos_m: Floats) -> dict[str, Column]:
     return {f"{prefix}_{name}_m": pos_m[:, axis] for axis, name in enumerate(("x", "y", "alt"))}
 
 
+# With one of these in front a spreadsheet takes a cell for something to compute.
+_COMPUTED = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
 def _texts(column: Column) -> Iterable[str]:
     values = column.tolist() if isinstance(column, np.ndarray) else column
     for value in values:
         if isinstance(value, bool):
             yield "true" if value else "false"
+        elif isinstance(value, str):
+            yield f"'{value}" if value.startswith(_COMPUTED) else value
         else:
             yield repr(value) if isinstance(value, float) else str(value)

@@ -1,6 +1,8 @@
 """The same topics as the file, over a Foxglove WebSocket while the run goes on."""
 
 import logging
+import secrets
+import sys
 from threading import Lock
 from typing import Any
 
@@ -10,6 +12,7 @@ from foxglove.websocket import Capability, ServerListener
 from mission.audience import Audience
 from mission.errors import LinkLostError
 from mission.log import topics
+from mission.log.gatekeeper import Gatekeeper
 from mission.log.topics import TOPICS, Topic
 
 # What somebody who connects in mid-run needs to see at once.
@@ -53,19 +56,25 @@ class LiveView:
             if topic.schema_name
         }
         self._latest = _Latest(self._channels)
+        # Where no page finds it: only the gatekeeper looks at who comes.
+        inner = _hidden_address()
         try:
             self._server = foxglove.start_server(
                 name="aerofed",
-                host=host,
-                port=port,
+                host=inner,
+                port=0,
                 capabilities=[Capability.Time],
                 server_listener=self._latest,
                 context=self._context,
             )
         except RuntimeError as error:
-            reason = "the port is in use" if "in use" in str(error) else str(error)
-            raise LinkLostError(f"live view: cannot serve on {host}:{port}: {reason}") from None
-        self.host, self.port = host, int(self._server.port)
+            raise LinkLostError(f"live view: cannot serve on {host}: {error}") from None
+        try:
+            self._gate = Gatekeeper(host, port, upstream=(inner, int(self._server.port)))
+        except LinkLostError:
+            self._server.stop()
+            raise
+        self.host, self.port = host, self._gate.port
 
     @property
     def url(self) -> str:
@@ -89,7 +98,14 @@ class LiveView:
 
     def close(self) -> None:
         """Stop serving. Closing twice is fine."""
+        self._gate.close()
         self._server.stop()
+
+
+def _hidden_address() -> str:
+    """One of this machine's own addresses; Linux has sixteen million, others one."""
+    parts = (secrets.randbelow(254) + 1 for _ in range(3))
+    return "127.{}.{}.{}".format(*parts) if sys.platform == "linux" else "127.0.0.1"
 
 
 def live_views(audience: Audience) -> tuple[LiveView, ...]:

@@ -73,8 +73,9 @@ class Watch:
 
     async def _watch_armed(self) -> None:
         async for armed in self._telemetry.subscribe_armed():
+            if armed != self.armed:  # told again and again, it is no progress
+                self._changed()
             self.armed = armed
-            self._changed()
 
     async def _watch_mode(self) -> None:
         async for mode in self._telemetry.subscribe_flight_mode():

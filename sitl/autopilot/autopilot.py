@@ -1,7 +1,8 @@
 """The autopilot as a whole: messages in, flight, telemetry out. Without I/O and without a clock."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot import messages as m
@@ -126,8 +127,10 @@ class Autopilot:
 
     def watch(self) -> None:
         """Look after everything but the manoeuvre."""
-        self.monitor.watch()
-        self.guard.watch()
+        with self._report.contain("the state of health"):
+            self.monitor.watch()
+        with self._report.contain("the failsafes"):
+            self.guard.watch()
 
     @property
     def lists(self) -> Mapping[MissionType, tuple[m.MissionItem, ...]]:
@@ -146,8 +149,21 @@ class Autopilot:
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take bytes that arrived: a datagram, or more of a `stream`."""
         self._pilots.note_time(now)
-        for peer, body in self._wire.read(data, stream):
-            self._handle(peer, body, now)
+        received: list[tuple[m.Peer, m.Incoming]] = []
+        with self._report.contain("bytes that arrived"):
+            received = self._wire.read(data, stream)
+        for peer, body in received:
+            failed = partial(self._not_handled, peer, body)
+            with self._report.contain(type(body).__name__, failed):
+                self._handle(peer, body, now)
+
+    def _not_handled(self, peer: m.Peer, body: m.Incoming) -> None:
+        """Answer what was asked by a message whose handling failed."""
+        if isinstance(body, m.CommandOrder):
+            answer: m.Outgoing = m.CommandAck(body.command, Result.FAILED)
+            self._outbox.append(m.Envelope(answer, peer))
+        else:
+            self._transfer.give_up(peer, body)
 
     def greet(self) -> None:
         """Let a newcomer know that the vehicle is here."""
@@ -155,32 +171,41 @@ class Autopilot:
 
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
-        for server in self._servers:
-            server.poll(now)
-        self.guard.poll(now)
-        nudged = self._report.nudged
+        report = self._report
+        with report.contain("the transfers"):
+            for server in self._servers:
+                server.poll(now)
+        with report.contain("the failsafes"):
+            self.guard.poll(now)
+        nudged = report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
         nudged.clear()
         self._message_commands.asked.clear()
         frames: list[bytes] = []
         # State first: whoever reads an answer already knows the state that it led to.
-        if kinds:
-            snapshot = self.monitor.snapshot(self.failsafes)
-            dials: Dials | None = None
-            for kind in kinds:
-                if kind is Message.MISSION_CURRENT:
-                    in_mission = self.flight.mode is Mode.MISSION
-                    body = self.flight.mission.message(in_mission_mode=in_mission)
-                    frames += self._wire.frames(m.Envelope(body))
-                elif kind in TELEMETRY:
-                    frames.append(self._wire.telemetry(kind, snapshot))
-                elif kind is not Message.ORBIT_EXECUTION_STATUS or self._pilots.orbit:
-                    dials = dials or self.monitor.dials(self._pilots.orbit)
-                    frames.append(self._wire.instruments(kind, snapshot, dials))
-        for envelope in self._outbox:
-            frames += self._wire.frames(envelope)
-        self._outbox.clear()
+        with report.contain("telemetry"):
+            frames += self._telemetry(kinds)
+        answers, self._outbox[:] = list(self._outbox), ()
+        for envelope in answers:
+            with report.contain(type(envelope.body).__name__):
+                frames += self._wire.frames(envelope)
         return frames
+
+    def _telemetry(self, kinds: Sequence[Message]) -> Iterator[bytes]:
+        if not kinds:
+            return
+        snapshot = self.monitor.snapshot(self.failsafes)
+        dials: Dials | None = None
+        for kind in kinds:
+            if kind is Message.MISSION_CURRENT:
+                in_mission = self.flight.mode is Mode.MISSION
+                body = self.flight.mission.message(in_mission_mode=in_mission)
+                yield from self._wire.frames(m.Envelope(body))
+            elif kind in TELEMETRY:
+                yield self._wire.telemetry(kind, snapshot)
+            elif kind is not Message.ORBIT_EXECUTION_STATUS or self._pilots.orbit:
+                dials = dials or self.monitor.dials(self._pilots.orbit)
+                yield self._wire.instruments(kind, snapshot, dials)
 
     def due(self) -> float:
         """When `poll` has something to do at the latest."""
@@ -270,9 +295,6 @@ class Autopilot:
             self.flight.rally = items
         if kind is not MissionType.MISSION:
             return MissionResult.ACCEPTED
-        if self.flight.mode is Mode.MISSION and self.flight.moving:
-            self._report.say(Severity.WARNING, "Mission is being flown: hold before a new one")
-            return MissionResult.DENIED
         reason = check_mission(
             items,
             frame=self.flight.frame,
@@ -282,6 +304,8 @@ class Autopilot:
         if reason:
             self._report.say(Severity.WARNING, f"Mission refused: {reason}")
             return MissionResult.INVALID
-        self.flight.mission.replace(items)
-        self._report.mission_changed()
+        being_flown = self.flight.replace_mission(items)
+        if being_flown is not None:
+            self._report.say(Severity.WARNING, being_flown)
+            return MissionResult.DENIED
         return MissionResult.ACCEPTED

@@ -134,15 +134,46 @@ class Flight:
             return "armed"
         return "" if self._aircraft.on_ground else "in the air"
 
+    def too_far(self, pos_ned_m: Vector) -> str:
+        """Why a place is farther away than anything may be; empty if it is not."""
+        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
+
     def tick(self) -> bool:
         """Look after the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre
         if manoeuvre is None:
             return False
-        if manoeuvre.tick():
-            self._finished()
+        try:
+            if manoeuvre.tick():
+                self._finished()
+                return self._manoeuvre is not None
+        except do.StuckError as stuck:
+            self._stuck(str(stuck))
+            return self._manoeuvre is not None
+        except Exception as error:
+            self._report.internal_error("flying", error)
+            self._give_up()
             return self._manoeuvre is not None
         return True
+
+    def _stuck(self, why: str) -> None:
+        """What is being flown leads nowhere: land; if that is what leads nowhere, let go."""
+        if self.notice_crash():
+            return
+        self._manoeuvre = None
+        self._report.failsafe(f"{why[0].upper()}{why[1:]}")
+        if not self.airborne:
+            self._stop_motors()
+            self._enter(Mode.HOLD, why, None)
+        elif self.mode is Mode.LAND or self.land(why) is not None:
+            self.terminate(why)
+
+    def _give_up(self) -> None:
+        """What was being flown cannot be: hold, or stand where the aircraft is."""
+        self._manoeuvre = None
+        self._settling = False
+        if self.airborne and self.mode is not Mode.TERMINATED:
+            self._enter(Mode.HOLD, "internal error", self.navigator.stop())
 
     # --- orders ---------------------------------------------------------------------------------
 
@@ -208,12 +239,22 @@ class Flight:
         if self.mode is Mode.MISSION:
             return None
         stages = self._stages()
-        for stage in stages:
-            if isinstance(stage, route.Fly):
-                for point in stage.path.points_ned_m[1:]:
-                    if forbidden := self.forbidden(point):
-                        return f"the mission leads {forbidden}"
+        if self.mission.items and not stages:
+            return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
+        paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
+        if paths and (forbidden := self.forbidden(np.vstack(paths))):
+            return f"the mission leads {forbidden}"
         return self._order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+
+    def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
+        """Have another mission on board, to be started; not while one is being flown."""
+        if self.mode is Mode.MISSION:
+            if self.moving:
+                return "Mission is being flown: hold before a new one"
+            self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
+        self.mission.replace(items)
+        self._report.mission_changed()
+        return None
 
     def rewind_mission(self, seq: int) -> str | None:
         """Go on with item `seq`, at once if the mission is being flown."""
@@ -407,7 +448,9 @@ class Flight:
         return self.navigator.here(resting=not self.moving)
 
     def _land_here(self) -> do.Manoeuvre:
-        return self.navigator.land(self._here(), ground_down_m=float(self.home_ned_m[2]))
+        return self.navigator.land(
+            self._here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
+        )
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
         self.mission.start()

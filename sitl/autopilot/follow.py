@@ -9,6 +9,7 @@ from flightdyn.frames import Triple, wrap_pi
 from flightdyn.pursuit import Target
 from sitl.autopilot import manoeuvres as do
 from sitl.autopilot import messages as m
+from sitl.autopilot import ranges
 from sitl.autopilot import setpoints as s
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.modes import Mode, Trigger
@@ -17,8 +18,6 @@ from sitl.autopilot.stream import WallClock
 
 _KEPT_S = 3.0  # wall time for which a target that has fallen silent is thought to go on
 _COURSE_MPS = 1.0  # slower than that a target has no course; its last one counts
-_FARTHEST_M = 100_000.0
-_FASTEST_MPS = 100.0
 _LOWEST_M = 2.0  # above home: a target's own altitude may be anything
 _PERIOD_S = 0.1
 
@@ -44,15 +43,15 @@ class Follower:
             return False
         vel = tuple(0.0 if math.isnan(part) else part for part in body.vel_mps)
         possible = (
-            abs(body.lat_deg) <= 90
-            and abs(body.lon_deg) <= 180
-            and abs(body.alt_msl_m) <= 20_000
-            and all(abs(part) <= _FASTEST_MPS for part in vel)
+            body.lat_deg in ranges.LATITUDE
+            and body.lon_deg in ranges.LONGITUDE
+            and body.alt_msl_m in ranges.ALTITUDE
+            and all(part in ranges.VELOCITY for part in vel)
         )
         if not possible:
             return True
         place = self._flight.frame.to_ned(body.lat_deg, body.lon_deg, body.alt_msl_m)
-        if np.hypot(place[0], place[1]) > _FARTHEST_M:
+        if np.hypot(place[0], place[1]) not in ranges.AWAY:
             return True
         self._heard_at = self._clock.now
         self._pos = (float(place[0]), float(place[1]), float(place[2]))

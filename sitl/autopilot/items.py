@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
+from sitl.autopilot import ranges
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.enums import (
     GLOBAL_FRAMES,
@@ -42,9 +44,8 @@ def check_item(item: MissionItem) -> MissionResult:
 
 def why_refused(item: MissionItem, verdict: MissionResult) -> str:
     """What `check_item` has against an item, in words: which, why, and what is allowed."""
-    low, high = _altitudes(item)
     above = "home" if item.frame in RELATIVE_FRAMES else "mean sea level"
-    allowed = f"{low:g} to {high:g} m above {above} are allowed"
+    allowed = f"{_altitudes(item)} above {above} are allowed"
     words = {
         MissionResult.UNSUPPORTED: "is not supported",
         MissionResult.UNSUPPORTED_FRAME: f"frame {item.frame}, 0, 3, 5 and 6 are supported",
@@ -62,38 +63,31 @@ def _mission(item: MissionItem) -> MissionResult:
         return _place(item) or _times(item) or MissionResult.ACCEPTED
     if item.command in _OPEN_PLACES:
         here = math.isnan(item.x) and math.isnan(item.y)
-        altitude = MissionResult.ACCEPTED if math.isfinite(item.z) else MissionResult.INVALID_PARAM7
-        wrong_frame = item.frame not in GLOBAL_FRAMES
-        if here:
-            return MissionResult.UNSUPPORTED_FRAME if wrong_frame else altitude
-        return _place(item) or MissionResult.ACCEPTED
+        return _place(replace(item, x=0.0, y=0.0) if here else item) or MissionResult.ACCEPTED
     if item.command in _PLAIN:
         return _plain(item) or MissionResult.ACCEPTED
     return MissionResult.UNSUPPORTED
 
 
 def _place(item: MissionItem) -> MissionResult | None:
-    if item.frame not in GLOBAL_FRAMES:
-        return MissionResult.UNSUPPORTED_FRAME
-    if not abs(item.x) <= 90.0:
-        return MissionResult.INVALID_PARAM5_X
-    if not abs(item.y) <= 180.0:
-        return MissionResult.INVALID_PARAM6_Y
-    low, high = _altitudes(item)
-    return None if low <= item.z <= high else MissionResult.INVALID_PARAM7
+    wrong = _horizontal(item)
+    if wrong is not None:
+        return wrong
+    return None if item.z in _altitudes(item) else MissionResult.INVALID_PARAM7
 
 
-def _altitudes(item: MissionItem) -> tuple[float, float]:
-    """The least and the greatest altitude of an item, in its frame."""
-    return (-500.0, 10_000.0) if item.frame in RELATIVE_FRAMES else (-1_000.0, 20_000.0)
+def _altitudes(item: MissionItem) -> ranges.Range:
+    """What the altitude of an item may be, in its frame."""
+    return ranges.HEIGHT if item.frame in RELATIVE_FRAMES else ranges.ALTITUDE
 
 
 def _times(item: MissionItem) -> MissionResult | None:
-    """Hold time and acceptance radius: not given (NaN), or not negative."""
+    """Hold time and acceptance radius: not given (NaN), or in range."""
     first, second = item.params[0], item.params[1]
-    if first < 0 or math.isinf(first):
+    if not (math.isnan(first) or first in ranges.HOLD):
         return MissionResult.INVALID_PARAM1
-    if item.command == Command.NAV_WAYPOINT and (second < 0 or math.isinf(second)):
+    waypoint = item.command == Command.NAV_WAYPOINT
+    if waypoint and not (math.isnan(second) or second in ranges.ACCEPTANCE):
         return MissionResult.INVALID_PARAM2
     return None
 
@@ -104,15 +98,16 @@ def _plain(item: MissionItem) -> MissionResult | None:
         if first not in _SPEED_TYPES:
             return MissionResult.INVALID_PARAM1
         # -1 keeps the speed, -2 returns to the default.
-        return None if second in (-1.0, -2.0) or second > 0 else MissionResult.INVALID_PARAM2
+        kept = second in (-1.0, -2.0)
+        return None if kept or second in ranges.SPEED else MissionResult.INVALID_PARAM2
     if item.command in _DELAYS:
-        return None if 0.0 <= first < math.inf else MissionResult.INVALID_PARAM1
+        return None if first in ranges.HOLD else MissionResult.INVALID_PARAM1
     if item.command == Command.CONDITION_YAW:
-        return None if math.isfinite(first) else MissionResult.INVALID_PARAM1
+        return None if first in ranges.TURN else MissionResult.INVALID_PARAM1
     if item.command == Command.DO_JUMP:
-        if not (0 <= first < math.inf):
+        if not ranges.whole(first, ranges.ITEM):
             return MissionResult.INVALID_PARAM1
-        return None if 0 <= second < math.inf else MissionResult.INVALID_PARAM2
+        return None if ranges.whole(second, ranges.REPEATS) else MissionResult.INVALID_PARAM2
     return None
 
 
@@ -120,14 +115,14 @@ def _fence(item: MissionItem) -> MissionResult:
     if item.command == Command.NAV_FENCE_RETURN_POINT:
         return MissionResult.UNSUPPORTED
     if item.command in _FENCE_POLYGONS:
-        if not 3 <= item.params[0] < math.inf:
+        if not ranges.whole(item.params[0], ranges.CORNERS):
             return MissionResult.INVALID_PARAM1
     elif item.command in _FENCE_CIRCLES:
-        if not 0 < item.params[0] < math.inf:
+        if item.params[0] not in ranges.FENCE_RADIUS:
             return MissionResult.INVALID_PARAM1
     else:
         return MissionResult.UNSUPPORTED
-    return _horizontal(item)
+    return _horizontal(item) or MissionResult.ACCEPTED
 
 
 def _rally(item: MissionItem) -> MissionResult:
@@ -136,12 +131,12 @@ def _rally(item: MissionItem) -> MissionResult:
     return _place(item) or MissionResult.ACCEPTED
 
 
-def _horizontal(item: MissionItem) -> MissionResult:
+def _horizontal(item: MissionItem) -> MissionResult | None:
     if item.frame not in GLOBAL_FRAMES:
         return MissionResult.UNSUPPORTED_FRAME
-    if not abs(item.x) <= 90.0:
+    if item.x not in ranges.LATITUDE:
         return MissionResult.INVALID_PARAM5_X
-    return MissionResult.ACCEPTED if abs(item.y) <= 180.0 else MissionResult.INVALID_PARAM6_Y
+    return None if item.y in ranges.LONGITUDE else MissionResult.INVALID_PARAM6_Y
 
 
 _CHECKS: dict[MissionType, Callable[[MissionItem], MissionResult]] = {

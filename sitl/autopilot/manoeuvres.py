@@ -18,14 +18,21 @@ _READY_TIMEOUT_S = 120.0
 _TURN_TOLERANCE_RAD = math.radians(2.0)
 _TURN_TIMEOUT_S = 30.0
 _FALL_TIMEOUT_S = 120.0
+_CLIMB_TOLERANCE_M = 2.0
+_LANDING_SLACK_S = 120.0
+_LANDING_PATIENCE = 4.0  # times the time that sinking at the landing speed would take
 _BELOW_GROUND_M = 3.0  # where a landing aims: the estimate of the height may be off
+
+
+class StuckError(Exception):
+    """A manoeuvre that leads nowhere any more; the message says how it is told."""
 
 
 class Manoeuvre(Protocol):
     """One thing to do."""
 
     def tick(self) -> bool:
-        """Look after it; True once it is done."""
+        """Look after it; True once it is done. Raises StuckError once it will never be."""
 
 
 def ticks(aircraft: Aircraft, duration_s: float) -> int:
@@ -61,6 +68,8 @@ class Follow:
         progress = self._progress
         if progress.passed != self._count:
             self._report(progress.passed)
+        if progress.stalled:
+            raise StuckError("the aircraft does not follow its path")
         return progress.finished
 
     def _report(self, passed: int) -> None:
@@ -68,6 +77,17 @@ class Follow:
         if self._passed is not None:
             for point in range(first, passed):
                 self._passed(point)
+
+
+class Climb(Follow):
+    """Straight up from the ground; it says so where the height is not reached."""
+
+    def tick(self) -> bool:
+        done = super().tick()
+        missed_m = self._progress.missed_m
+        if done and missed_m > _CLIMB_TOLERANCE_M:
+            raise StuckError(f"take-off ended {missed_m:.0f} m from its height")
+        return done
 
 
 class Stop:
@@ -82,6 +102,8 @@ class Stop:
         aircraft.hold(np.asarray(belief.pos_ned_m) + ahead, yaw_of(belief.q_frd_to_ned))
 
     def tick(self) -> bool:
+        if self._aircraft.progress.stalled:
+            raise StuckError("the aircraft does not stop")
         return self._aircraft.progress.finished
 
 
@@ -111,7 +133,31 @@ class Pause:
         return self._left <= 0
 
 
-class Descend:
+class _Landing:
+    """On the ground for a while means landed; not in a multiple of the time it takes, never."""
+
+    def __init__(
+        self, aircraft: Aircraft, *, ground_down_m: float, landing_mps: float, settle_s: float
+    ) -> None:
+        self._aircraft = aircraft
+        self._settle_ticks = ticks(aircraft, settle_s)
+        self._on_ground = 0
+        height_m = max(0.0, ground_down_m - float(aircraft.belief.pos_ned_m[2]))
+        self._left = ticks(aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / landing_mps)
+
+    def tick(self) -> bool:
+        self._on_ground = self._on_ground + 1 if self._aircraft.on_ground else 0
+        self._left -= 1
+        if self._left <= 0:
+            raise StuckError("the landing does not come to the ground")
+        return self._on_ground >= self._settle_ticks
+
+    def _sink(self, speed_mps: float) -> None:
+        yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
+        self._aircraft.velocity(np.array([0.0, 0.0, speed_mps]), yaw)
+
+
+class Descend(_Landing):
     """Sink until on the ground, slowly at the end; done when it has stood there for a while."""
 
     def __init__(
@@ -125,10 +171,10 @@ class Descend:
         landing_height_m: float,
         settle_s: float,
     ) -> None:
-        self._aircraft = aircraft
+        super().__init__(
+            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
+        )
         self._landing_mps = landing_mps
-        self._settle_ticks = ticks(aircraft, settle_s)
-        self._on_ground = 0
         self._blind = False
         north, east, down = map(float, start_ned_m)
         slow = max(ground_down_m - landing_height_m, down)
@@ -142,15 +188,42 @@ class Descend:
         )
 
     def tick(self) -> bool:
-        aircraft = self._aircraft
-        self._on_ground = self._on_ground + 1 if aircraft.on_ground else 0
-        if aircraft.progress.finished and not self._blind:
+        if self._aircraft.progress.finished and not self._blind:
             # The ground is lower than believed: go on until it comes.
             self._blind = True
-            aircraft.velocity(
-                np.array([0.0, 0.0, self._landing_mps]), yaw_of(aircraft.belief.q_frd_to_ned)
-            )
-        return self._on_ground >= self._settle_ticks
+            self._sink(self._landing_mps)
+        return super().tick()
+
+
+class DescendUnsure(_Landing):
+    """Sink without a position: no place to keep, just no speed over ground as far as that is known.
+
+    Landing speed rules from higher up, for the barometer's height drifts too.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        *,
+        ground_down_m: float,
+        descent_mps: float,
+        landing_mps: float,
+        landing_height_m: float,
+        settle_s: float,
+    ) -> None:
+        super().__init__(
+            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
+        )
+        self._slow_down_m = ground_down_m - landing_height_m
+        self._landing_mps = landing_mps
+        self._slow = False
+        self._sink(descent_mps)
+
+    def tick(self) -> bool:
+        if not self._slow and float(self._aircraft.belief.pos_ned_m[2]) > self._slow_down_m:
+            self._slow = True
+            self._sink(self._landing_mps)
+        return super().tick()
 
 
 class Fall:

@@ -16,6 +16,7 @@ from sitl.autopilot.mission import Mission
 from sitl.autopilot.parameters import Parameters
 
 _SAME_PLACE_M = 2.0  # the guidance's own reference is as good as the estimate within this
+_UNSURE = 3.0  # times the height from which the landing speed rules, without GNSS
 
 MissionEnd: TypeAlias = Callable[[route.Stage], None]
 
@@ -39,7 +40,7 @@ class Navigator:
     def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:
         """Straight up."""
         up = np.array([start[0], start[1], down_m])
-        return self._follow([start, up], self._parameters["MPC_TKO_SPEED"])
+        return do.Climb(self._aircraft, self._path([start, up], self._parameters["MPC_TKO_SPEED"]))
 
     def stop(self) -> do.Manoeuvre:
         """Brake, and hold where the aircraft comes to rest."""
@@ -76,27 +77,33 @@ class Navigator:
         above_goal = np.array([goal[0], goal[1], down])
         return self._follow([start, above_start, above_goal], self._speed(speed_mps))
 
-    def land(self, start: Vector, *, ground_down_m: float) -> do.Manoeuvre:
-        """Straight down until on the ground."""
+    def land(self, start: Vector, *, ground_down_m: float, sure: bool = True) -> do.Manoeuvre:
+        """Straight down until on the ground; keeping the position where that is `sure`."""
         p = self._parameters
+        speeds = {"descent_mps": p["MPC_Z_VEL_MAX_DN"], "landing_mps": p["MPC_LAND_SPEED"]}
+        height, settle = p["MPC_LAND_ALT2"], p["COM_DISARM_LAND"]
+        if not sure:
+            return do.DescendUnsure(
+                self._aircraft,
+                ground_down_m=ground_down_m,
+                landing_height_m=_UNSURE * height,
+                settle_s=settle,
+                descent_mps=speeds["descent_mps"],
+                landing_mps=0.7 * speeds["landing_mps"],
+            )
         return do.Descend(
             self._aircraft,
             start_ned_m=start,
             ground_down_m=ground_down_m,
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            landing_mps=p["MPC_LAND_SPEED"],
-            landing_height_m=p["MPC_LAND_ALT2"],
-            settle_s=p["COM_DISARM_LAND"],
+            landing_height_m=height,
+            settle_s=settle,
+            **speeds,
         )
 
     def stages(
         self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
-        """What the mission comes to from where it would start.
-
-        Raises:
-            SitlInputError: the items jump in circles without end.
-        """
+        """What the mission comes to from where it would start."""
         first, item_speed = mission.next_start
         return route.compile_route(
             mission.items,
@@ -152,12 +159,15 @@ class Navigator:
         return self._parameters["MPC_XY_CRUISE"] if ordered_mps is None else ordered_mps
 
     def _follow(self, points: Sequence[Vector], speed_mps: float) -> do.Manoeuvre:
+        return do.Follow(self._aircraft, self._path(points, speed_mps))
+
+    def _path(self, points: Sequence[Vector], speed_mps: float) -> FlightPath:
         limits = self._limits()
         speeds = [
             route.leg_speed(a, b, speed_mps=speed_mps, limits=limits) for a, b in pairwise(points)
         ]
         radii = np.full(len(points), limits.acceptance_m)
-        return do.Follow(self._aircraft, FlightPath(np.array(points), np.array(speeds), radii))
+        return FlightPath(np.array(points), np.array(speeds), radii)
 
     def _limits(self) -> route.Limits:
         p = self._parameters

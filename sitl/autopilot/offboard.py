@@ -14,6 +14,7 @@ from flightdyn.frames import Triple, yaw_of
 from flightdyn.pursuit import OPEN, Target
 from sitl.autopilot import manoeuvres as do
 from sitl.autopilot import messages as m
+from sitl.autopilot import ranges
 from sitl.autopilot import setpoints as s
 from sitl.autopilot.enums import GLOBAL_FRAMES, RELATIVE_FRAMES, Frame, Severity
 from sitl.autopilot.failsafe import Cause, Failsafes
@@ -22,11 +23,6 @@ from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
 from sitl.autopilot.stream import Stream, WallClock
-
-_FARTHEST_M = 100_000.0
-_FASTEST_MPS = 100.0
-_HARDEST_MPS2 = 100.0
-_SPIN_RADPS = 20.0
 
 
 class _InvalidError(Exception):
@@ -137,7 +133,7 @@ class Offboard:
         if body.frame in RELATIVE_FRAMES:
             altitude += self._flight.home.alt_msl_m
         north, east, down = self._flight.frame.to_ned(lat_deg, lon_deg, altitude)
-        if math.hypot(north, east) > _FARTHEST_M:
+        if math.hypot(north, east) not in ranges.AWAY:
             raise _InvalidError(f"position {math.hypot(north, east) / 1000:.0f} km away")
         return float(north), float(east), float(down)
 
@@ -146,28 +142,27 @@ def _check(body: s.PositionTarget) -> None:
     """Everything that is given is finite and physically possible."""
     if body.force:
         raise _InvalidError("force is not supported")
+    place = (ranges.AWAY,) * 3
     if body.frame in GLOBAL_FRAMES:
-        place, words = (90.0, 180.0, 20_000.0), "latitude, longitude, altitude"
-    else:
-        place, words = (_FARTHEST_M,) * 3, "position"
-    for what, values, most in (
-        (words, body.place, place),
-        ("velocity", body.vel_mps, (_FASTEST_MPS,) * 3),
-        ("acceleration", body.acc_mps2, (_HARDEST_MPS2,) * 3),
-        ("yaw", (body.yaw_rad,), (2 * math.tau,)),
-        ("yaw rate", (body.yaw_rate_radps,), (_SPIN_RADPS,)),
+        place = (ranges.LATITUDE, ranges.LONGITUDE, ranges.ALTITUDE)
+    for what, values, within in (
+        ("position", body.place, place),
+        ("velocity", body.vel_mps, (ranges.VELOCITY,) * 3),
+        ("acceleration", body.acc_mps2, (ranges.ACCELERATION,) * 3),
+        ("yaw", (body.yaw_rad,), (ranges.HEADING,)),
+        ("yaw rate", (body.yaw_rate_radps,), (ranges.SPIN,)),
     ):
-        if any(abs(value) > limit for value, limit in zip(values, most, strict=True)):
-            given = ", ".join(f"{value:g}" for value in values)
-            raise _InvalidError(f"{what} {given}: at most {', '.join(f'{x:g}' for x in most)}")
+        for value, allowed in zip(values, within, strict=True):
+            if not (math.isnan(value) or value in allowed):
+                raise _InvalidError(f"{what} {value:g}: {allowed}")
 
 
 def _attitude_order(body: s.AttitudeTarget) -> AttitudeOrder:
     """Raises _InvalidError."""
-    if not 0.0 <= body.thrust <= 1.0:
-        raise _InvalidError(f"thrust {body.thrust:g}: 0 to 1 is needed")
-    if any(abs(rate) > _SPIN_RADPS for rate in body.rates_radps):
-        raise _InvalidError(f"body rates {body.rates_radps}: at most {_SPIN_RADPS:g} rad/s")
+    if body.thrust not in ranges.THRUST:
+        raise _InvalidError(f"thrust {body.thrust:g}: {ranges.THRUST}")
+    if not all(math.isnan(rate) or rate in ranges.SPIN for rate in body.rates_radps):
+        raise _InvalidError(f"body rates {body.rates_radps}: {ranges.SPIN}")
     roll, pitch, yaw = body.rates_radps
     spin = 0.0 if math.isnan(yaw) else yaw
     # The rotors' thrust grows with the square of their speed, which is what `thrust` is a share of.

@@ -11,17 +11,14 @@ from flightdyn.frames import yaw_of
 from flightdyn.pursuit import Target
 from flightdyn.state import Vector
 from sitl.autopilot import manoeuvres as do
+from sitl.autopilot import ranges
 from sitl.autopilot.commands import Answer, Refusal
 from sitl.autopilot.enums import GLOBAL_FRAMES, OrbitYaw, Result
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.messages import CommandOrder
 from sitl.autopilot.modes import Mode, Trigger
-from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.route import too_far
 
 _DEFAULT_RADIUS_M, _DEFAULT_SPEED_MPS = 10.0, 2.0
-_RADII_M = (1.0, 1000.0)
-_FASTEST_MPS = 10.0
 _INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
 _PERIOD_S = 0.02
 _LOOKS = 16  # points of the circle that the fence is asked about
@@ -89,10 +86,9 @@ class Circle:
 class Orbits:
     """Carries out DO_ORBIT; `current` is the circle being flown."""
 
-    def __init__(self, aircraft: Aircraft, flight: Flight, parameters: Parameters) -> None:
+    def __init__(self, aircraft: Aircraft, flight: Flight) -> None:
         self._aircraft = aircraft
         self._flight = flight
-        self._parameters = parameters
         self._orbit: Orbit | None = None
 
     @property
@@ -105,12 +101,11 @@ class Orbits:
         orbit = self._asked(order)
         if isinstance(orbit, Refusal):
             return orbit
-        farthest_m = self._parameters["MIS_DIST_1WP"]
-        if far := too_far(np.array(orbit.center_ned_m), farthest_m=farthest_m):
+        if far := self._flight.too_far(np.array(orbit.center_ned_m)):
             return Refusal(Result.DENIED, f"the orbit is {far}")
-        for i in range(_LOOKS):
-            if forbidden := self._flight.forbidden(orbit.point(math.tau * i / _LOOKS)):
-                return Refusal(Result.DENIED, f"the orbit leads {forbidden}")
+        circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
+        if forbidden := self._flight.forbidden(circle):
+            return Refusal(Result.DENIED, f"the orbit leads {forbidden}")
         if orbit == self.current:
             return None
         reason = self._flight.fly_by(Trigger.ORDER_ORBIT, lambda: self._fly(orbit))
@@ -125,22 +120,21 @@ class Orbits:
             return Refusal(Result.DENIED, f"frame {order.frame} is not a global one")
         radius = _DEFAULT_RADIUS_M if math.isnan(radius) else radius
         speed = _DEFAULT_SPEED_MPS if math.isnan(speed) else speed
-        low, high = _RADII_M
-        if not low <= abs(radius) <= high:
-            return Refusal(Result.DENIED, f"radius {radius:g} m, {low:g} to {high:g} m are allowed")
-        if not abs(speed) <= _FASTEST_MPS:
-            return Refusal(Result.DENIED, f"speed {speed:g} m/s, at most {_FASTEST_MPS:g} m/s")
+        if abs(radius) not in ranges.ORBIT_RADIUS:
+            return Refusal(Result.DENIED, f"radius {radius:g} m: {ranges.ORBIT_RADIUS}")
+        if abs(speed) not in ranges.ORBIT_SPEED:
+            return Refusal(Result.DENIED, f"speed {speed:g} m/s: {ranges.ORBIT_SPEED}")
         if not (math.isnan(yaw) or yaw in OrbitYaw.__members__.values()):
             return Refusal(Result.DENIED, f"yaw behaviour {yaw:g}, 0 to 5 are allowed")
         here = self._aircraft.belief.pos_ned_m
         center = [float(here[0]), float(here[1]), float(here[2])]
         frame = self._flight.frame
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):
-            if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+            if not (lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE):
                 return Refusal(Result.DENIED, f"no such place: {lat_deg:g}, {lon_deg:g}")
             center[:2] = map(float, frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m)[:2])
-        if math.isinf(z):
-            return Refusal(Result.DENIED, "no such altitude")
+        if not (math.isnan(z) or z in ranges.ALTITUDE):
+            return Refusal(Result.DENIED, f"altitude {z:g} m: {ranges.ALTITUDE}")
         if not math.isnan(z):
             # Above mean sea level in every frame, as PX4 has it: MAVSDK names a relative one.
             center[2] = frame.origin.alt_msl_m - z

@@ -9,11 +9,13 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
 from flightdyn.state import GeodeticPoint
 from sitl.autopilot import messages as m
+from sitl.autopilot import ranges
 from sitl.autopilot.commands import Answer, Handler, Refusal
 from sitl.autopilot.enums import GLOBAL_FRAMES, RELATIVE_FRAMES, Command, Result
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.modes import Mode, mode_of_custom
 
+_MODES = ranges.Range(0, 255, "")
 _FORCE = 21196.0  # the magic number of forced disarming
 
 
@@ -94,6 +96,8 @@ class FlightCommands:
             return _rejected(self._flight.take_off(None))
         if order.frame in RELATIVE_FRAMES:
             altitude += self._flight.home.alt_msl_m
+        if altitude not in ranges.ALTITUDE:
+            return Refusal(Result.DENIED, f"altitude {altitude:g} m: {ranges.ALTITUDE}")
         return _rejected(self._flight.take_off(altitude))
 
     def _reposition(self, order: m.CommandOrder, _now: float) -> Answer:
@@ -102,9 +106,13 @@ class FlightCommands:
             return Refusal(Result.DENIED, f"frame {order.frame} is not a global one")
         belief = self._aircraft.belief
         here = self._aircraft.frame.to_geodetic(np.asarray(belief.pos_ned_m))
-        point = _point(order, lat_deg, lon_deg, z, here=here, home=self._flight.home)
-        if point is None:
-            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
+        point = self._point(order, lat_deg, lon_deg, z, here=here)
+        if isinstance(point, Refusal):
+            return point
+        if speed > 0 and speed not in ranges.SPEED:
+            return Refusal(Result.DENIED, f"speed {speed:g} m/s: {ranges.SPEED}")
+        if math.isfinite(yaw) and math.degrees(yaw) not in ranges.TURN:
+            return Refusal(Result.DENIED, f"heading {yaw:g} rad")
         goal = self._aircraft.frame.to_ned(point.lat_deg, point.lon_deg, point.alt_msl_m)
         reason = self._flight.go_to(goal, yaw_rad=yaw if math.isfinite(yaw) else None)
         if reason is None and speed > 0:
@@ -113,19 +121,21 @@ class FlightCommands:
 
     def _change_altitude(self, order: m.CommandOrder, _now: float) -> Answer:
         altitude, frame = order.params[:2]
-        if not (math.isfinite(altitude) and frame in GLOBAL_FRAMES):
-            return Refusal(Result.DENIED, f"altitude {altitude:g} m in frame {frame:g}: 0 or 3")
+        if frame not in GLOBAL_FRAMES:
+            return Refusal(Result.DENIED, f"frame {frame:g} is not a global one")
         if frame in RELATIVE_FRAMES:
             altitude += self._flight.home.alt_msl_m
+        if altitude not in ranges.ALTITUDE:
+            return Refusal(Result.DENIED, f"altitude {altitude:g} m: {ranges.ALTITUDE}")
         north, east, _ = map(float, self._flight.here())
         down = self._flight.frame.origin.alt_msl_m - altitude
         return _rejected(self._flight.go_to(np.array([north, east, down])))
 
     def _look_at(self, order: m.CommandOrder, _now: float) -> Answer:
         lat_deg, lon_deg, z = order.params[4:]
-        point = _point(order, lat_deg, lon_deg, z, here=None, home=self._flight.home)
-        if point is None:
-            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
+        point = self._point(order, lat_deg, lon_deg, z, here=None)
+        if isinstance(point, Refusal):
+            return point
         place = self._aircraft.frame.to_ned(point.lat_deg, point.lon_deg, point.alt_msl_m)
         self._aircraft.look_at(place)
         return None
@@ -149,16 +159,16 @@ class FlightCommands:
             return Refusal(Result.DENIED, f"speed type {kind:g}: only horizontal speeds (0, 1)")
         if speed == -2.0:
             self._flight.change_speed(None)
-        elif speed > 0:
+        elif speed in ranges.SPEED:
             self._flight.change_speed(speed)
         elif speed != -1.0:
-            return Refusal(Result.DENIED, f"speed {speed:g} m/s")
+            return Refusal(Result.DENIED, f"speed {speed:g} m/s: {ranges.SPEED}")
         return None
 
     def _turn(self, order: m.CommandOrder, _now: float) -> Answer:
         angle_deg, _, direction, relative = order.params[:4]
-        if not math.isfinite(angle_deg):
-            return Refusal(Result.DENIED, "no angle")
+        if angle_deg not in ranges.TURN:
+            return Refusal(Result.DENIED, f"angle {angle_deg:g} deg: {ranges.TURN}")
         if relative == 1.0:
             sign = -1.0 if direction < 0 else 1.0
             now_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
@@ -169,7 +179,7 @@ class FlightCommands:
         base, main, sub = order.params[:3]
         if not (math.isfinite(base) and int(base) & 1):
             return Refusal(Result.UNSUPPORTED, "only custom modes")
-        if not (0 <= main <= 255 and 0 <= sub <= 255):
+        if not (main in _MODES and sub in _MODES):
             return Refusal(Result.UNSUPPORTED, "no such mode")
         return self.set_mode(int(main) << 16 | int(sub) << 24)
 
@@ -182,7 +192,9 @@ class FlightCommands:
 
     def _start_mission(self, order: m.CommandOrder, _now: float) -> Answer:
         first = order.params[0]
-        if math.isfinite(first) and first > 0:
+        if first > 0:
+            if first not in ranges.ITEM:
+                return Refusal(Result.DENIED, f"no item {first:g}")
             reason = self._flight.rewind_mission(int(first))
             if reason is not None:
                 return Refusal(Result.DENIED, reason)
@@ -199,7 +211,7 @@ class FlightCommands:
         seq = order.params[0]
         if seq == -1.0 or not math.isfinite(seq):
             seq = float(self._flight.mission.current)
-        if seq < 0:
+        if seq not in ranges.ITEM:
             return Refusal(Result.DENIED, f"no item {seq:g}")
         reason = self._flight.rewind_mission(int(seq))
         return None if reason is None else Refusal(Result.DENIED, reason)
@@ -210,29 +222,31 @@ class FlightCommands:
         if use_current == 1.0:
             self._flight.set_home(here)
             return None
-        point = _point(order, lat_deg, lon_deg, z, here=None, home=self._flight.home)
-        if point is None:
-            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
+        point = self._point(order, lat_deg, lon_deg, z, here=None)
+        if isinstance(point, Refusal):
+            return point
         self._flight.set_home(point)
         return None
 
-
-def _point(
-    order: m.CommandOrder,
-    lat_deg: float,
-    lon_deg: float,
-    z: float,
-    *,
-    here: GeodeticPoint | None,
-    home: GeodeticPoint,
-) -> GeodeticPoint | None:
-    """The position a command names; what is left open (NaN) is taken from `here`."""
-    if here is not None:
-        lat_deg = here.lat_deg if math.isnan(lat_deg) else lat_deg
-        lon_deg = here.lon_deg if math.isnan(lon_deg) else lon_deg
-        if math.isnan(z):
-            return GeodeticPoint(lat_deg, lon_deg, here.alt_msl_m)
-    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and math.isfinite(z)):
-        return None
-    relative = order.frame in RELATIVE_FRAMES
-    return GeodeticPoint(lat_deg, lon_deg, z + home.alt_msl_m if relative else z)
+    def _point(
+        self,
+        order: m.CommandOrder,
+        lat_deg: float,
+        lon_deg: float,
+        z: float,
+        *,
+        here: GeodeticPoint | None,
+    ) -> GeodeticPoint | Refusal:
+        """The position a command names; what is left open (NaN) is taken from `here`."""
+        if here is not None:
+            lat_deg = here.lat_deg if math.isnan(lat_deg) else lat_deg
+            lon_deg = here.lon_deg if math.isnan(lon_deg) else lon_deg
+        if here is not None and math.isnan(z):
+            z = here.alt_msl_m
+        elif order.frame in RELATIVE_FRAMES:
+            z += self._flight.home.alt_msl_m
+        known = lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE
+        if not (known and z in ranges.ALTITUDE):
+            return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
+        far = self._flight.too_far(self._aircraft.frame.to_ned(lat_deg, lon_deg, z))
+        return Refusal(Result.DENIED, far) if far else GeodeticPoint(lat_deg, lon_deg, z)

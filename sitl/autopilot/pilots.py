@@ -37,7 +37,7 @@ class Pilots:
         self._sticks = Sticks(aircraft, flight, parameters, clock=clock, failsafes=failsafes)
         failsafes.by_sticks = self._sticks.enter
         self._follower = Follower(aircraft, flight, parameters, clock=clock)
-        self._orbits = Orbits(aircraft, flight, parameters)
+        self._orbits = Orbits(aircraft, flight)
 
     @property
     def orbit(self) -> Orbit | None:

@@ -1,11 +1,15 @@
 """What the autopilot tells: to ground stations as messages, to observers as events."""
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from sitl.autopilot import messages as m
 from sitl.autopilot.enums import Message, Severity
 from sitl.autopilot.modes import Mode
 from sitl.observer import EventKind
+
+logger = logging.getLogger(__name__)
 
 EventSink = Callable[[EventKind, str, int | None, int], None]
 
@@ -15,8 +19,40 @@ class Reporter:
 
     def __init__(self, outbox: m.Outbox, sink: EventSink) -> None:
         self._outbox = outbox
-        self._sink = sink
+        self._to = sink
+        self._outside: Exception | None = None  # what an observer raised
+        self._told: set[tuple[str, str]] = set()
         self.nudged: set[Message] = set()
+
+    @contextmanager
+    def contain(self, what: str, otherwise: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """The guard round whatever handles a message, an order or a look around.
+
+        An error of ours ends what the block was about, is told, and `otherwise` is done; the
+        vehicle goes on. Errors of observers (a full disk) are not ours and pass through.
+        """
+        try:
+            yield
+        except Exception as error:
+            self.internal_error(what, error)
+            otherwise()
+
+    def internal_error(self, what: str, error: Exception) -> None:
+        """Tell of an error that nothing should have led to, once; an observer's is raised again."""
+        if error is self._outside:
+            raise error
+        kind = type(error).__name__
+        if (what, kind) not in self._told:
+            self._told.add((what, kind))
+            logger.error("internal error in %s", what, exc_info=error)
+            self.say(Severity.ERROR, f"Internal error in {what}: {kind}")
+
+    def _sink(self, kind: EventKind, text: str, seq: int | None, severity: int) -> None:
+        try:
+            self._to(kind, text, seq, severity)
+        except Exception as error:
+            self._outside = error
+            raise
 
     def say(self, severity: Severity, text: str) -> None:
         """A status text."""

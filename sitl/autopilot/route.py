@@ -5,7 +5,8 @@ becomes one path. DO_CHANGE_SPEED rules the legs after it. A pure function of it
 """
 
 import math
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -14,13 +15,15 @@ import numpy as np
 from flightdyn.frames import LocalFrame
 from flightdyn.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot import ranges
 from sitl.autopilot.enums import RELATIVE_FRAMES, Command
 from sitl.autopilot.items import NAVIGATION, PLACES
 from sitl.autopilot.messages import MissionItem
-from sitl.errors import SitlInputError
 
+_JUMPS = frozenset({Command.DO_JUMP})
 _ENDS = frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LOITER_UNLIM})
-_MAX_STEPS = 10_000  # items carried out, jumps included
+MAX_STEPS = 10_000  # items carried out, jumps included
+MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +110,12 @@ def leg_speed(start: Vector, end: Vector, *, speed_mps: float, limits: Limits) -
     delta = np.asarray(end) - np.asarray(start)
     length = float(np.linalg.norm(delta))
     speed = min(speed_mps, limits.max_speed_mps)
-    if length < 1e-6:
-        return speed
-    climb_share = -float(delta[2]) / length
+    climb_share = -float(delta[2]) / length if length > 1e-6 else 0.0
     if climb_share > 1e-6:
         speed = min(speed, limits.climb_mps / climb_share)
     elif climb_share < -1e-6:
         speed = min(speed, limits.descent_mps / -climb_share)
-    return max(speed, 0.1)
+    return max(speed, ranges.SPEED.low)
 
 
 def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
@@ -245,33 +246,57 @@ def compile_route(
     home: GeodeticPoint,
     limits: Limits,
 ) -> tuple[Stage, ...]:
-    """The stages of a mission from item `first` on.
-
-    Raises:
-        SitlInputError: the items jump in circles without end.
-    """
+    """The stages from item `first` on of a mission that `check_mission` has nothing against."""
     compiler = _Compiler(frame, home=home, start=start, limits=limits)
-    jumps_left = {
-        item.seq: round(item.params[1]) for item in items if item.command == Command.DO_JUMP
-    }
-    index, steps = first, 0
+    jumps_left = {item.seq: int(item.params[1]) for item in items if item.command in _JUMPS}
+    index = first
     while index < len(items):
         item = items[index]
-        steps += 1
-        if steps > _MAX_STEPS:
-            raise SitlInputError(f"mission: more than {_MAX_STEPS} items with its jumps")
-        if item.command == Command.DO_JUMP:
+        index += 1
+        if item.command in _JUMPS:
             if jumps_left[item.seq] > 0:
                 jumps_left[item.seq] -= 1
-                index = round(item.params[0])
-                continue
+                index = int(item.params[0])
         else:
             compiler.add(item)
             if item.command in _ENDS:
                 break
-        index += 1
     compiler.close()
     return tuple(compiler.stages)
+
+
+def _jump_trouble(items: Sequence[MissionItem]) -> str:
+    """Why the jumps lead nowhere or almost without end, from whichever item the mission starts."""
+    jumps = {item.seq: item for item in items if item.command in _JUMPS}
+    if len(jumps) > MAX_JUMPS:
+        return f"{len(jumps)} items jump; at most {MAX_JUMPS} may"
+    for item in jumps.values():
+        if not item.params[0] < len(items):
+            return f"item {item.seq} jumps to item {item.params[0]:g}, which is not there"
+    # Where a walk goes without jumping is the same from every item between two of these.
+    stops = sorted({len(items), *jumps, *(i.seq for i in items if i.command in _ENDS)})
+    for before, stop in zip([-1, *stops], stops, strict=False):
+        if stop - before > 1 or stop in jumps:
+            first = before + 1
+            if _steps(first, jumps, stops) > MAX_STEPS:
+                return f"from item {first} on it is more than {MAX_STEPS} items with its jumps"
+    return ""
+
+
+def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -> int:
+    """Items carried out from `first` on, jumps included; counted no farther than the limit."""
+    left = {seq: int(item.params[1]) for seq, item in jumps.items()}
+    index, steps = first, 0
+    while steps <= MAX_STEPS:
+        stop = stops[bisect_left(stops, index)]
+        steps += stop - index + 1
+        if stop not in jumps:
+            break
+        index = stop + 1
+        if left[stop] > 0:
+            left[stop] -= 1
+            index = int(jumps[stop].params[0])
+    return steps
 
 
 def next_navigation(items: Sequence[MissionItem], seq: int) -> int:
@@ -287,19 +312,11 @@ def check_mission(
 ) -> str:
     """What keeps a whole mission from being flown; empty if nothing."""
     for item in items:
-        if item.command == Command.DO_JUMP and not item.params[0] < len(items):
-            return f"item {item.seq} jumps to item {item.params[0]:g}, which is not there"
         if item.command in PLACES and not math.isnan(item.x):
             place = frame.to_ned(item.x, item.y, item_altitude(item, home))
             if far := too_far(place, farthest_m=farthest_m):
                 return f"item {item.seq} is {far}"
-    nowhere = Start(np.zeros(3), on_ground=True)
-    any_limits = Limits(10.0, 10.0, 3.0, 3.0, 3.0, 5.0)
-    try:
-        compile_route(items, first=0, start=nowhere, frame=frame, home=home, limits=any_limits)
-    except SitlInputError as error:
-        return str(error)
-    return ""
+    return _jump_trouble(items)
 
 
 def too_far(place_ned_m: Vector, *, farthest_m: float) -> str:

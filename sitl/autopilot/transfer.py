@@ -112,6 +112,13 @@ class MissionTransfer:
                 self._refuse_partial(peer, message)
         return True
 
+    def give_up(self, peer: m.Peer, message: m.Incoming) -> None:
+        """Handling `message` has failed: its transfer is over, and whoever sent it is told so."""
+        if isinstance(message, m.MissionItem | m.MissionCount) and self._upload is not None:
+            self._upload = None if self._upload.peer == peer else self._upload
+        if isinstance(message, _OURS) and not isinstance(message, m.MissionAck):
+            self._ack(peer, message.mission_type, MissionResult.ERROR)
+
     def poll(self, now: float) -> None:
         """Ask again for an item that has not come; give up in the end."""
         upload = self._upload

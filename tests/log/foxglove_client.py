@@ -14,7 +14,7 @@ from patience import HANG_S
 class FoxgloveClient:
     """Connects, learns the channels, subscribes, and reads messages in order of arrival."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, *, origin: str | None = None) -> None:
         self._socket = socket.create_connection(("127.0.0.1", port), timeout=HANG_S)
         self._buffer = b""
         key = base64.b64encode(os.urandom(16)).decode()
@@ -22,15 +22,21 @@ class FoxgloveClient:
             (
                 f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
                 f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n"
-                "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+                + (f"Origin: {origin}\r\n" if origin else "")
+                + "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
             ).encode()
         )
         while b"\r\n\r\n" not in self._buffer:
-            self._buffer += self._socket.recv(4096)
+            data = self._socket.recv(4096)
+            if not data:
+                raise ConnectionError(self._buffer.decode())
+            self._buffer += data
         head, _, self._buffer = self._buffer.partition(b"\r\n\r\n")
         magic = (key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()
         expected = base64.b64encode(hashlib.sha1(magic).digest())
-        assert b" 101 " in head.split(b"\r\n")[0]
+        if b" 101 " not in head.split(b"\r\n")[0]:
+            self._socket.close()
+            raise ConnectionRefusedError(head.decode())
         assert expected in head
 
     def __enter__(self) -> Self:

@@ -96,6 +96,45 @@ def free(port: int) -> bool:
     return True
 
 
+@pytest.mark.parametrize(
+    "origin",
+    [None, "https://app.foxglove.dev", "file://", "http://localhost:8080", "http://127.0.0.1"],
+)
+def test_the_viewer_is_let_in(origin: str | None) -> None:
+    live = LiveView(port=0)
+    try:
+        with FoxgloveClient(live.port, origin=origin) as viewer:
+            assert "/plan" in viewer.channels()
+    finally:
+        live.close()
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["https://evil.example", "null", "https://app.foxglove.dev.evil.example", "http://[",
+     "http://localhost.evil.example", "https://app.foxglove.dev\r\nOrigin: https://evil.example"],
+)  # fmt: skip
+def test_a_page_of_the_web_is_not(origin: str) -> None:
+    live = LiveView(port=0)
+    try:
+        with pytest.raises(ConnectionRefusedError, match="403 Forbidden"):
+            FoxgloveClient(live.port, origin=origin)
+    finally:
+        live.close()
+
+
+@pytest.mark.parametrize("said", [b"", b"\r\n\r\n", b"x" * 20_000, b"GET / HTTP/1.1\r\nOrigin"])
+def test_who_talks_nonsense_harms_nobody(said: bytes) -> None:
+    live = LiveView(port=0)
+    try:
+        with socket.create_connection(("127.0.0.1", live.port), timeout=HANG_S) as visitor:
+            visitor.sendall(said)
+        with FoxgloveClient(live.port) as viewer:
+            assert "/plan" in viewer.channels()
+    finally:
+        live.close()
+
+
 def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     plan, out = tmp_path / "north.waypoints", tmp_path / "out"
     plan.write_text("QGC WPL 110\n" + "0 0 3 16 0 5 0 0 47.402 8.5 50 1\n".replace(" ", "\t"))

@@ -18,6 +18,7 @@ from mission.commands import log, report
 from mission.errors import InputError
 from mission.log import framing, inspection
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log.export import _texts
 from mission.log.reader import read_log
 from mission.tables import read_rounds, read_uplinks
 
@@ -213,3 +214,11 @@ def test_files_of_others_are_refused_by_every_command(made: Fixed, tmp_path: Pat
 def test_report_prints_where_it_is(made: Fixed, capsys: pytest.CaptureFixture[str]) -> None:
     assert report.report(made.log.parent) == 0
     assert capsys.readouterr().out.strip() == str(made.log.parent / "report.html")
+
+
+def test_no_cell_is_computed_by_a_spreadsheet() -> None:
+    """A status text comes from whoever speaks MAVLink; the table is opened by somebody else."""
+    texts = ["=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "plain", "a=b", ""]
+    cells = list(_texts(texts))
+    assert cells == [f"'{t}" for t in texts[:6]] + texts[6:]
+    assert list(_texts([-1.5, -2, True])) == ["-1.5", "-2", "true"]

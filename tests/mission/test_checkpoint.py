@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from patience import until
@@ -15,6 +17,7 @@ from test_run import SMALL, digests, fly, refused, rows
 
 from mission.cli import call
 from mission.folder import RunFolder
+from mission.resumable import SEAL, sealed
 
 ROUNDS = 3
 
@@ -48,6 +51,60 @@ def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_ro
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
     assert digests(out) == digests(whole)
     assert json.loads((out / "summary.json").read_text())["status"] == "finished"
+
+
+KILLED_WRITING = """
+import os, signal, sys
+nth, written = int(sys.argv[1]), os.fsync
+def fsync(number):
+    global nth
+    nth -= 1
+    if nth == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    written(number)
+os.fsync = fsync
+from mission.cli import main
+main(sys.argv[2:])
+"""
+
+
+# The configuration, the learning's state and the first checkpoint are what is written first.
+@pytest.mark.parametrize("nth", [1, 2, 3])
+def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
+) -> None:
+    out = tmp_path / "killed"
+    command = ["run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL]
+    process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *command])
+    assert process.returncode == -signal.SIGKILL
+    assert out.exists()
+    assert call(["run", "--resume", str(out)]) == 2
+    refused(capsys, "ended before its first checkpoint; the command that began it begins it anew")
+    assert call(command) == 0
+    assert digests(out) == digests(whole)
+
+
+def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "config.toml").write_text("mine = true")
+    assert call(["run", "--out", str(tmp_path)]) == 2
+    refused(capsys, "already used")
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / ".lock").touch()
+    (tmp_path / "mine.txt").touch()
+    assert call(["run", "--out", str(tmp_path)]) == 2
+    refused(capsys, "already used")
+    assert (tmp_path / "config.toml").read_text() == "mine = true"
+
+
+def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["run", "--out", str(stopped)]) == 2
+    refused(
+        capsys,
+        f"already used; give a new or empty one by --out, or go on with it: aerofed "
+        f"run --resume {stopped}",
+    )
 
 
 def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,11 +142,52 @@ def test_resume_refuses_a_damaged_checkpoint(
     refused(capsys, state.name, "damaged")
 
 
-def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def unsealed(path: Path) -> dict[str, Any]:
+    values = json.loads(path.read_text())
+    del values[SEAL]
+    return dict(values)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda v: v["rounds"][0]["learnt"]["accuracy"].update(digits=0.99),  # a made-up accuracy
+        lambda v: v["rounds"][0].update(learnt={}),
+        lambda v: v["rounds"][0].update(sortie=None),
+        lambda v: v.update(rounds=[]),
+        lambda v: v.update(learning="../../../etc/passwd"),
+        lambda v: v.update(sha256=None),
+        lambda v: v.pop("sha256"),
+        lambda v: v.update(libraries=[]),
+    ],
+)
+def test_resume_refuses_an_edited_checkpoint(
+    stopped: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], object]
+) -> None:
     path = stopped / "checkpoint" / "rounds.json"
     values = json.loads(path.read_text())
-    values["libraries"]["jsbsim"] = "0.9"
+    change(values)
     path.write_text(json.dumps(values))
+    before = digests(stopped)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged: its checksum differs")
+    assert digests(stopped) == before
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a":' * 100_000, "\0", "1" * 5_000])
+def test_resume_refuses_what_is_no_json(
+    stopped: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    (stopped / "checkpoint" / "rounds.json").write_text(content)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged")
+
+
+def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = unsealed(path)
+    values["libraries"]["jsbsim"] = "0.9"
+    path.write_bytes(sealed(values))
     assert call(["run", "--resume", str(stopped)]) == 2
     refused(capsys, "versions of libraries differ: jsbsim was 0.9, is ")
 
@@ -98,9 +196,9 @@ def test_resume_says_when_a_round_cannot_be_flown_again_alike(
     stopped: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = stopped / "checkpoint" / "rounds.json"
-    values = json.loads(path.read_text())
+    values = unsealed(path)
     values["rounds"][0]["true_objective"] += 1e-12
-    path.write_text(json.dumps(values))
+    path.write_bytes(sealed(values))
     assert call(["run", "--resume", str(stopped), "--quiet"]) == 4
     refused(capsys, "round 1, t ", "flown again, the round differs")
 
@@ -111,7 +209,7 @@ def test_resume_refuses_another_format(stopped: Path, capsys: pytest.CaptureFixt
     values["format"], values["libraries"]["aerofed"] = 9, "7.0"
     path.write_text(json.dumps(values))
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 1")
+    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 2")
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "{", '{"libraries": {}}'])

@@ -175,12 +175,12 @@ def test_an_orbit_is_a_circle(clockwise: bool) -> None:
 @pytest.mark.parametrize(
     ("params", "words"),
     [
-        ((0.5, 2, 0, NAN, NAN, NAN, NAN), "radius 0.5 m, 1 to 1000 m"),
+        ((0.5, 2, 0, NAN, NAN, NAN, NAN), "radius 0.5 m: 1 to 1000 m"),
         ((math.inf, 2, 0, NAN, NAN, NAN, NAN), "radius inf m"),
-        ((10, 50, 0, NAN, NAN, NAN, NAN), "speed 50 m/s, at most 10 m/s"),
+        ((10, 50, 0, NAN, NAN, NAN, NAN), "speed 50 m/s: 0 to 10 m/s"),
         ((10, 2, 9, NAN, NAN, NAN, NAN), "yaw behaviour 9"),
         ((10, 2, 0, NAN, 91, 8, NAN), "no such place"),
-        ((10, 2, 0, NAN, NAN, NAN, math.inf), "no such altitude"),
+        ((10, 2, 0, NAN, NAN, NAN, math.inf), "altitude inf m: -1000 to 20000 m"),
         ((10, 2, 0, NAN, 48.4, 8.5, NAN), "111 km from home, MIS_DIST_1WP allows 20 km"),
     ],
 )

@@ -1,0 +1,50 @@
+"""What a number that comes in over MAVLink may be: one table, asked at the border.
+
+A 32-bit float holds 3.4e38 m and NaN; what is accepted here can be computed with, flown and sent
+back. NaN lies in no range: a field that may be left open says so where it is read.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Both ends belong to it."""
+
+    low: float
+    high: float
+    unit: str
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+
+LATITUDE = Range(-90.0, 90.0, "deg")
+LONGITUDE = Range(-180.0, 180.0, "deg")
+ALTITUDE = Range(-1_000.0, 20_000.0, "m")  # above mean sea level
+HEIGHT = Range(-500.0, 10_000.0, "m")  # above home
+SPEED = Range(0.1, 100.0, "m/s")
+TURN = Range(-3_600.0, 3_600.0, "deg")
+HOLD = Range(0.0, 86_400.0, "s")
+ACCEPTANCE = Range(0.0, 10_000.0, "m")
+FENCE_RADIUS = Range(0.01, 1e6, "m")
+CORNERS = Range(3, 5_000, "")
+ITEM = Range(0, 65_535, "")
+REPEATS = Range(0, 1_000_000, "")
+ORBIT_RADIUS = Range(1.0, 1_000.0, "m")
+ORBIT_SPEED = Range(0.0, 10.0, "m/s")
+AWAY = Range(-100_000.0, 100_000.0, "m")  # of a setpoint, in the local frame
+VELOCITY = Range(-100.0, 100.0, "m/s")
+ACCELERATION = Range(-100.0, 100.0, "m/s2")
+HEADING = Range(-4 * 3.1415927, 4 * 3.1415927, "rad")
+SPIN = Range(-20.0, 20.0, "rad/s")
+THRUST = Range(0.0, 1.0, "")
+INTERVAL = Range(-1.0, 3.6e9, "us")
+
+
+def whole(value: float, within: Range) -> bool:
+    """Whether `value` is an integer in the range."""
+    return value in within and value == int(value)

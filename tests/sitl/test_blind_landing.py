@@ -1,0 +1,51 @@
+"""GNSS lost for good: the landing is one, with a drift, and no crash."""
+
+import numpy as np
+import pytest
+from sitl_mavsdk import HOME, Recorder, make_vehicle
+
+from flightdyn.config import AircraftConfig
+from flightdyn.faults import GnssOff
+from sitl.autopilot.modes import Mode
+from sitl.config import VehicleConfig
+from sitl.vehicle import Vehicle
+
+HEIGHT_M = 60.0
+
+
+def hovering(seed: int, *, wind_mps: float, recorder: Recorder) -> Vehicle:
+    aircraft = AircraftConfig.model_validate({"wind": {"speed_mps": wind_mps, "from_deg": 250.0}})
+    vehicle = make_vehicle(recorder, seed=seed, config=VehicleConfig(aircraft=aircraft))
+    flight = vehicle.autopilot.flight
+    finish(vehicle)
+    assert flight.arm() is None
+    assert flight.take_off(HOME.alt_msl_m + HEIGHT_M) is None
+    finish(vehicle)
+    return vehicle
+
+
+def finish(vehicle: Vehicle, *, most_s: float = 300.0) -> None:
+    until_ns = vehicle.t_ns + round(most_s * 1e9)
+    while vehicle.moving:
+        vehicle.step()
+        assert vehicle.t_ns < until_ns, "never came to an end"
+
+
+@pytest.mark.parametrize("wind_mps", [0.0, 5.0, 8.0])
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_a_landing_without_gnss(seed: int, wind_mps: float) -> None:
+    recorder = Recorder()
+    vehicle = hovering(seed, wind_mps=wind_mps, recorder=recorder)
+    flight, aircraft = vehicle.autopilot.flight, vehicle.aircraft
+    if seed % 2:  # on its way, too
+        assert flight.go_to(np.array([2000.0, 0.0, -HEIGHT_M])) is None
+    aircraft.inject(GnssOff())
+    while flight.mode is not Mode.LAND:
+        vehicle.step()
+    place = np.array(aircraft.truth.pos_ned_m[:2])
+    finish(vehicle)
+    assert not aircraft.crashed
+    assert aircraft.on_ground
+    assert not aircraft.armed
+    drift_m = float(np.linalg.norm(aircraft.truth.pos_ned_m[:2] - place))
+    assert drift_m < 120.0
