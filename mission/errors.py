@@ -32,6 +32,12 @@ class AerofedError(Exception):
         return other
 
 
+class UsersCodeError(AerofedError):
+    """A researcher's own code failed; `__cause__` is what it raised."""
+
+    exit_code = 2
+
+
 class InputError(AerofedError):
     """The user's input is wrong: configuration, data, files, folders."""
 
