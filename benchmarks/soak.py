@@ -76,8 +76,15 @@ def main() -> None:
         desk.fly_square()
         open_files = len(list(Path("/proc/self/fd").iterdir()))
         rows.append((time.process_time() - began, resident_kib(), open_files))
+        if len(rows) % 50 == 0:
+            tell(rows, desk.vehicle.t_ns)
+    tell(rows, desk.vehicle.t_ns)
+
+
+def tell(rows: list[tuple[float, int, int]], t_ns: int) -> None:
+    """The first tenth against the last."""
     tenth = max(1, len(rows) // 10)
-    print(f"{len(rows)} missions in {desk.vehicle.t_ns / 3.6e12:.1f} simulated hours")
+    print(f"{len(rows)} missions in {t_ns / 3.6e12:.1f} simulated hours")
     for name, unit, column in (
         ("processor time a mission", "s", 0),
         ("resident memory", "KiB", 1),
@@ -85,7 +92,7 @@ def main() -> None:
     ):
         first = statistics.median(row[column] for row in rows[:tenth])
         last = statistics.median(row[column] for row in rows[-tenth:])
-        print(f"{name}: {first:.6g} {unit} in the first tenth, {last:.6g} in the last")
+        print(f"{name}: {first:.6g} {unit} in the first tenth, {last:.6g} in the last", flush=True)
 
 
 if __name__ == "__main__":

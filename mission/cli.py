@@ -75,6 +75,9 @@ def call(tokens: Sequence[str] | None = None) -> int:
     except LibraryError as error:
         errors.print(f"aerofed: {error}")
         return InputError.exit_code
+    except MemoryError:
+        errors.print("aerofed: out of memory")
+        return AerofedError.exit_code
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED

@@ -41,6 +41,8 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
         raise InputError(f"{path}: cannot read the configuration: {reason}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: not a configuration: brackets nested too deep") from None
     for dotted, value in (overrides or {}).items():
         override(data, dotted, value, path=path)
     given = frozenset(overrides or {})

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mission.area import Area
 from mission.config import MissionConfig
 from mission.errors import InputError, PlanError
-from mission.importing import make_from
+from mission.importing import make_from, users_code
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import check_plan
 from mission.planner.problem import Planner, RoundProblem
@@ -66,12 +66,14 @@ class CustomStrategy:
     @property
     def fairness(self) -> bool:
         """As the researcher's strategy has it."""
-        return bool(self.inner.fairness)
+        with users_code(self.path, key=KEY, doing="fairness"):
+            return bool(self.inner.fairness)
 
     @property
     def approach_m(self) -> Floats | None:
         """As the researcher's strategy has it."""
-        return self.inner.approach_m
+        with users_code(self.path, key=KEY, doing="approach_m"):
+            return self.inner.approach_m
 
     def importance(self, known: Known) -> Floats:
         """Its own importance, or the paper's.
@@ -81,7 +83,8 @@ class CustomStrategy:
         """
         if not isinstance(self.inner, Weighing):
             return known.delta
-        importance = np.asarray(self.inner.importance(known), dtype=np.float64)
+        with users_code(self.path, key=KEY, doing=f"importance() in round {known.round}"):
+            importance = np.asarray(self.inner.importance(known), dtype=np.float64)
         if importance.shape != known.delta.shape:
             self._refuse(f"importance is of shape {importance.shape}, not {known.delta.shape}")
         if not (np.isfinite(importance) & (importance >= 0.0)).all():
@@ -95,11 +98,13 @@ class CustomStrategy:
             InputError: no `Sortie`.
             PlanError: the plan breaks a constraint.
         """
-        sortie: Any = self.inner.sortie(round_index, problem)
+        with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
+            sortie: Any = self.inner.sortie(round_index, problem)
         if not isinstance(sortie, Sortie):
             self._refuse(f"sortie() gives a {type(sortie).__name__}, not a Sortie")
         try:
-            check_plan(problem, sortie.plan)
+            with users_code(self.path, key=KEY, doing="its plan"):
+                check_plan(problem, sortie.plan)
         except InfeasiblePlanError as error:
             raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
         found: Sortie = sortie

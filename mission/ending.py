@@ -1,12 +1,15 @@
 """How a flight ended: the first thing that went wrong counts."""
 
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from mission.errors import AerofedError
+from fl.errors import first_line
+from mission.errors import AerofedError, UsersCodeError
+from mission.folder import write_atomically
 
 
 @dataclass
@@ -27,6 +30,8 @@ class Ending:
             self.status = "interrupted"
         except AerofedError as failure:
             self.error = failure
+        except MemoryError:
+            self.error = AerofedError("out of memory")
 
     @contextmanager
     def aftermath(self) -> Iterator[None]:
@@ -34,8 +39,14 @@ class Ending:
         try:
             yield
         except AerofedError as failure:
-            if self.error is None:  # otherwise a consequence of what went wrong before
-                self.status, self.error = "failed", failure
+            self._consequence(failure)
+        # What a library says that finds no memory, for itself or for what it loads.
+        except (MemoryError, ImportError, OSError) as failure:
+            self._consequence(AerofedError(f"figures: {first_line(failure)}"))
+
+    def _consequence(self, failure: AerofedError) -> None:
+        if self.error is None:  # otherwise of what went wrong before
+            self.status, self.error = "failed", failure
 
     @property
     def summary(self) -> dict[str, str]:
@@ -45,7 +56,11 @@ class Ending:
 
     def raise_error(self, folder: Path) -> None:
         """Raise what went wrong, if anything did, and say what is left of the flight."""
-        if self.error is not None:
-            raise self.error.in_words(
-                f"{self.error}; what was flown is in {folder}"
-            ) from self.error
+        if self.error is None:
+            return
+        left = f"; what was flown is in {folder}"
+        if isinstance(self.error, UsersCodeError):
+            path = folder / "traceback.txt"
+            write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
+            left = f"; the whole traceback is in {path}"
+        raise self.error.in_words(f"{self.error}{left}") from self.error

@@ -15,7 +15,7 @@ EXIT_CODES: Mapping[int, str] = MappingProxyType(
         4: "failed on the way: flight not finished, or training diverged",
         5: "link lost, download failed, or port in use",
         6: "limits not met, or differences found",
-        INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; aerofed run --resume goes on",
+        INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
     }
 )
 
@@ -30,6 +30,12 @@ class AerofedError(Exception):
         other = AerofedError(text)
         other.exit_code = self.exit_code
         return other
+
+
+class UsersCodeError(AerofedError):
+    """A researcher's own code failed; `__cause__` is what it raised."""
+
+    exit_code = 2
 
 
 class InputError(AerofedError):

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from mission.errors import FlightError, LinkLostError
 from mission.flightplan import stops_of
 from mission.flyer import Flyer, Tap
 from mission.gate import slots, uplinks
+from mission.importing import users_code
 from mission.lessons import learn
 from mission.pilot.items import stop_sequence
 from mission.planner.flyable import acceptance_radius
@@ -226,7 +228,7 @@ class Experiment:
 
     async def _learn(self, scheduled: Bools, delivered: Bools) -> Learnt:
         self._show("training")
-        with self.stopwatch("learn"):
+        with self.stopwatch("learn"), self._users_networks():
             # In a thread, so that heartbeats go on; simulated time stands still.
             self.state, learnt = await asyncio.to_thread(
                 learn,
@@ -237,6 +239,14 @@ class Experiment:
                 workers=self.workers,
             )
         return learnt
+
+    def _users_networks(self) -> AbstractContextManager[None]:
+        """Where a network is the researcher's own, what fails while it is trained is theirs."""
+        own = [c.network for c in self.world.config.communities if ":" in c.network]
+        doing = f"training in round {self.tally.number}"
+        if not own:
+            return nullcontext()
+        return users_code(own[0], key="communities.network", doing=doing)
 
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""

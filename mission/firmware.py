@@ -22,6 +22,7 @@ from mission.contact import Say, located
 from mission.errors import FlightError, LinkLostError
 from mission.external import ExternalFlyer, limits_of
 from mission.flightplan import FlightPlan
+from mission.gcs import station_links
 from mission.pilot.feed import Known
 from mission.pilot.limits import Demand
 from mission.pilot.orders import Pilot
@@ -29,7 +30,7 @@ from mission.track import Flight, FlightRecorder
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle
-from sitl.links import RawLink, UdpLink
+from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
@@ -130,7 +131,7 @@ async def open_firmware(
         config.vehicle,
         plant,
         folder,
-        [raw_link, *map(UdpLink, config.link.gcs)],
+        [raw_link, *station_links(config.link)],
         mission_speed_mps=config.mission.speed_mps,
         speed=math.inf if config.link.speed == "max" else config.link.speed,
         hear=messages.hear,

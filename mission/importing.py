@@ -4,12 +4,14 @@ import importlib
 import importlib.util
 import re
 import sys
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fl.errors import USERS_MISTAKES, first_line
-from mission.errors import InputError
+from fl.errors import USERS_MISTAKES, LearningError, first_line
+from mission.errors import AerofedError, InputError, UsersCodeError
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 
@@ -17,6 +19,33 @@ IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 def is_import_path(text: str) -> bool:
     """Whether the text has the form of one."""
     return re.fullmatch(IMPORT_PATH, text) is not None
+
+
+@contextmanager
+def users_code(path: str, *, key: str, doing: str) -> Iterator[None]:
+    """Run a researcher's code in the block: what it raises is theirs, and is said to be.
+
+    Raises:
+        UsersCodeError: one line with the place in their file; `key` is the setting that names it.
+    """
+    try:
+        yield
+    except (AerofedError, LearningError):
+        raise
+    except Exception as error:
+        raise UsersCodeError(
+            f"{key} = {path!r}: {doing}: {first_line(error)} ({_place(path, error)})"
+        ) from error
+
+
+def _place(path: str, error: BaseException) -> str:
+    """File and line in the module at `path` that led to an error; where it was raised, if none."""
+    module = sys.modules.get(path.partition(":")[0])
+    file = getattr(module, "__file__", None)
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if file is not None and frame.filename == file]
+    frame = (own or frames)[-1]
+    return f"{frame.filename}, line {frame.lineno}"
 
 
 def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...]) -> Any:

@@ -27,7 +27,7 @@ def parse_override(text: str) -> tuple[str, Any]:
         )
     try:
         return key, tomllib.loads(f"value = {raw}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return key, raw.strip()
 
 

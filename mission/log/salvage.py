@@ -101,20 +101,50 @@ def _take(frame: Frame, saved: Saved) -> None:
         saved.losses.append(Loss(frame.offset, frame.end, broken.reason))
 
 
+class _ExhaustedError(Exception):
+    """More was looked at in vain than damage explains."""
+
+
+class _Effort:
+    """Bounds what is looked at in vain, so that recovery takes time linear in the file's size.
+
+    A hostile file may hold beginnings of chunks, each as long as the rest, by the thousand.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._left = 16 * size + (1 << 26)
+
+    def spend(self, count: int) -> None:
+        """So many bytes were looked at for nothing; too many raise _ExhaustedError."""
+        self._left -= count
+        if self._left < 0:
+            raise _ExhaustedError
+
+
 def _sound_frames(stream: IO[bytes], size: int, losses: list[Loss]) -> Iterator[Frame]:
     """Every frame that can be found, going on behind damage."""
-    offset = len(MCAP0_MAGIC)
+    offset, effort = len(MCAP0_MAGIC), _Effort(size)
+    content: bytes | None = None
     while offset < size:
+        in_vain = 0
         try:
             for frame in framing.frames(stream, size=size, start=offset):
                 if frame.opcode not in _OPCODES or not _plausible_after(stream, frame, size):
+                    in_vain = len(frame.body)
                     raise BrokenRecordError(frame.offset, "bytes that are no record")
                 yield frame
                 stream.seek(frame.end)
             return
         except BrokenRecordError as broken:
-            found = _next_chunk(stream, broken.offset + 1, size)
-            losses.append(Loss(broken.offset, found, broken.reason))
+            if content is None:
+                stream.seek(0)
+                content = stream.read()
+            try:
+                effort.spend(in_vain)
+                found, reason = _next_chunk(content, broken.offset + 1, effort), broken.reason
+            except _ExhaustedError:
+                found, reason = size, f"{broken.reason}; and too much like it after it"
+            losses.append(Loss(broken.offset, found, reason))
             offset = found
 
 
@@ -127,26 +157,24 @@ def _plausible_after(stream: IO[bytes], frame: Frame, size: int) -> bool:
     return opcode in _OPCODES and frame.end < size
 
 
-def _next_chunk(stream: IO[bytes], start: int, size: int) -> int:
+def _next_chunk(content: bytes, start: int, effort: _Effort) -> int:
     """Offset of the first sound chunk at or after `start`; the file's size if there is none."""
-    stream.seek(start)
-    rest = stream.read()
-    at = rest.find(_SIGNATURE)
+    at = content.find(_SIGNATURE, start + _SIGNATURE_AT)
     while at >= 0:
-        offset = start + at - _SIGNATURE_AT
-        if offset >= start and _is_chunk(rest, offset - start):
-            return offset
-        at = rest.find(_SIGNATURE, at + 1)
-    return size
+        if _is_chunk(content, at - _SIGNATURE_AT, effort):
+            return at - _SIGNATURE_AT
+        at = content.find(_SIGNATURE, at + 1)
+    return len(content)
 
 
-def _is_chunk(data: bytes, at: int) -> bool:
-    opcode, length = HEAD.unpack_from(data, at)
-    body = data[at + HEAD.size : at + HEAD.size + length]
-    if opcode != Opcode.CHUNK or len(body) < length:
+def _is_chunk(content: bytes, at: int, effort: _Effort) -> bool:
+    opcode, length = HEAD.unpack_from(content, at)
+    if opcode != Opcode.CHUNK or length > len(content) - at - HEAD.size:
         return False
+    body = content[at + HEAD.size : at + HEAD.size + length]
     try:
         framing.chunk_records(Frame(at, opcode, body))
     except BrokenRecordError:
+        effort.spend(length)
         return False
     return True

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from mission.errors import PlanError
-from mission.importing import make_from
+from mission.importing import make_from, users_code
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import check_plan
@@ -46,9 +46,11 @@ class CustomPlanner:
         Raises:
             PlanError: the plan breaks a constraint, or claims a value that it has not.
         """
-        plan = self.inner.plan(problem)
+        with users_code(self.path, key=KEY, doing="plan()"):
+            plan = self.inner.plan(problem)
         try:
-            check_plan(problem, plan)
+            with users_code(self.path, key=KEY, doing="its plan"):
+                check_plan(problem, plan)
         except InfeasiblePlanError as error:
             raise PlanError(f"{KEY} = {self.path!r}: {error}") from None
         return plan

@@ -1,24 +1,30 @@
 """Nothing that was flushed is lost, whatever happens to the writer or to the file."""
 
 import io
+import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from limits import no_file_larger_than
 from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.log import framing
 from mission.log.contents import load
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log.framing import Frame
 from mission.log.inspection import check
 from mission.log.reader import read_log
 from mission.log.recover import recover
@@ -207,3 +213,41 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         assert newest > sampled_ns - 1_000_000_000
         seconds.append(newest / 1e9)
     assert len({round(s) for s in seconds}) > KILLS // 5  # the moments were spread
+
+
+def _hostile(size: int, length_of: Callable[[int], int]) -> bytes:
+    """Beginnings of chunks, one behind the other, each of a length that goes on to the end."""
+    parts, at = [MCAP0_MAGIC], len(MCAP0_MAGIC)
+    zstd = zstandard.compress(bytes(400))
+    while at < size:
+        head = struct.pack("<QQQI", 0, 0, 400, 1) + struct.pack("<I", 4) + b"zstd"
+        body = head + struct.pack("<Q", len(zstd)) + zstd
+        parts.append(struct.pack("<BQ", Opcode.CHUNK, length_of(at)) + body)
+        at += len(parts[-1])
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("kind", ["to the end", "too long", "short"])
+def test_a_hostile_log_is_looked_at_a_bounded_number_of_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """10 MB of it took minutes: each beginning of a chunk had all of the rest looked at."""
+    size = 2_000_000
+    lengths = {
+        "to the end": lambda at: max(40, size - at - 2000),
+        "too long": lambda at: size - at + 9,
+        "short": lambda _: 40,
+    }
+    source, looked = tmp_path / "hostile.mcap", 0
+    source.write_bytes(_hostile(size, lengths[kind]))
+    unpack = framing.chunk_records
+
+    def counted(frame: Frame) -> list[framing.Content]:
+        nonlocal looked
+        looked += len(frame.body)
+        return unpack(frame)
+
+    monkeypatch.setattr(framing, "chunk_records", counted)
+    with pytest.raises(LogError, match="nothing to recover"):
+        recover(source, tmp_path / "saved.mcap")
+    assert looked < 20 * size + (1 << 27)

@@ -1,6 +1,7 @@
 """A researcher's own strategy and planner: plugged in by import path, flown, and held to rules."""
 
 import csv
+import json
 import sys
 from pathlib import Path
 
@@ -45,6 +46,21 @@ class Weighs:
     def sortie(self, round_index, problem):
         return Sortie(Jump().plan(problem))
 
+class Fails(Weighs):
+    def sortie(self, round_index, problem):
+        return self.deeper(problem)
+    def deeper(self, problem):
+        return np.linalg.inv(np.zeros((2, 2)))  # the culprit
+
+class FailsPlanning:
+    def plan(self, problem):
+        raise KeyError("no such thing")
+
+class PlansNothing:
+    def plan(self, problem):
+        return None
+
+def fails(setting): return Fails(np.ones(6))
 def wrong_shape(setting): return Weighs(np.ones(3))
 def negative(setting): return Weighs(-np.ones(6))
 def jumps(setting): return Weighs(np.ones(6))
@@ -203,3 +219,50 @@ def test_an_error_of_any_kind_names_the_folder(
     out = tmp_path / "out"
     assert fly(out) == failure.exit_code
     assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}\n"
+
+
+@pytest.mark.parametrize(
+    ("setting", "doing", "error", "culprit"),
+    [
+        (
+            ("mission.strategy=own_code:fails",),
+            "mission.strategy = 'own_code:fails': sortie() in round 1",
+            "LinAlgError: Singular matrix",
+            "# the culprit",
+        ),
+        (
+            ("planner.kind=import", "planner.factory=own_code:FailsPlanning"),
+            "planner.factory = 'own_code:FailsPlanning': plan()",
+            "KeyError: 'no such thing'",
+            "raise KeyError",
+        ),
+        (
+            ("planner.kind=import", "planner.factory=own_code:PlansNothing"),
+            "planner.factory = 'own_code:PlansNothing': its plan",
+            "AttributeError",
+            "",
+        ),
+    ],
+)
+def test_own_code_that_fails_in_flight_is_named_with_its_line(
+    own: None,  # noqa: ARG001
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    setting: tuple[str, ...],
+    doing: str,
+    error: str,
+    culprit: str,
+) -> None:
+    out = tmp_path / "run"
+    assert fly(out, *setting) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{doing}: {error}" in line
+    if culprit:
+        lines = MODULE.splitlines()
+        number = next(i for i, text in enumerate(lines, 1) if culprit in text)
+        assert f"{tmp_path / 'own_code.py'}, line {number})" in line
+    assert f"the whole traceback is in {out / 'traceback.txt'}" in line
+    whole = (out / "traceback.txt").read_text()
+    assert whole.startswith("Traceback")
+    assert error.partition(":")[0] in whole
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
