@@ -175,7 +175,9 @@ async def flown_by_mavsdk(length_m: float) -> Cost:
     """The whole chain, from the upload of the mission to MAVSDK's word that it is finished."""
     async with hovering() as flyer:
         meter = Meter(lambda: flyer.t_ns)
-        await flyer.fly(zigzag(configuration(), length_m))
+        plan = zigzag(configuration(), length_m)
+        await flyer.upload(plan)
+        await flyer.fly(plan)
         return meter.read()
 
 

@@ -104,7 +104,9 @@ async def many_missions(count: int) -> None:
         for _ in range(count):
             meter = Meter(lambda: flyer.t_ns)
             try:
-                flight = await flyer.fly(onward(flyer, plan))
+                leg = onward(flyer, plan)
+                await flyer.upload(leg)
+                flight = await flyer.fly(leg)
             except AerofedError as error:
                 failures.append(str(error))
                 continue
@@ -139,7 +141,9 @@ async def long_mission(length_m: float) -> None:
     async with hovering() as flyer:
         flyer.vehicle.add_observer(memory)
         meter = Meter(lambda: flyer.t_ns)
-        flight = await flyer.fly(zigzag(configuration(), length_m))
+        plan = zigzag(configuration(), length_m)
+        await flyer.upload(plan)
+        flight = await flyer.fly(plan)
         cost = meter.read()
     found = memory.resident
     print(f"{flight.flown_m:.0f} m in {cost.sim_s:.0f} simulated seconds, one mission")
