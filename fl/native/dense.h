@@ -104,6 +104,7 @@ static void add_dense_slopes(
                 sum = multiply_add(down[lane], load(table + lane * WIDTH), sum);
             store(row + i, sum);
         }
+        if (!left) continue;
         memcpy(rest, row + whole, left);
         Lanes sum = load(rest);
 #pragma GCC unroll 16

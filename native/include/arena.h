@@ -6,6 +6,15 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+/* Address sanitizer sees what is beyond a piece, too. */
+#if defined(__SANITIZE_ADDRESS__)
+#include <sanitizer/asan_interface.h>
+enum { FENCE = 64 };
+#else
+#define ASAN_POISON_MEMORY_REGION(at, size)
+enum { FENCE = 0 };
+#endif
+
 typedef struct {
     char *memory, *at;
     size_t used;
@@ -13,9 +22,11 @@ typedef struct {
 
 static void *claim(Arena *arena, int64_t count, size_t size)
 {
-    size_t start = arena->used;
-    arena->used += ((size_t)count * size + 63) / 64 * 64;
-    return arena->at ? arena->at + start : NULL;
+    const size_t start = arena->used, end = start + (size_t)count * size;
+    arena->used = (end + FENCE + 63) / 64 * 64;
+    if (!arena->at) return NULL;
+    ASAN_POISON_MEMORY_REGION(arena->at + end, arena->used - end);
+    return arena->at + start;
 }
 
 /* After the first pass; 0 where memory is short. */
