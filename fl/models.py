@@ -34,7 +34,7 @@ def make_network(
             net = ConvNet(image_shape, (32, 64), (2, 2), (512,), classes)
         if device == "cpu":
             return net
-        # Imported here: compiled code needs no torch, which takes seconds.
+        # Imported here: native code needs no torch, which takes seconds.
         from fl.modules.builtin import BuiltInNetwork
 
         return BuiltInNetwork(net, name=name, device=device, devices=devices)

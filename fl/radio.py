@@ -12,9 +12,9 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit, ndtr
 
 from fl.errors import SettingError
+from fl.native.library import normal_shares
 
 Floats = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def los_probability(
     `horizontal_m` and `height_m` (the channel's altitude by default) broadcast.
     """
     theta = elevation_rad(channel, horizontal_m, height_m=height_m)
-    return np.asarray(expit(channel.a1_per_rad * theta - channel.a2), dtype=np.float64)
+    return np.asarray(_logistic(channel.a1_per_rad * theta - channel.a2), dtype=np.float64)
 
 
 def log_mean_snr(
@@ -128,8 +128,8 @@ def average_per(
     rho = los_probability(channel, horizontal_m, height_m=height_m)
     mu_los, mu_nlos = log_mean_snr(channel, horizontal_m, height_m=height_m)
     threshold = math.log(channel.snr_threshold)
-    phi_los = ndtr((threshold - mu_los) / channel.sigma_los)
-    phi_nlos = ndtr((threshold - mu_nlos) / channel.sigma_nlos)
+    phi_los = normal_shares((threshold - mu_los) / channel.sigma_los)
+    phi_nlos = normal_shares((threshold - mu_nlos) / channel.sigma_nlos)
     # The weights may sum to 1 + one ulp.
     return np.asarray(np.minimum(rho * phi_los + (1.0 - rho) * phi_nlos, 1.0), dtype=np.float64)
 
@@ -159,13 +159,13 @@ def fit_logistic(
     theta = elevation_rad(channel, horizontal)
     target = average_per(channel, horizontal)
     # 1e-6: beyond it the logit weighs tails that the least squares do not see.
-    slope, offset = np.polyfit(theta, logit(np.clip(target, 1e-6, 1.0 - 1e-6)), 1)
+    slope, offset = np.polyfit(theta, _logit(np.clip(target, 1e-6, 1.0 - 1e-6)), 1)
 
     def residual(b: Floats) -> Floats:
-        return np.asarray(expit(-(b[0] * theta + b[1])) - target, dtype=np.float64)
+        return np.asarray(_logistic(-(b[0] * theta + b[1])) - target, dtype=np.float64)
 
     def jacobian(b: Floats) -> Floats:
-        q = expit(-(b[0] * theta + b[1]))
+        q = _logistic(-(b[0] * theta + b[1]))
         dq = -q * (1.0 - q)
         return np.stack([dq * theta, dq], axis=1)
 
@@ -186,7 +186,17 @@ def fit_logistic(
 def smooth_per(fit: LogisticFit, channel: Channel, horizontal_m: ArrayLike) -> Floats:
     """q_tilde = 1 / (1 + exp(b1 theta + b2)) at the planned altitude, without overflow."""
     theta = elevation_rad(channel, horizontal_m)
-    return np.asarray(expit(-(fit.b1_per_rad * theta + fit.b2)), dtype=np.float64)
+    return np.asarray(_logistic(-(fit.b1_per_rad * theta + fit.b2)), dtype=np.float64)
+
+
+def _logistic(x: Floats) -> Floats:
+    """1 / (1 + exp(-x)), without overflow."""
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)), dtype=np.float64)
+
+
+def _logit(p: Floats) -> Floats:
+    """The other way round: ln(p / (1 - p))."""
+    return np.asarray(np.log(p) - np.log1p(-p), dtype=np.float64)
 
 
 def _al_hourani(a: float, b_per_deg: float) -> tuple[float, float]:

@@ -2,21 +2,20 @@
 
 import math
 
-from flightdyn.battery import Battery
-from flightdyn.clock import SimClock
+from flightdyn.attitude import attitude_along
 from flightdyn.config import AircraftConfig
-from flightdyn.control import Controller
-from flightdyn.errors import FlightInputError
-from flightdyn.fault_state import FaultState
+from flightdyn.control import AttitudeOrder, Controller
 from flightdyn.faults import Fault
-from flightdyn.frames import LocalFrame, Triple, frozen, yaw_of
+from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance import Guidance
 from flightdyn.inertial import Earth
 from flightdyn.inertial_navigation import InertialNavigation
 from flightdyn.inner_loops import InnerLoops
-from flightdyn.multirotor import Multirotor
+from flightdyn.instruments import Instruments
 from flightdyn.navigation import Navigation, TrueNavigation
 from flightdyn.path import FlightPath, PathProgress
+from flightdyn.plant import Plant
+from flightdyn.pursuit import Target
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
     BatteryState,
@@ -26,9 +25,6 @@ from flightdyn.state import (
     Kinematics,
     Vector,
 )
-from flightdyn.wind import gust_ned
-
-_SLOW = 5  # guidance steps between looks at battery and ground
 
 
 def _triple(vector: Vector) -> Triple:
@@ -42,42 +38,27 @@ class Aircraft:
         self, config: AircraftConfig, *, home: GeodeticPoint, streams: RandomStreams
     ) -> None:
         self.config = config
-        self.frame = LocalFrame(home)
-        perfect = config.sensors.kind == "perfect"
-        clock = SimClock(config.physics_hz)
-        interval = clock.ticks(config.guidance_interval_s, what="guidance_interval_s")
-        if not perfect:
-            clock.tick = -clock.ticks(config.sensors.alignment_s, what="sensors.alignment_s")
-        self._clock = clock
+        self.plant = plant = Plant(config, home=home, streams=streams)
+        self.frame = plant.frame
+        self.vehicle = plant.vehicle
+        self._clock = clock = plant.clock
         self.dt_ns = clock.dt_ns
-        self._interval = interval
-        heading = config.heading_deg * math.pi / 180
-        self.vehicle = Multirotor(
-            self.frame,
-            config.wind,
-            dt_s=clock.dt_s,
-            seed=streams.seed("wind"),
-            heading_rad=heading,
-        )
+        self._interval = plant.interval
         # JSBSim's ground is at its sea level, and so is its gravity.
         earth = Earth.at(home.lat_deg, 0.0)
         inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
         self.navigation: Navigation
-        receiver, imu = None, None
-        if perfect:
+        if plant.sensors is None:
             self.navigation = TrueNavigation(self.vehicle, inner, clock)
         else:
-            self.navigation = inertial = InertialNavigation(
-                config.sensors,
+            self.navigation = InertialNavigation(
+                plant.sensors,
                 self.vehicle,
                 inner,
                 clock,
-                streams,
                 earth=earth,
-                guidance_ticks=interval,
+                guidance_ticks=plant.interval,
             )
-            receiver, imu = inertial.receiver, inertial.imu
-        self._faults = FaultState(config.faults, self.vehicle, receiver=receiver, imu=imu)
         self._nav = self.navigation.state()
         dt_s = config.guidance_interval_s
         self.controller = Controller(
@@ -86,67 +67,28 @@ class Aircraft:
         self._guidance = Guidance(
             self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self._nav.q)
         )
-        self._battery = Battery(config.battery)
-        self._gusty = bool(config.wind.gusts or config.faults)
-        self._run = self.vehicle.run
         self._near = False
-        self._low = True  # so near the ground that it may be touched before the next look
-        self._slow = 0
         self.armed = False
-        self.impact_mps: float | None = None  # with which it crashed
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
-        self._run()
-        clock = self._clock
-        clock.tick += 1
-        if self._low:
-            self._feel_ground()
+        plant = self.plant
+        plant.step()
+        if plant.impact_mps is not None and self.armed:
+            self.disarm()
         self.navigation.tick()
-        if clock.tick % self._interval == 0:
+        if self._clock.tick % self._interval == 0:
             self._guide()
         elif self._near:
             self._guidance.pass_corners(self.navigation.position(), self._nav.v)
 
-    def _feel_ground(self) -> None:
-        """A wreck from the tick on at which the ground is met faster than the legs can take."""
-        speed = self.vehicle.impact_mps()
-        if speed > self.vehicle.airframe.impact_limit_mps:
-            self.impact_mps = speed
-            self.disarm()
-            self.vehicle.wreck()
-            self._run = self.vehicle.run
-            self._low = False
-
     def _guide(self) -> None:
-        self.vehicle.check()
         nav = self._nav = self.navigation.update()
         guidance = self._guidance
         if self._near:
             guidance.pass_corners(nav.p, nav.v)
         guidance.step(nav, self.navigation.specific_force)
         self._near = guidance.corner_near(nav)
-        if self._gusty:
-            self._blow()
-        self._slow += 1
-        if self._slow == _SLOW:
-            self._slow = 0
-            self._housekeep()
-
-    def _blow(self) -> None:
-        """Gusts and bursts of this instant."""
-        gust = gust_ned(self.config.wind.gusts, self._clock.t_ns * 1e-9)
-        burst = self._faults.burst_ned_mps
-        self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
-
-    def _housekeep(self) -> None:
-        """What does not need the guidance's rate."""
-        volts = self._battery.draw(
-            self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
-        )
-        self.vehicle.set_battery_voltage(volts)
-        self._low = self.vehicle.watch_ground() and not self.crashed
-        self._faults.update(self._clock.t_ns)
 
     @property
     def t_ns(self) -> int:
@@ -156,7 +98,7 @@ class Aircraft:
     @property
     def truth(self) -> Kinematics:
         """Where the aircraft is."""
-        return self.vehicle.kinematics(self._clock.t_ns)
+        return self.plant.truth
 
     @property
     def belief(self) -> Kinematics:
@@ -179,12 +121,12 @@ class Aircraft:
     @property
     def wind_ned_mps(self) -> Vector:
         """Velocity of the air around the aircraft, gusts and turbulence included."""
-        return frozen(self.vehicle.wind_ned())
+        return self.plant.wind_ned_mps
 
     @property
     def battery(self) -> BatteryState:
         """Voltage, current, charge."""
-        return self._battery.state()
+        return self.plant.battery
 
     @property
     def on_ground(self) -> bool:
@@ -194,7 +136,12 @@ class Aircraft:
     @property
     def crashed(self) -> bool:
         """Whether the ground was hit faster than the legs can take: a wreck, at rest for good."""
-        return self.impact_mps is not None
+        return self.plant.crashed
+
+    @property
+    def impact_mps(self) -> float | None:
+        """The speed with which it crashed; None unless it has."""
+        return self.plant.impact_mps
 
     @property
     def progress(self) -> PathProgress:
@@ -220,18 +167,17 @@ class Aircraft:
     @property
     def faults(self) -> tuple[Fault, ...]:
         """The faults in force."""
-        return self._faults.active
+        return self.plant.faults
 
     def inject(self, fault: Fault) -> None:
         """Put a fault in force now, for its duration. Raises FaultError where there is no such
         part to fail.
         """
-        self._faults.begin(fault, self._clock.t_ns)
-        self._gusty = True
+        self.plant.inject(fault)
 
     def end(self, fault: Fault) -> None:
         """End one fault in force, and no other; nothing happens where it is not in force."""
-        self._faults.end(fault)
+        self.plant.end(fault)
 
     def arm(self) -> None:
         """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""
@@ -252,10 +198,7 @@ class Aircraft:
         Raises:
             FlightInputError: the motors are on.
         """
-        if self.armed:
-            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
-        self._battery.exchange()
-        self.vehicle.set_battery_voltage(self._battery.voltage_v)
+        self.plant.exchange_battery(armed=self.armed)
 
     def idle(self) -> None:
         """No order: motors turn without lift when armed."""
@@ -272,3 +215,29 @@ class Aircraft:
     def follow(self, path: FlightPath) -> None:
         """Fly a path and hold its last point."""
         self._guidance.follow(self._nav, path)
+
+    def pursue(self, target: Target) -> None:
+        """Go after a target until the next order; it may be another one at any time."""
+        self._guidance.pursue(self._nav, target)
+
+    def keep_attitude(self, order: AttitudeOrder) -> None:
+        """Keep an attitude and a thrust until the next order."""
+        self._guidance.attitude(order)
+
+    def look_at(self, pos_ned_m: Vector | None) -> None:
+        """Head towards a place on every path and hold from now on; None for the course again."""
+        self._guidance.interest = None if pos_ned_m is None else _triple(pos_ned_m)
+
+    def instruments(self) -> Instruments:
+        """What its parts read and order at this instant."""
+        control, full = self.controller, self.vehicle.airframe.rotor_max_thrust_n
+        thrusts = self.vehicle.rotor_thrusts_n()
+        return Instruments(
+            readings=self.navigation.readings(),
+            setpoint=self._guidance.setpoint,
+            q_wanted=attitude_along(control.wanted_thrust, yaw=control.wanted_yaw),
+            collective=control.collective,
+            # A rotor's thrust grows with the square of its speed.
+            motors=tuple(math.sqrt(min(1.0, max(0.0, thrust / full))) for thrust in thrusts),
+            wind_ned_mps=self.wind_ned_mps,
+        )

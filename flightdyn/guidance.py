@@ -1,19 +1,22 @@
-"""Orders in, setpoints out: idle, hold, velocity and path."""
+"""Orders in, setpoints out: idle, hold, path, a target to go after, an attitude."""
 
 import math
 from collections.abc import Callable
 
 from flightdyn.config import LimitsConfig
-from flightdyn.control import Controller, Heading, Setpoint
+from flightdyn.control import AttitudeOrder, Controller, Heading, Setpoint
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple, yaw_of
 from flightdyn.inertial import NavState
 from flightdyn.landing import LandDetector
 from flightdyn.path import FlightPath, PathProgress
 from flightdyn.path_plan import Corner, brake_and_go, plan_path
+from flightdyn.pursuit import Target, pursue, wanted_velocity
 from flightdyn.trajectory import Trajectory
 
-_LEASH_M = 0.6  # how far the reference of a velocity order may run ahead
+_LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
+_RISE_MPS = 0.3  # a target that asks for more climb than that lifts the aircraft off the ground
+_PRESSED_LIFT = 0.9  # thrust over weight below which an attitude order means to come down
 _LAG_FREE_M = 1.5  # lag along the path that the governor lets pass
 _LAG_STOP_M = 6.0  # lag at which the reference waits
 _YIELD_PER_S, _RECOVER_PER_S = 0.3, 0.3  # of the reference's rate, while saturated and not
@@ -39,7 +42,7 @@ class Guidance:
         self._heading = Heading(yaw, limits, dt_s=dt_s)
         self._yaw_order = yaw
         self._land = LandDetector(dt_s=dt_s)
-        self._mode: Callable[[NavState], Setpoint] | None = None
+        self._mode: Callable[[NavState], Setpoint | None] | None = None
         self._trajectory: Trajectory | None = None
         self._t = 0.0  # on the trajectory's clock
         self._rate = 1.0  # of the trajectory's clock
@@ -51,7 +54,9 @@ class Guidance:
         self._over_s = 0.0
         self._waited_s = self._went_s = 0.0
         self._too_fast = False  # a speed ordered is beyond the limits
-        self._velocity: Triple = (0.0, 0.0, 0.0)
+        self._target = Target()
+        self._attitude: AttitudeOrder | None = None
+        self.interest: Triple | None = None  # a place to look at on the way; None: the course
         self._course_follows = False
         self._point: Setpoint | None = None
         self.progress = PathProgress()
@@ -67,11 +72,17 @@ class Guidance:
         """Where the aircraft is wanted; None while no order holds it anywhere."""
         return None if self._point is None else self._point.p
 
+    @property
+    def setpoint(self) -> Setpoint | None:
+        """What the controller is to follow; None while it is told nothing, or an attitude."""
+        return self._point
+
     def idle(self) -> None:
         """Motors turn without lift when armed."""
         self._mode = None
         self._point = None
         self._trajectory = None
+        self._attitude = None
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
         """Go to `pos` and stay."""
@@ -93,6 +104,7 @@ class Guidance:
     def _begin(self, yaw: float, *, course: bool) -> None:
         assert self._trajectory is not None
         self._mode = self._track
+        self._attitude = None
         self._t = self._trajectory.start_s
         self._rate = self._smooth_rate = self._room = 1.0
         self._over_s = self._waited_s = self._went_s = 0.0
@@ -103,14 +115,27 @@ class Guidance:
     def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
         """Fly at `vel` (NED over ground), keeping to the line that it draws."""
         _finite("velocity", (*vel, yaw))
-        if self._mode != self._at_velocity:
+        self.pursue(nav, Target(vel=vel, yaw=yaw))
+
+    def pursue(self, nav: NavState, target: Target) -> None:
+        """Go after a target, which may be another one at any time."""
+        if self._mode != self._after_target:
             p, v = self._start(nav)
             self._point = Setpoint(p, v, (0.0, 0.0, 0.0), self._heading.yaw, 0.0)
-        self._mode = self._at_velocity
-        self._velocity = vel
-        self._yaw_order = yaw
-        self._trajectory = None
-        self.progress = PathProgress()
+            self._mode = self._after_target
+            self._trajectory = None
+            self._attitude = None
+            self._corners = []
+            self.progress = PathProgress()
+        self._target = target
+
+    def attitude(self, order: AttitudeOrder) -> None:
+        """Keep an attitude; where that leads is left to whoever orders it."""
+        if self._attitude is None:
+            self.idle()
+            self._corners = []
+            self.progress = PathProgress()
+        self._attitude = order
 
     def _start(self, nav: NavState) -> tuple[Triple, Triple]:
         """Where a new reference begins: at the old one, so that nothing jumps."""
@@ -126,7 +151,12 @@ class Guidance:
             self._heading.rate = 0.0
         point = self._mode(nav) if self._mode and self.armed else None
         self._point = point
-        if point is None:
+        descend_mps = 0.0 if point is None else point.v[2]
+        if point is None and self._attitude is not None and self.armed:
+            self._controller.keep_attitude(nav, force, self._attitude, flying=not self._land.landed)
+            self._heading.yaw = self._yaw_order = yaw_of(nav.q)
+            descend_mps = 1.0 if self._controller.lift < _PRESSED_LIFT else 0.0
+        elif point is None:
             self._controller.idle(armed=self.armed)
         else:
             flying = not self._land.touching
@@ -136,7 +166,7 @@ class Guidance:
                 self._controller.fly(nav, force, to=point, flying=flying)
         self._land.update(
             armed=self.armed,
-            descend_mps=0.0 if point is None else point.v[2],
+            descend_mps=descend_mps,
             sink_mps=nav.v[2],
             lift=self._controller.lift,
             knock_mps2=-force[2] - self._controller.lift * self._controller.gravity_mps2,
@@ -163,6 +193,8 @@ class Guidance:
             self._rate = rate
         if self._course_follows and math.hypot(v[0], v[1]) > _COURSE_MPS:
             self._yaw_order = math.atan2(v[1], v[0])
+        if self.interest is not None:
+            self._yaw_order = math.atan2(self.interest[1] - p[1], self.interest[0] - p[0])
         self._heading.turn(self._yaw_order)
         self._finish(nav)
         return Setpoint(p, v, a, self._heading.yaw, self._heading.rate)
@@ -242,21 +274,18 @@ class Guidance:
             self.progress.passed = corner.count
             self._next += 1
 
-    def _at_velocity(self, nav: NavState) -> Setpoint:
-        """Reference that gathers speed towards the order and draws the aircraft along."""
-        last = self._point
-        assert last is not None
-        most = self._limits.acceleration_mps2 * self._dt
-        gap = [self._velocity[i] - last.v[i] for i in range(3)]
-        size = math.sqrt(sum(g * g for g in gap))
-        k = min(1.0, most / size) if size > 0 else 0.0
-        v = (last.v[0] + k * gap[0], last.v[1] + k * gap[1], last.v[2] + k * gap[2])
-        p = [last.p[i] + v[i] * self._dt for i in range(3)]
-        for i in range(3):
-            p[i] = nav.p[i] + min(_LEASH_M, max(-_LEASH_M, p[i] - nav.p[i]))
-        self._heading.turn(self._yaw_order)
-        a = (k * gap[0] / self._dt, k * gap[1] / self._dt, k * gap[2] / self._dt)
-        return Setpoint((p[0], p[1], p[2]), v, a, self._heading.yaw, self._heading.rate)
+    def _after_target(self, nav: NavState) -> Setpoint | None:
+        """Reference that goes after the target and draws the aircraft along."""
+        to = self._target
+        if self._land.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
+            return None  # nothing that leads up: it stays on the ground
+        last = self._point or Setpoint(nav.p, nav.v, (0.0, 0.0, 0.0), 0.0, 0.0)
+        p, v, a = pursue(last.p, last.v, to, limits=self._limits, dt_s=self._dt)
+        x, y, z = (nav.p[i] + min(_LEASH_M, max(-_LEASH_M, p[i] - nav.p[i])) for i in range(3))
+        spin = 0.0 if math.isnan(to.yaw_rate) else to.yaw_rate
+        self._heading.turn(self._heading.yaw if math.isnan(to.yaw) else to.yaw, feed=spin)
+        self._yaw_order = self._heading.yaw
+        return Setpoint((x, y, z), v, a, self._heading.yaw, self._heading.rate)
 
 
 def _finite(order: str, values: tuple[float, ...]) -> None:

@@ -1,97 +1,81 @@
-"""Sensors and filter as the source of what the aircraft flies on."""
+"""The filter, fed by the sensors, as the source of what the aircraft flies on."""
 
 import math
+from statistics import pstdev
 
 from flightdyn.clock import SimClock
-from flightdyn.config import SensorsConfig
 from flightdyn.error_model import Alignment
 from flightdyn.errors import FlightInputError
 from flightdyn.estimator import Estimator
 from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
 from flightdyn.inner_loops import InnerLoops
+from flightdyn.instruments import Readings
 from flightdyn.multirotor import Multirotor
-from flightdyn.random import RandomStreams
-from flightdyn.sensors import Baro, Gnss, ImuErrors, Magnetometer
+from flightdyn.sensor_suite import SensorSuite
 from flightdyn.state import GnssFix, Innovation, Kinematics
-from flightdyn.wind import FT_M
 
 FILTER_STEP_S = 0.1
 _GNSS_LOST_NS = 1_500_000_000
 
 
 class InertialNavigation:
-    """Sensors, sampled tick by tick, and the filter that they feed."""
+    """The filter, and the sensors that feed it, sampled tick by tick."""
 
     def __init__(
         self,
-        config: SensorsConfig,
+        sensors: SensorSuite,
         vehicle: Multirotor,
         inner: InnerLoops,
         clock: SimClock,
-        streams: RandomStreams,
         *,
         earth: Earth,
         guidance_ticks: int,
     ) -> None:
         """Aligned at rest: the clock is run from before zero up to zero."""
-        self._config = config
+        self.sensors = sensors
+        self._config = config = sensors.config
         self._vehicle = vehicle
         self._inner = inner
         self._clock = clock
-        self.imu = ImuErrors(config.imu, streams, dt_s=clock.dt_s)
-        self.receiver = Gnss(config.gnss, streams)
-        self.baro = Baro(config.baro, streams)
-        self.mag = Magnetometer(config.mag, streams)
-        self._gnss_ticks = clock.ticks(config.gnss.interval_s, what="sensors.gnss.interval_s")
-        self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
-        self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
-        self._errors = iter(self.imu)
-        if (
-            clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
-            % guidance_ticks
-        ):
+        filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
+        if filter_ticks % guidance_ticks:
             raise FlightInputError(
                 f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
             )
-        if self._mag_ticks % clock.ticks(FILTER_STEP_S, what="filter step"):
+        if clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s") % filter_ticks:
             raise FlightInputError(
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
         self._samples: list[ImuSample] = []
-        self._rates: Triple = (0.0, 0.0, 0.0)  # gyroscopes, as sampled last
+        self._interval: list[ImuSample] = []  # of the guidance interval before
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
         self._earth = earth
-        self._due = 0
         self.estimator = self._align()
 
     def _align(self) -> Estimator:
-        clock = self._clock
+        clock, sensors = self._clock, self.sensors
         count = clock.ticks(self._config.alignment_s, what="sensors.alignment_s")
+        clock.tick = -count
         sums = [0.0] * 10
         pressures = fields = 0
         for _ in range(count):
             self._vehicle.run()
             clock.advance()
-            self._sample_imu()
-            for i, value in enumerate(self._samples.pop()):
+            for i, value in enumerate(sensors.imu()):
                 sums[i] += value / count
-            if clock.tick % self._gnss_ticks == 0:
-                self._measure_gnss()
-            fix = self.receiver.deliver(clock.t_ns)
-            if fix is not None:
-                self.gnss = fix
-            if clock.tick % self._baro_ticks == 0:
-                sums[9] += self.baro.measure(clock.t_ns, self._vehicle.pressure_pa()).pressure_pa
+            pressure, field = sensors.slow()
+            if pressure is not None:
+                sums[9] += pressure.pressure_pa
                 pressures += 1
-            if clock.tick % self._mag_ticks == 0:
-                sample = self.mag.measure(clock.t_ns, self._vehicle.attitude())
-                for i, value in enumerate(sample.field_frd_gauss):
+            if field is not None:
+                for i, value in enumerate(field.field_frd_gauss):
                     sums[6 + i] += value
                 fields += 1
+            self.gnss = sensors.fix() or self.gnss
         if self.gnss is None:
             raise FlightInputError("the alignment is too short for a GNSS solution")
         align = Alignment(
@@ -111,60 +95,28 @@ class InertialNavigation:
             step_s=FILTER_STEP_S,
         )
 
-    def _sample_imu(self) -> Triple:
-        """Store the IMU's sample of this tick; returns its body rates."""
-        v = self._vehicle
-        e = next(self._errors)
-        p, q, r = v.rate_p() + e[0], v.rate_q() + e[1], v.rate_r() + e[2]
-        lp, lq, lr = self._rates
-        # The force that JSBSim shows is that of the tick before: the rates of then go with it.
-        self._samples.append(
-            (
-                lp,
-                lq,
-                lr,
-                v.accel_x_fps2() * FT_M + e[3],
-                v.accel_y_fps2() * FT_M + e[4],
-                v.accel_z_fps2() * FT_M + e[5],
-            )
-        )
-        self._rates = rates = (p, q, r)
-        return rates
-
-    def _measure_gnss(self) -> None:
-        v = self._vehicle
-        self.receiver.measure(self._clock.t_ns, v.position_ned(), v.velocity_ned())
-
     def tick(self) -> None:
         """Sample the sensors that are due; believed body rates to the inner loops."""
-        p, q, r = self._sample_imu()
+        sensors = self.sensors
+        self._samples.append(sensors.imu())
+        p, q, r = sensors.rates
         bp, bq, br = self._gyro_bias
         self._inner.feed(p - bp, q - bq, r - br)
-        if self._clock.tick >= self._due:
-            self._measure()
-
-    def _measure(self) -> None:
-        """Sample what is due now, and note when the next sensor is."""
-        clock, tick = self._clock, self._clock.tick
-        if tick % self._gnss_ticks == 0:
-            self._measure_gnss()
-        if tick % self._baro_ticks == 0:
-            pressure = self._vehicle.pressure_pa()
-            self.estimator.observe_baro(self.baro.measure(clock.t_ns, pressure))
-        if tick % self._mag_ticks == 0:
-            attitude = self._vehicle.attitude()
-            self.estimator.observe_mag(self.mag.measure(clock.t_ns, attitude))
-        self._due = min(
-            (tick // n + 1) * n for n in (self._gnss_ticks, self._baro_ticks, self._mag_ticks)
-        )
+        if self._clock.tick >= sensors.due:
+            pressure, field = sensors.slow()
+            if pressure is not None:
+                self.estimator.observe_baro(pressure)
+            if field is not None:
+                self.estimator.observe_mag(field)
 
     def update(self) -> NavState:
         """Bring the filter up to this tick."""
         t_ns = self._clock.t_ns
-        fix = self.receiver.deliver(t_ns)
+        fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
         step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
+        self._interval, self._samples = self._samples, self._interval
         self._samples.clear()
         estimator = self.estimator
         estimator.step(step, fix)
@@ -203,8 +155,29 @@ class InertialNavigation:
         """What the filter was given after an instant, against what it expected."""
         return self.estimator.innovations_after(t_ns)
 
+    def readings(self) -> Readings:
+        """Of this tick's IMU sample, and of the other sensors' last ones."""
+        sensors, b = self.sensors, self.estimator.biases
+        x, y, z = self._samples[-1][3:] if self._samples else self.specific_force
+        bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
+        assert sensors.pressure is not None  # aligned by it
+        return Readings(
+            self._believed_rates(),
+            (x - bx, y - by, z - bz),
+            sensors.pressure.pressure_pa,
+            None if sensors.field is None else sensors.field.field_frd_gauss,
+            self._vibration(),
+            self.estimator.std(slice(0, 9)),
+        )
+
+    def _vibration(self) -> Triple:
+        if not self._interval:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (pstdev(sample[axis] for sample in self._interval) for axis in (3, 4, 5))
+        return x, y, z
+
     def _believed_rates(self) -> Triple:
-        (p, q, r), b = self._rates, self._gyro_bias
+        (p, q, r), b = self.sensors.rates, self._gyro_bias
         return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:

@@ -170,6 +170,7 @@ class Multirotor:
         self._hold = put("fcs/in/hold")
         self.set_battery_voltage = put("fcs/in/battery-v")
         self._direct = put("fcs/in/direct")
+        self._driven: tuple[float, ...] | None = None
         self._motor = [put(f"fcs/in/motor-{i}") for i in range(4)]
         self._height = get("position/h-agl-ft")
         self._contacts = put("simulation/models/FGGroundReactions/enabled")
@@ -239,9 +240,13 @@ class Multirotor:
     def drive(self, motors: tuple[float, ...] | None) -> None:
         """Motors at given duty cycles (0..1), past the inner loops, or back to them with None.
 
-        A test bench for motors, propellers and rigid body: flights never leave the inner loops.
+        For other brains than ours, and for a test bench of motors, propellers and rigid body.
         """
-        self._direct(0.0 if motors is None else 1.0)
+        if motors == self._driven:
+            return
+        if (motors is None) != (self._driven is None):
+            self._direct(0.0 if motors is None else 1.0)
+        self._driven = motors
         for put, value in zip(self._motor, motors or (), strict=motors is not None):
             put(min(1.0, max(0.0, value)))
 
@@ -275,6 +280,11 @@ class Multirotor:
         """Velocity over ground (m/s)."""
         n, e, d = self._vel
         return n() * FT_M, e() * FT_M, d() * FT_M
+
+    def euler(self) -> Triple:
+        """Roll, pitch and yaw (rad; yaw from 0 to 2 pi), body to NED."""
+        roll, pitch, yaw = self._euler
+        return roll(), pitch(), yaw()
 
     def attitude(self) -> Quaternion:
         """Attitude, body to NED."""

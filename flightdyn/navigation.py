@@ -10,6 +10,7 @@ from flightdyn.clock import SimClock
 from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import NavState
 from flightdyn.inner_loops import InnerLoops
+from flightdyn.instruments import Readings
 from flightdyn.multirotor import Multirotor
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -31,6 +32,8 @@ class Navigation(Protocol):
     def belief(self) -> Kinematics: ...
 
     def innovations_after(self, t_ns: int, /) -> tuple[Innovation, ...]: ...
+
+    def readings(self) -> Readings: ...
 
     def why_not_ready(self) -> str: ...
 
@@ -88,6 +91,12 @@ class TrueNavigation:
     def innovations_after(self, _t_ns: int) -> tuple[Innovation, ...]:
         """None: nothing is estimated."""
         return ()
+
+    def readings(self) -> Readings:
+        """The truth."""
+        v = self._vehicle
+        rates = (v.rate_p(), v.rate_q(), v.rate_r())
+        return Readings(rates, v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
 
     def why_not_ready(self) -> str:
         """Always ready."""

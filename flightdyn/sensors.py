@@ -89,7 +89,9 @@ class Gnss:
         self._pending: deque[GnssFix] = deque()
         self.on = True
         self.jump_ned_m: Triple = (0.0, 0.0, 0.0)
-        self.error_ned_m: Triple = (0.0, 0.0, 0.0)  # of the last solution, jumps included
+        # Of the last solution, jumps included.
+        self.error_ned_m: Triple = (0.0, 0.0, 0.0)
+        self.velocity_error_ned_mps: Triple = (0.0, 0.0, 0.0)
 
     def measure(self, t_ns: int, pos_ned_m: Triple, vel_ned_mps: Triple) -> None:
         """Make the solution of epoch `t_ns`. The noise goes on where the receiver is off."""
@@ -101,15 +103,16 @@ class Gnss:
             self._east.step(slow_e) + white[1] * k + je,
             self._down.step(slow_d) + white[2] * k + jd,
         )
+        level, upright = config.std_vel_horizontal_mps, config.std_vel_vertical_mps
+        self.velocity_error_ned_mps = fn, fe, fd = un * level, ue * level, ud * upright
         if not self.on:
             return
         (n, e, d), (vn, ve, vd) = pos_ned_m, vel_ned_mps
-        level, upright = config.std_vel_horizontal_mps, config.std_vel_vertical_mps
         self._pending.append(
             GnssFix(
                 t_ns=t_ns,
                 pos_ned_m=frozen((n + en, e + ee, d + ed)),
-                vel_ned_mps=frozen((vn + un * level, ve + ue * level, vd + ud * upright)),
+                vel_ned_mps=frozen((vn + fn, ve + fe, vd + fd)),
                 std_horizontal_m=math.hypot(config.std_horizontal_m, config.white_m),
                 std_vertical_m=math.hypot(config.std_vertical_m, config.white_m),
                 std_velocity_mps=config.std_vel_horizontal_mps,

@@ -75,3 +75,12 @@ class BatteryState:
     current_a: float
     consumed_mah: float
     remaining: float  # 0..1 of the capacity
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The aircraft and its surroundings at one instant."""
+
+    kinematics: Kinematics
+    battery: BatteryState
+    wind_ned_mps: Vector | None  # velocity of the air there; None where nobody knows

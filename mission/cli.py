@@ -11,6 +11,7 @@ from mission import helps
 from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.interrupts import end_deaf, hear_interruptions
 from mission.terminal import Terminal
+from native.errors import LibraryError
 
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
@@ -31,6 +32,7 @@ app.command("mission.commands.report:report", name="report", help=helps.REPORT)
 app.command("mission.commands.plan:plan", name="plan", help=helps.PLAN)
 app.command("mission.commands.plan:link_budget", name="link-budget", help=helps.LINK_BUDGET)
 app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
+app.command("mission.commands.world:world", name="world", help=helps.WORLD)
 app.command("mission.commands.fly:fly", name="fly", help=helps.FLY)
 log = App(name="log", help=helps.LOG)
 log.command("mission.commands.log:info", name="info", help=helps.LOG_INFO)
@@ -73,6 +75,9 @@ def call(tokens: Sequence[str] | None = None) -> int:
     except MemoryError:
         errors.print("aerofed: out of memory")
         return AerofedError.exit_code
+    except LibraryError as error:
+        errors.print(f"aerofed: {error}")
+        return InputError.exit_code
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED

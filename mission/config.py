@@ -140,6 +140,24 @@ class LinkConfig(BaseModel):
         le=86_400,
         description="external: wall seconds to wait for the first sign of the autopilot",
     )
+    ready_timeout_s: float = Field(
+        300.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait until the autopilot knows where it is and "
+        "can be armed",
+    )
+    set_parameters: bool = Field(
+        False,
+        description="external: set the autopilot's parameters for the flight, where they keep it "
+        "from what the mission asks (speed, acceptance radius), and set them back at the end",
+    )
+    battery_timeout_s: float = Field(
+        600.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait on the ground for a charged battery",
+    )
     stall_timeout_s: float = Field(
         30.0,
         gt=0,

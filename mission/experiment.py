@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from mission.custom import Known, Weighing
 from mission.errors import FlightError, LinkLostError
 from mission.flightplan import stops_of
 from mission.flyer import Flyer, Tap
-from mission.flyers import open_flyer
 from mission.gate import slots, uplinks
 from mission.importing import users_code
 from mission.lessons import learn
@@ -40,12 +40,13 @@ class Experiment:
     """One run's state between rounds."""
 
     world: World
+    folder: Path  # of the run
     recorder: Recorder
     stopwatch: Stopwatch
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to fly again, by the plans that they had
     observers: Sequence[VehicleObserver] = ()
-    tap: Tap | None = None  # on the link between pilot and simulated vehicle
+    tap: Tap | None = None  # on the link between pilot and built-in autopilot
     workers: int = 1  # devices that train at a time; changes no result
     tally: Tally = field(init=False)
     _stage: str = field(default="", init=False)  # of the flight, for people
@@ -77,8 +78,10 @@ class Experiment:
             raise type(error)(f"{self._stage}, t {self.tally.sim_s:.1f} s: {error}") from error
 
     async def _fly(self, strategy: Strategy) -> None:
-        world = self.world
-        async with open_flyer(world, self.observers, tap=self.tap) as flyer:
+        flyers = self.world.flyers
+        async with flyers.open(
+            self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
+        ) as flyer:
             try:
                 await self._sorties(flyer, strategy)
             finally:
@@ -104,9 +107,7 @@ class Experiment:
         recalled = self._recalled()
         with self.stopwatch("fly"):
             self.tally.battery_changes += await flyer.refresh(world.config.mission.battery_reserve)
-        first = number == 1 and world.config.planner.kind == "certified"
-        planning = f"planning{' (after an installation it compiles first)' if first else ''}"
-        self._show("flying again" if recalled else planning)
+        self._show("flying again" if recalled else "planning")
         start = flyer.here()
         problem = self._problem(start, strategy, recalled)
         if recalled is not None and recalled.sortie is not None:
@@ -121,11 +122,13 @@ class Experiment:
                 problem, sortie.plan, world.config.mission.acceptance_radius_m
             ),
         )
-        self.recorder.planned(start.t_ns, number, problem, sortie.plan, flight_plan)
-
         if recalled is None:
             self._show("flying")
         with self.stopwatch("fly"):
+            try:
+                await flyer.upload(flight_plan)
+            finally:  # whoever looks into a refused mission needs its plan
+                self.recorder.planned(flyer.t_ns, number, problem, sortie.plan, flight_plan)
             flight = await flyer.fly(flight_plan)
         passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
         served = uplinks(
@@ -154,7 +157,7 @@ class Experiment:
         learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
         record = RoundRecord(
             round=number,
-            start_t_s=start.t_ns / 1e9,
+            start_t_s=int(flight.t_ns[0]) / 1e9,
             duration_s=flight.duration_s,
             plan_objective=sortie.plan.value,
             est_objective=sum(u.importance * _success(u.est_per) for u in served),

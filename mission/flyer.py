@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 
 Tap: TypeAlias = Callable[[Link], Link]
 
+SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 
 
@@ -51,8 +52,15 @@ class Flyer(Protocol):
         """From the ground to the hover above home."""
         ...
 
+    async def upload(self, plan: FlightPlan) -> None:
+        """Give the vehicle the stops; a plan that neither moves nor hovers is none of its business.
+
+        Where time cannot stand still the vehicle hovers meanwhile.
+        """
+        ...
+
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly the stops; a plan that neither moves nor hovers is over at once."""
+        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         ...
 
     async def land(self) -> None:
@@ -75,7 +83,9 @@ class Flyer(Protocol):
         """To a point in area coordinates, outside any round."""
         start = self.area.from_ned(self.here().est_ned_m)
         if float(np.linalg.norm(xy_m - start)) > self.mission.acceptance_radius_m:
-            await self.fly(self.flight_plan((Stop(start, ()), Stop(xy_m, ()))))
+            plan = self.flight_plan((Stop(start, ()), Stop(xy_m, ())))
+            await self.upload(plan)
+            await self.fly(plan)
 
 
 @dataclass
@@ -103,13 +113,18 @@ class SimulatedFlyer(Flyer):
         await self.pilot.ready()
         await self.pilot.take_off(self.mission.altitude_m)
 
+    async def upload(self, plan: FlightPlan) -> None:
+        """Give the vehicle the stops; simulated time stands still meanwhile."""
+        if not plan.stands:
+            await self.pilot.upload(plan, plan.positions(self.area))
+
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly the stops; a plan that neither moves nor hovers is over at once."""
+        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             here = self.here()
             return Flight.standing(here, {0: here}, self.vehicle.aircraft.battery.remaining)
         self.recorder.start(self.here())
-        await self.pilot.fly(plan, plan.positions(self.area))
+        await self.pilot.fly()
         return self.recorder.finish(self.here(), self.vehicle.aircraft.battery.remaining)
 
     async def land(self) -> None:

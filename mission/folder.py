@@ -18,7 +18,7 @@ from mission.lock import alone_in
 # The libraries that a run's results depend on.
 LIBRARIES = (
     "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
-    "osqp", "numba", "torch", "mcap", "foxglove-sdk",
+    "osqp", "torch", "mcap", "foxglove-sdk",
 )  # fmt: skip
 
 

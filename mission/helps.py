@@ -55,6 +55,13 @@ reboot ordered by the ground station puts it back home as new.
 
 Example: aerofed sitl --udp 14540 --udp 14550 --speed 1"""
 
+WORLD = """Serve the aircraft alone to a PX4 or ArduPilot that you start yourself, until Ctrl-C.
+
+Physics, sensors, battery, wind and faults are ours, the autopilot is the real firmware. When the
+firmware ends or starts anew, the aircraft stands at home again.
+
+Example: aerofed world --px4 --set vehicle.aircraft.wind.speed_mps=8"""
+
 FLY = """Fly a QGroundControl plan or a waypoint file, planned against flown.
 
 Example: aerofed fly survey.plan --out survey"""

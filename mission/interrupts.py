@@ -19,8 +19,8 @@ _AGAIN_S = 0.1
 def hear_interruptions() -> None:
     """Have SIGTERM and SIGHUP do what Ctrl-C does, and none be lost in a callback from C.
 
-    An exception in such a callback (a compiler that hands over what it made, say) has nobody to
-    go to: Python prints it and goes on. An interruption is sent again instead.
+    An exception in such a callback has nobody to go to: Python prints it and goes on. An
+    interruption is sent again instead.
     """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A script's background job stays deaf to the terminal's Ctrl-C, but not to SIGTERM.

@@ -1,29 +1,27 @@
-"""One `aerofed fly`: a plan file flown by the simulated vehicle, planned against flown."""
+"""One `aerofed fly`: a plan file flown by the simulated vehicle or an external autopilot, planned
+against flown.
+"""
 
 import csv
 import io
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.radio import CHANNEL_PRESETS
-from mission.area import Area
 from mission.audience import Audience
 from mission.config import RunConfig
 from mission.ending import Ending
-from mission.errors import INTERRUPTED, AerofedError, FlightError, InputError
+from mission.errors import INTERRUPTED, FlightError
 from mission.figure_flight import draw_flight
-from mission.flyer import SimulatedFlyer, open_simulated
 from mission.flyers import check_link
 from mission.folder import RunFolder, environment, write_atomically
 from mission.interrupts import run_flight
 from mission.log.live import live_views
 from mission.log.values import Devices, FlightData
 from mission.log.writer import FlightLog
-from mission.pilot.importer import raw_items
+from mission.plancarrier import PlanCarrier, area_xyz, make_carrier
 from mission.plancompare import (
     KEY,
     METADATA,
@@ -34,11 +32,9 @@ from mission.plancompare import (
     was_flown,
 )
 from mission.planfile import read_plan_file
-from mission.planner.problem import RoundPlan, RoundProblem
 from mission.plansetup import PreparedPlan, prepare_plan
 from mission.rundata import load_run
 from mission.stopwatch import Stopwatch
-from sitl.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -52,15 +48,16 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
-    if config.link.kind == "external":
-        raise InputError("link.kind = external: plans are flown by the simulated vehicle only")
     stopwatch, ending = Stopwatch(), Ending()
     with stopwatch("setup"):
         ready = prepare_plan(config, read_plan_file(source))
         check_link(config.link)
         live = live_views(audience)
         folder = RunFolder.create(path)
-        about = _begin(folder, ready)
+        with folder.unless_refused():
+            carrier = make_carrier(ready, say=audience.say)
+        about = _begin(folder, carrier)
+        ready = carrier.ready
     nobody = Devices(np.zeros((0, 2)), ())
     with FlightLog(
         folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
@@ -68,7 +65,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
         _attach(log, ready)
         try:
             with stopwatch("fly"), ending.flight():
-                run_flight(_fly(ready, log))
+                run_flight(carrier.fly(log))
         finally:
             if ending.status != "finished":
                 folder.write_summary({**ending.summary, **about})
@@ -78,7 +75,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
         if flight is not None and ending.status == "finished":
             _check_end(flight)
     numbers = {} if flight is None else {KEY: plain_numbers(flight.numbers)}
-    times = _times(ready.vehicle, stopwatch)
+    times = _times(carrier.t_ns, stopwatch)
     # Last of all: a folder that says "finished" has everything.
     folder.write_summary({**ending.summary, **about, **numbers, **times})
     ending.raise_error(folder.path)
@@ -91,13 +88,20 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
     return 0
 
 
-def _begin(folder: RunFolder, ready: PreparedPlan) -> dict[str, Any]:
+def _begin(folder: RunFolder, carrier: PlanCarrier) -> dict[str, Any]:
     """Write what the flight begins with; returns what its summary says of it."""
+    ready = carrier.ready
     source = ready.plan.path
     write_atomically(folder.config, ready.config.to_toml())
     write_atomically(folder.path / source.name, source.read_bytes())
     seed = ready.config.seed
-    about = {"name": source.stem, "plan": source.name, "seed": seed, **environment()}
+    about = {
+        "name": source.stem,
+        "plan": source.name,
+        "seed": seed,
+        "position_source": carrier.position_source,
+        **environment(),
+    }
     folder.write_summary({"status": "running", **about})
     return about
 
@@ -115,8 +119,8 @@ def _check_end(flight: PlanFlight) -> None:
         raise FlightError(f"item {last} was never reached")
 
 
-def _times(vehicle: Vehicle, stopwatch: Stopwatch) -> dict[str, Any]:
-    sim_s, wall_s = vehicle.t_ns / 1e9, stopwatch.wall_s
+def _times(t_ns: int, stopwatch: Stopwatch) -> dict[str, Any]:
+    sim_s, wall_s = t_ns / 1e9, stopwatch.wall_s
     return {
         "simulated_s": sim_s,
         "real_time_factor": sim_s / wall_s["fly"],
@@ -135,69 +139,15 @@ def _left_behind(folder: RunFolder) -> PlanFlight | None:
     return flight
 
 
-async def _fly(ready: PreparedPlan, log: FlightLog) -> None:
-    try:
-        async with open_simulated(
-            ready.config, ready.vehicle, area=ready.area, observers=(log,)
-        ) as flyer:
-            await _carry_out(ready, flyer, log)
-    except AerofedError as failure:
-        raise failure.in_words(f"t {ready.vehicle.t_ns / 1e9:.1f} s: {failure}") from failure
-
-
-async def _carry_out(ready: PreparedPlan, flyer: SimulatedFlyer, log: FlightLog) -> None:
-    pilot, plan = flyer.pilot, ready.imported
-    await pilot.ready()
-    if plan.fence:
-        await pilot.upload_fence(raw_items(plan.fence))
-    if plan.rally:
-        await pilot.upload_rally(raw_items(plan.rally))
-    _log_path(flyer.t_ns, log, ready)
-    await pilot.arm()
-    await pilot.fly_items(raw_items(plan.items))
-    if ready.path.returns:
-        await pilot.landed()
-    else:
-        await pilot.land()
-
-
 def _metadata(ready: PreparedPlan) -> dict[str, str]:
     """What the log has to hold beside the plan's path."""
     area, path = ready.area, ready.path
     return flight_metadata(
         ready.plan.path.name,
-        {seq: _xyz(area, ned[None])[0] for seq, ned in path.places.items()},
-        [_xyz(area, ned[None])[0] for ned in path.rally_ned_m],
+        {seq: area_xyz(area, ned[None])[0] for seq, ned in path.places.items()},
+        [area_xyz(area, ned[None])[0] for ned in path.rally_ned_m],
         duration_s=path.duration_s,
     )
-
-
-def _log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
-    """The planned path, as the log has it for rounds: one round that serves nobody."""
-    points = _xyz(ready.area, ready.path.points_ned_m)
-    plan = RoundPlan(points[:, :2], np.zeros((len(points), 0), dtype=bool), value=0.0)
-    channel = replace(CHANNEL_PRESETS["suburban"], altitude_m=ready.path.top_m)
-    problem = RoundProblem(
-        devices_m=np.zeros((0, 2)),
-        importance=np.zeros(0),
-        start_m=points[0, :2],
-        steps=len(points),
-        per_step=1,
-        path_budget_m=plan.path_m,
-        channel=channel,
-    )
-    legs_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    speed_mps = float(legs_m.sum()) / ready.path.duration_s
-    slots_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
-    log.plan(
-        t_ns, 1, problem, plan,
-        speed_mps=speed_mps, ideal_slot_s=slots_s, height_m=points[:, 2],
-    )  # fmt: skip
-
-
-def _xyz(area: Area, pos_ned_m: Floats) -> Floats:
-    """(n, 3) NED -> x east, y north in area coordinates, height above home."""
-    return np.column_stack((area.from_ned(pos_ned_m), -pos_ned_m[:, 2]))
 
 
 def _track_csv(data: FlightData) -> str:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder
-from mission.fence import fence_of
 from mission.flightplan import FlightPlan
 from mission.folder import RunFolder, environment
 from mission.log.sink import Sink
-from mission.log.values import Devices, Zone
+from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.planfile import write_round_plan
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -83,6 +82,11 @@ class FolderRecorder:
         """Show the phase."""
         self.progress.phase(name)
 
+    def notice(self, text: str) -> None:
+        """Log and show a line."""
+        self.log.note(text, severity=4)
+        self.progress.notice(text)
+
     def _speed(self, record: RoundRecord) -> float:
         """Simulated seconds a second, from the end of the round before to that of this one."""
         flown_s = record.start_t_s + record.duration_s
@@ -119,7 +123,7 @@ def recording(
                 folder.log,
                 area=world.area,
                 devices=devices,
-                fence=_fence(world),
+                fence=world.flyers.fence(),
                 mirrors=mirrors,
                 raw_mavlink=audience.log_mavlink,
             )
@@ -131,16 +135,9 @@ def recording(
         log.attach("config.toml", "application/toml", world.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", world.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
-        for notice in world.notices():
-            log.note(notice, severity=4)
-            progress.notice(notice)
-        yield FolderRecorder(
+        recorder = FolderRecorder(
             world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
         )
-
-
-def _fence(world: World) -> tuple[Zone, ...]:
-    """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-    if world.config.link.kind == "external":
-        return ()  # whatever it has, nobody told us
-    return fence_of((), world.vehicle.autopilot.parameters, world.area)
+        for notice in world.notices():
+            recorder.notice(notice)
+        yield recorder

@@ -42,3 +42,7 @@ class Recorder(Protocol):
     def phase(self, name: str) -> None:
         """What is going on now, for people."""
         ...
+
+    def notice(self, text: str) -> None:
+        """What people should know, a line."""
+        ...

@@ -59,10 +59,11 @@ class LoadedRun:
 
     @property
     def _resumable(self) -> bool:
-        """What an external autopilot flew cannot be flown again."""
+        """What another autopilot than ours flew cannot be flown again."""
         config = tomllib.loads(self.data.attachments.get("config.toml", b"").decode())
         external = config.get("link", {}).get("kind") == "external"
-        return (self.path / "checkpoint").is_dir() and not external
+        firmware = config.get("vehicle", {}).get("autopilot", "built-in") != "built-in"
+        return (self.path / "checkpoint").is_dir() and not external and not firmware
 
 
 def load_run(path: Path) -> LoadedRun:

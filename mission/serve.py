@@ -4,15 +4,31 @@ import asyncio
 import math
 import signal
 from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
-from mission.config import RunConfig
+from mission.area import Area
+from mission.config import LinkConfig, RunConfig
 from mission.errors import FlightError, InputError, LinkLostError
+from mission.gcs import station_links
 from sitl.errors import LinkError, SitlInputError
 from sitl.links import UdpLink
+from sitl.logfolder import DiskLogs
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from mission.flightlogs import FlightLogs
+
+_APART_M = 5.0  # homes, towards the east
+_MOST = 64
+_LAST_ID = 250
 
 
 def link_url(text: str) -> str:
@@ -32,60 +48,127 @@ def link_url(text: str) -> str:
     return url
 
 
-def make_vehicle(config: RunConfig) -> Vehicle:
-    """The configured vehicle on the ground at the configured home.
+@dataclass(frozen=True, slots=True)
+class Served:
+    """One vehicle, where it speaks, and what writes its flights."""
+
+    vehicle: Vehicle
+    urls: tuple[str, ...]
+    logs: "FlightLogs | None"
+    link: LinkConfig
+
+
+def make_vehicles(
+    config: RunConfig, *, count: int, udp: Sequence[str], logs: Path | None
+) -> list[Served]:
+    """So many vehicles side by side, the first at the configured home, each farther to the east.
+
+    System ids count up from the configured one, and ports from the first of `udp`, as those of
+    PX4's simulators do; the others of `udp` are spoken to by all. Each vehicle has random numbers
+    of its own, those of the first are a single one's. `logs`: where flights are written to; of
+    several vehicles each has a folder within.
 
     Raises:
-        InputError: a setting of the vehicle is refused.
+        InputError: a setting of the vehicle is refused, or they are more than there are numbers.
     """
+    first_id = config.vehicle.system_id
+    if not 1 <= count <= _MOST or first_id + count - 1 > _LAST_ID:
+        raise InputError(
+            f"--count {count}: from 1 to {_MOST} vehicles, and system ids up to {_LAST_ID}"
+        )
+    if count > 1 and config.vehicle.parameter_file is not None:
+        raise InputError(
+            f"--count {count}: vehicle.parameter_file cannot be shared, each would save its own "
+            "values over the others'; set vehicle.parameters instead"
+        )
+    return [_served(config, i, udp, _own(logs, i, count)) for i in range(count)]
+
+
+def _own(logs: Path | None, i: int, count: int) -> Path | None:
+    return logs if logs is None or count == 1 else logs / f"vehicle-{i + 1}"
+
+
+def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) -> Served:
+    """The vehicle number `i`, from 0."""
+    streams = RandomStreams(config.seed)
+    if i > 0:
+        streams = RandomStreams(streams.seed(f"vehicle/{i}"))
+    area = config.area.build()
+    area = replace(area, home=area.frame.to_geodetic(np.array([0.0, i * _APART_M, 0.0])))
+    recorder = None if logs is None else _recorder(logs, area)
     try:
-        return Vehicle(
-            config.vehicle,
-            home=config.area.build().home,
-            streams=RandomStreams(config.seed),
-            may_reboot=True,
+        vehicle = Vehicle(
+            config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
+            home=area.home,
+            streams=streams,
+            observers=() if recorder is None else (recorder,),
+            logs=None
+            if logs is None or recorder is None
+            else DiskLogs(logs, being_written=lambda: recorder.being_written),
+            standalone=True,
         )
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
+    urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
+    return Served(vehicle, tuple(urls), recorder, config.link)
 
 
-def serve(
-    vehicle: Vehicle, links: Sequence[UdpLink], *, speed: float, say: Callable[[str], None]
-) -> None:
-    """Serve the vehicle on every link until the process gets SIGINT, SIGTERM or SIGHUP.
+def _recorder(folder: Path, area: Area) -> "FlightLogs":
+    from mission.flightlogs import FlightLogs  # imports much that is not needed without it
 
-    `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets one
-    line once all links are open.
+    return FlightLogs(folder, area=area)
+
+
+def _counted_up(text: str, i: int) -> str:
+    """An address with its port `i` higher."""
+    start, colon, port = text.rpartition(":")
+    return f"{start}{colon}{int(port) + i}" if port.isdecimal() else text
+
+
+def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
+    """Serve the vehicles on their URLs until the process gets SIGINT, SIGTERM or SIGHUP.
+
+    `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets a line
+    for each vehicle once all links are open.
 
     Raises:
         LinkLostError: a link cannot be opened.
-        FlightError: the simulated aircraft left the range of its physics.
+        FlightError: a simulated aircraft left the range of its physics.
     """
     try:
-        asyncio.run(_serve(vehicle, links, speed=speed, say=say))
+        asyncio.run(_serve(served, speed=speed, say=say))
     except LinkError as error:
         raise LinkLostError(str(error)) from None
     except FlightDynamicsError as error:
         raise FlightError(f"the simulated aircraft failed: {error}") from error
+    finally:
+        for one in served:
+            if one.logs is not None:
+                one.logs.close()
 
 
-async def _serve(
-    vehicle: Vehicle, links: Sequence[UdpLink], *, speed: float, say: Callable[[str], None]
-) -> None:
+async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     for number in signals:
         loop.add_signal_handler(number, stop.set)
+    pace = "as fast as possible" if math.isinf(speed) else f"at {speed:g}x real time"
     try:
-        async with Simulation(vehicle, *links, speed=speed, free_running=True):
-            home = vehicle.aircraft.frame.origin
-            pace = "as fast as possible" if math.isinf(speed) else f"at {speed:g}x real time"
-            where = ", ".join(link.url for link in links)
-            say(
-                f"vehicle at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
-                f"{home.alt_msl_m:g} m, {pace}, MAVLink on {where}; Ctrl-C ends"
-            )
+        async with AsyncExitStack() as running:
+            for one in served:
+                links = station_links(one.link, one.urls)
+                await running.enter_async_context(
+                    Simulation(one.vehicle, *links, speed=speed, free_running=True)
+                )
+            for i, one in enumerate(served):
+                home = one.vehicle.aircraft.frame.origin
+                name = "vehicle" if len(served) == 1 else f"vehicle {i + 1}"
+                end = "; Ctrl-C ends" if one is served[-1] else ""
+                say(
+                    f"{name} at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
+                    f"{home.alt_msl_m:g} m, {pace}, MAVLink on {', '.join(one.urls)}{end}"
+                )
             await stop.wait()
     finally:
         for number in signals:

@@ -9,13 +9,11 @@ from pathlib import Path
 from fl import federation as learning
 from mission.audience import Audience
 from mission.checkpoint import CheckpointFolder, RoundMemory
-from mission.compilation import LEARNING, PLANNING, compile_kernels
 from mission.config import RunConfig
 from mission.configfile import load_config
 from mission.ending import Ending
 from mission.errors import INTERRUPTED, InputError
 from mission.experiment import Experiment
-from mission.flyers import await_vehicle, check_link
 from mission.folder import RunFolder, write_atomically
 from mission.interrupts import run_flight
 from mission.log.live import LiveView, live_views
@@ -67,12 +65,12 @@ def fly_session(
     with stopwatch("setup"), audience.waiting(_SETTING_UP):
         world = build_world(config, data_dir=data_dir)
         if world.strategy is not None:
-            check_link(config.link)
+            world.flyers.check()
         live = live_views(audience)
         folder = RunFolder.create(path)
         with folder.unless_refused():
-            await_vehicle(world, say=audience.say)
-            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
+            if world.strategy is not None:
+                world.flyers.await_vehicle(say=audience.say)
         text = config.to_toml()
         state = learning.init(world.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
@@ -106,18 +104,17 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
     with folder.lock():
         with stopwatch("setup"), audience.waiting(_SETTING_UP):
             config = load_config(folder.config)
-            if config.link.kind == "external":
-                raise InputError(
-                    f"{path}: flown by an external autopilot: its rounds cannot be flown again, "
-                    "so the run cannot be resumed"
-                )
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
             )
             world = build_world(config, data_dir=data_dir)
+            if world.flyers.no_resume:
+                raise InputError(
+                    f"{path}: {world.flyers.no_resume}: its rounds cannot be flown again, so the "
+                    "run cannot be resumed"
+                )
             if world.strategy is not None:
-                check_link(config.link)
-            compile_kernels(*PLANNING, *LEARNING, say=audience.say)
+                world.flyers.check()
             found = checkpoint.load(world.federation, values)
             live = live_views(audience)
             SetAside(folder).take()
@@ -155,7 +152,7 @@ def _fly(
     audience.say(f"results in {folder.path}")
     if ending.status == "interrupted":
         again = f"; aerofed run --resume {folder.path} goes on"
-        audience.say(f"interrupted{'' if world.config.link.kind == 'external' else again}")
+        audience.say(f"interrupted{'' if world.flyers.no_resume else again}")
         return INTERRUPTED
     return 0
 
@@ -172,6 +169,7 @@ def _experiment(
         log = recorder.log
         yield Experiment(
             ready.world,
+            ready.folder.path,
             recorder,
             stopwatch,
             ready.state,

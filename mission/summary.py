@@ -3,7 +3,6 @@
 from typing import Any
 
 from mission.ending import Ending
-from mission.flyers import position_source
 from mission.folder import RunFolder, environment
 from mission.stopwatch import Stopwatch
 from mission.tally import Tally
@@ -21,7 +20,7 @@ class Summary:
             "strategy": config.mission.strategy,
             "seed": config.seed,
             "resumed_after_round": remembered or None,
-            "position_source": position_source(config.link),
+            "position_source": world.flyers.position_source,
             "data": world.data_sources(),
             **environment(),
         }

@@ -1,10 +1,30 @@
 """What can be chosen about the vehicle as MAVLink sees it."""
 
 from pathlib import Path
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flightdyn.config import AircraftConfig
+
+
+class FirmwareConfig(BaseModel):
+    """A real autopilot's firmware, which flies the aircraft instead of the built-in autopilot."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    path: Path | None = Field(
+        default=None,
+        description="the binary: PX4's bin/px4, with its etc folder beside bin, or ArduPilot's "
+        "arducopter; needed where vehicle.autopilot is px4 or ardupilot",
+    )
+    parameters: dict[str, float] = Field(
+        default_factory=dict,
+        description="the firmware's own parameters, over those that fit it to the aircraft",
+    )
+    arguments: tuple[str, ...] = Field(
+        default=(), description="given to the binary beside those that it needs"
+    )
 
 
 class VehicleConfig(BaseModel):
@@ -14,6 +34,14 @@ class VehicleConfig(BaseModel):
 
     aircraft: AircraftConfig = Field(
         default_factory=AircraftConfig, description="physics, sensors, estimation and control"
+    )
+    autopilot: Literal["built-in", "px4", "ardupilot"] = Field(
+        default="built-in",
+        description="who flies the aircraft: built-in, or a real firmware in our world (px4, "
+        "ardupilot), see firmware",
+    )
+    firmware: FirmwareConfig = Field(
+        default_factory=FirmwareConfig, description="where autopilot is px4 or ardupilot"
     )
     sample_rate_hz: float = Field(
         default=10.0, ge=0.1, le=1000, description="samples for log and track, simulated time"
@@ -26,3 +54,28 @@ class VehicleConfig(BaseModel):
         default=None,
         description="parameters to start with, it may be empty; a ground station saves there too",
     )
+
+    @model_validator(mode="after")
+    def _has_its_firmware(self) -> Self:
+        if self.autopilot == "built-in":
+            if self.firmware != FirmwareConfig():
+                raise ValueError(
+                    "firmware is given, but autopilot = 'built-in' flies: set autopilot to "
+                    "'px4' or 'ardupilot', or leave firmware out"
+                )
+            return self
+        if self.firmware.path is None:
+            raise ValueError(
+                f"autopilot = {self.autopilot!r} needs firmware.path, the firmware's binary"
+            )
+        if self.parameters or self.parameter_file:
+            raise ValueError(
+                "parameters and parameter_file are the built-in autopilot's: give those of "
+                f"{self.autopilot} under firmware.parameters"
+            )
+        if self.aircraft.sensors.kind == "perfect":
+            raise ValueError(
+                "aircraft.sensors.kind = 'perfect': a firmware takes readings without noise for "
+                "those of broken sensors; it must be 'realistic'"
+            )
+        return self

@@ -129,7 +129,7 @@ class Simulation:
         """A stretch of simulated time, and the pause that the pace asks for."""
         vehicle, step = self.vehicle, self.vehicle.step
         began, started_ns = time.monotonic(), vehicle.t_ns
-        for _ in range(self._chunk):
+        for _ in range(self._ticks(began)):
             if not step() and not self._free_running:
                 break
         if math.isinf(self._speed):
@@ -142,6 +142,13 @@ class Simulation:
             # A machine that falls behind does not rush afterwards.
             self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
+
+    def _ticks(self, now: float) -> int:
+        """Of the next stretch; where the pace is ordered, no more than until telemetry is due."""
+        if math.isinf(self._speed):
+            return self._chunk
+        due_s = (self.vehicle.due() - now) * self._speed
+        return min(self._chunk, max(1, round(due_s * 1e9 / self.vehicle.aircraft.dt_ns)))
 
     def _close(self) -> None:
         for link in self._links:

@@ -7,6 +7,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot, Storage
+from sitl.autopilot.files import LogFolder
 from sitl.autopilot.parameter_file import load_parameters, save_parameters
 from sitl.autopilot.parameters import Parameters
 from sitl.config import VehicleConfig
@@ -31,19 +32,28 @@ class Vehicle:
         streams: RandomStreams,
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
-        may_reboot: bool = False,
+        logs: LogFolder | None = None,
+        standalone: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
-        Whoever needs simulated time to go on lets nobody reboot the vehicle.
+        A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
+        says. `logs` are served to ground stations.
 
         Raises:
-            SitlInputError: a parameter or a rate is not acceptable; says which and why.
+            SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
+                says which and why.
         """
+        if config.autopilot != "built-in":
+            raise SitlInputError(
+                f"vehicle.autopilot = {config.autopilot!r}: here the built-in autopilot flies; "
+                "aerofed run takes a firmware, and aerofed world serves the aircraft to one"
+            )
         self._config = config
         self._home = home
         self._streams = streams
-        self._may_reboot = may_reboot
+        self._standalone = standalone
+        self._logs = logs
         self._observers = list(observers)
         self._boot(aircraft or self._new_aircraft(), _parameters(config))
 
@@ -59,7 +69,8 @@ class Vehicle:
             system=config.system_id,
             sink=self._happened,
             storage=_storage(config.parameter_file),
-            may_reboot=self._may_reboot,
+            logs=self._logs,
+            standalone=self._standalone,
         )
         self._tick = 0
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")

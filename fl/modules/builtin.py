@@ -1,4 +1,4 @@
-"""The built-in networks as torch modules: what a GPU trains, and what `fl.kernels` is held to."""
+"""The built-in networks as torch modules: what a GPU trains, and what `fl.native` is held to."""
 
 import itertools
 from functools import partial

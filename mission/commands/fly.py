@@ -11,6 +11,7 @@ def fly(
     config: Path | None = None,
     out: Path | None = None,
     set_: Overrides = (),
+    vehicle: str | None = None,
     live: Flag = False,
     live_port: int = LIVE_PORT,
     quiet: Flag = False,
@@ -31,6 +32,9 @@ def fly(
         Default: a new one under runs/.
     set_
         Override any key: --set vehicle.aircraft.wind.speed_mps=8 --set link.speed=1
+    vehicle
+        Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
+        a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
     live
         Serve what is logged to Foxglove while it is flown, on the loopback address only; with
         --set link.speed=1 in real time.
@@ -40,7 +44,8 @@ def fly(
         Print nothing but errors.
     """
     watching = audience(quiet=quiet, live=live, live_port=live_port)
-    resolved = load(config, set_)
+    external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
+    resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
     from mission.folder import free_folder
     from mission.planflight import fly_plan

@@ -1,6 +1,5 @@
 """`aerofed plan` and `aerofed link-budget`."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -75,10 +74,7 @@ def plan(
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
     else:
         problems = read_problems(problem)
-    aside = Console(stderr=True, soft_wrap=True, highlight=False, quiet=not sys.stderr.isatty())
-    planned = plan_problems(
-        problems, planner=resolved.planner, say=aside.print, out=out, figure_dir=figure
-    )
+    planned = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
     if qgc is not None and ground is not None:
         _write_qgc(qgc, problems[0], planned.plans[0], ground)
     _print(planned.plans)

@@ -94,7 +94,7 @@ def run(
     RunFolder.check(folder)
     with stopwatch("setup"), watching.waiting("loading"):
         load_data(resolved, data_dir)
-        # Only now, so that wrong input is answered at once: numba, cvxpy and the rest take seconds.
+        # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
         from mission.session import fly_session
     return fly_session(resolved, folder, data_dir=data_dir, audience=watching, stopwatch=stopwatch)
 

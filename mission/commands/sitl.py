@@ -1,6 +1,7 @@
 """`aerofed sitl`."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,12 +11,22 @@ from mission.commands.options import Overrides, load
 from mission.errors import InputError
 from mission.terminal import Terminal
 
+# Where PX4's simulators stand by default, and with them the places in most tutorials: Zurich.
+PX4_HOME = {
+    "area.home_lat_deg": 47.397742,
+    "area.home_lon_deg": 8.545594,
+    "area.home_alt_msl_m": 488.0,
+}
+
 
 def sitl(
     config: Path | None = None,
     *,
     udp: Annotated[tuple[str, ...], Parameter(negative=())] = ("14540", "14550"),
     speed: float | Literal["max"] = 1.0,
+    home: str | None = None,
+    count: int = 1,
+    logs: Path | None = None,
     set_: Overrides = (),
 ) -> int:
     """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
@@ -23,28 +34,52 @@ def sitl(
     Parameters
     ----------
     config
-        TOML file; its area.home_* and vehicle.* count here. Without one, the quick-start
-        configuration is taken.
+        TOML file; its area.home_* and vehicle.* count here. Without one, the vehicle stands where
+        PX4's simulators stand, so that scripts written for those find their places.
     udp
         Where to send MAVLink, once for each ground station: a port of this machine, or
         udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there for anybody.
     speed
         Simulated seconds per second, or "max".
+    home
+        LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands.
+    count
+        Vehicles in one process, side by side: system ids 1, 2, ..., and ports from the first --udp
+        on (14540, 14541, ...); the other --udp are spoken to by all.
+    logs
+        Folder to write each flight to, from arming to disarming; ground stations may list and
+        download what is there.
     set_
-        Override any key: --set area.home_lat_deg=47.4 --set area.home_lon_deg=8.5
+        Override any key: --set vehicle.aircraft.wind.speed_mps=5
     """
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
-    resolved = load(config, set_)
+    # Whatever is given later counts: PX4's place, --set, --home.
+    usual = [] if config else [f"{key}={value}" for key, value in PX4_HOME.items()]
+    resolved = load(config, [*usual, *set_], _home(home))
     # Only now, so that wrong input is answered at once.
-    from mission.gcs import station_links
-    from mission.serve import link_url, make_vehicle, serve
+    from mission.serve import make_vehicles, serve
 
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     serve(
-        make_vehicle(resolved),
-        station_links(resolved.link, [link_url(text) for text in udp]),
+        make_vehicles(resolved, count=count, udp=udp, logs=logs),
         speed=math.inf if speed == "max" else speed,
         say=console.print,
     )
     return 0
+
+
+def _home(text: str | None) -> Mapping[str, float]:
+    """The keys that `--home` sets; none where it was not given.
+
+    Raises:
+        InputError: it is no three numbers; their ranges are the keys'.
+    """
+    if text is None:
+        return {}
+    try:
+        values = [float(part) for part in text.split(",")]
+        return dict(zip(PX4_HOME, values, strict=True))
+    except ValueError:
+        example = ",".join(f"{value:g}" for value in PX4_HOME.values())
+        raise InputError(f"--home {text}: LAT,LON,ALT are needed, as --home {example}") from None

@@ -67,6 +67,8 @@ async def connect(
             kind = await system.autopilot_type()
             dialect = ARDUPILOT if kind == Autopilot.ARDUPILOT else PX4
             pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)
+            if dialect is ARDUPILOT:
+                await pilot.messages.know_ardupilot()
             watch = asyncio.create_task(pilot.watch.run())
             try:
                 yield pilot

@@ -11,8 +11,10 @@ from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mission.errors import InputError
 from mission.pilot.calls import reason
 from mission.pilot.connection import CONNECT_TIMEOUT_S, ground_station, raw_core
+from mission.pilot.items import FRAME_MISSION
 from mission.planfile import PlanFile
 from sitl.autopilot.enums import GLOBAL_FRAMES, MissionType
+from sitl.autopilot.items import PLACES
 from sitl.autopilot.messages import MissionItem
 
 _DEG_E7 = 1e7
@@ -83,9 +85,10 @@ def _from_raw(item: RawItem) -> MissionItem:
 
 def _to_raw(item: MissionItem) -> RawItem:
     scale = _DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
+    placeless = item.mission_type == MissionType.MISSION and item.command not in PLACES
     return RawItem(
         seq=item.seq,
-        frame=item.frame,
+        frame=FRAME_MISSION if placeless else item.frame,
         command=item.command,
         current=int(item.seq == 0),
         autocontinue=int(item.autocontinue),

@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from copy import copy
 
 from mavsdk.plugins.mission_raw import MissionItem
 
 from flightdyn.state import GeodeticPoint
 from mission.flightplan import FlightPlan
-from mission.pilot.dialects import PX4, Dialect
+from mission.pilot.dialects import Dialect
 
+FRAME_MISSION = 2  # of what has no place; PX4 knows such a command in no other frame
 FRAME_GLOBAL_RELATIVE_ALT_INT = 6
 NAV_WAYPOINT = 16
 DO_CHANGE_SPEED = 178
@@ -16,9 +18,7 @@ _GROUND_SPEED = 1.0
 _UNCHANGED = -1.0
 
 
-def mission_items(
-    plan: FlightPlan, positions: Sequence[GeodeticPoint], dialect: Dialect = PX4
-) -> list[MissionItem]:
+def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[MissionItem]:
     """The stops as MAVLink items: the first stop, the speed of all legs, the other stops.
 
     The first stop is where the vehicle already is; the speed stands after it because autopilots
@@ -32,27 +32,41 @@ def mission_items(
         for stop, position in zip(plan.stops, positions, strict=True)
     ]  # fmt: skip
     speed = _item(DO_CHANGE_SPEED, _GROUND_SPEED, plan.speed_mps, _UNCHANGED, 0.0)
-    items = [waypoints[0], speed, *waypoints[1:]]
+    return _numbered([waypoints[0], speed, *waypoints[1:]])
+
+
+def stop_sequence(plan: FlightPlan) -> list[int]:
+    """The number of every stop in `mission_items`."""
+    return [0, *range(2, len(plan.stops) + 1)]
+
+
+def as_dialect(items: Sequence[MissionItem], dialect: Dialect) -> list[MissionItem]:
+    """A mission as a family of autopilots takes it."""
+    taken = [copy(item) for item in items]
     if dialect.home_first:
         # The autopilot puts its own home there.
-        items.insert(0, _item(NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0, at=positions[0]))
+        taken.insert(0, _item(NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0, at=None))
+        taken[0].frame = FRAME_GLOBAL_RELATIVE_ALT_INT
+        taken[0].x, taken[0].y = items[0].x, items[0].y
+    if dialect.finite:
+        for item in taken:
+            params = (item.param1, item.param2, item.param3, item.param4)
+            item.param1, item.param2, item.param3, item.param4 = (
+                0.0 if math.isnan(param) else param for param in params
+            )
+    return _numbered(taken, current=dialect.first_item)
+
+
+def _numbered(items: list[MissionItem], *, current: int = 0) -> list[MissionItem]:
     for seq, item in enumerate(items):
         item.seq = seq
-        item.current = int(seq == int(dialect.home_first))
-        if dialect.finite and math.isnan(item.param4):
-            item.param4 = 0.0
+        item.current = int(seq == current)
     return items
-
-
-def stop_sequence(plan: FlightPlan, dialect: Dialect = PX4) -> list[int]:
-    """The MAVLink sequence number of every stop in `mission_items`."""
-    first = int(dialect.home_first)
-    return [first, *range(first + 2, first + len(plan.stops) + 1)]
 
 
 def same_mission(sent: list[MissionItem], back: list[MissionItem], dialect: Dialect) -> bool:
     """Whether the items that came back are those sent, as far as the dialect keeps them."""
-    first = int(dialect.home_first)
+    first = dialect.first_item
     return _essence(sent[first:], dialect) == _essence(back[first:], dialect)
 
 
@@ -73,7 +87,7 @@ def _item(
     """MAVSDK takes a field that is left out for NaN, so every one is set."""
     return MissionItem(
         seq=0,
-        frame=FRAME_GLOBAL_RELATIVE_ALT_INT,
+        frame=FRAME_MISSION if at is None else FRAME_GLOBAL_RELATIVE_ALT_INT,
         command=command,
         current=0,
         autocontinue=1,

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.info import InfoAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mission_raw import MissionItem
@@ -16,7 +17,9 @@ from mission.errors import FlightError, LinkLostError
 from mission.flightplan import FlightPlan
 from mission.pilot.calls import reason, settled
 from mission.pilot.dialects import PX4, Dialect
-from mission.pilot.items import mission_items, same_mission
+from mission.pilot.items import as_dialect, mission_items, same_mission
+from mission.pilot.messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
+from mission.pilot.parameters import Parameters
 from mission.pilot.watch import Watch
 
 logger = logging.getLogger(__name__)
@@ -36,6 +39,8 @@ class Pilot:
         self.system = system
         self.dialect = dialect
         self.watch = Watch(system)
+        self.messages = Messages(system)
+        self.parameters = Parameters(system)
         self._action = ActionAsync(system)
         self._mission = MissionRawAsync(system)
         self._stall_timeout_s = stall_timeout_s
@@ -50,6 +55,15 @@ class Pilot:
         """Whether the motors are released."""
         return self.watch.armed
 
+    @property
+    def flying(self) -> bool:
+        """Whether the vehicle is off the ground, by its own word."""
+        return self.watch.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF)
+
+    @property
+    def _landed(self) -> bool:
+        return self.watch.landed == LandedState.ON_GROUND and not self.watch.armed
+
     async def ready(self) -> None:
         """Wait until the vehicle says that it can be armed.
 
@@ -59,7 +73,14 @@ class Pilot:
         await self._until(lambda: self.watch.armable, "become ready to arm")
 
     async def arm(self) -> None:
-        """Release the motors."""
+        """Release the motors, in a mode that takes no vehicle without a position."""
+        mode = self.dialect.arming_mode
+        if mode is not None:
+            self.watch.order_given()
+            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, mode.custom) != ACCEPTED:
+                raise await self._refused("take the mode to arm in")
+            # Before it is seen MAVSDK may order a hold, in whose mode ArduCopter cannot be armed.
+            await self._until(lambda: self.mode == mode.shown, "take the mode to arm in")
         await self._order("arm", self._action.arm())
         await self._until(lambda: self.watch.armed, "arm")
 
@@ -78,29 +99,40 @@ class Pilot:
             f"climb to {alt_rel_m:g} m and hold there",
         )
 
-    async def fly(self, plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> None:
-        """Upload the stops at `positions`, start, and wait for the end at the last one.
+    async def upload(self, plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> None:
+        """Upload the stops at `positions`.
 
         Raises:
-            FlightError: the vehicle refuses the mission, leaves it, or misses its end.
+            FlightError: the vehicle refuses the mission.
         """
-        await self.fly_items(mission_items(plan, positions, self.dialect))
+        await self.upload_items(mission_items(plan, positions))
+
+    async def fly(self) -> None:
+        """Start the mission that was uploaded, and wait for the end at its last stop.
+
+        Raises:
+            FlightError: the vehicle leaves it, or misses its end.
+        """
+        await self.carry_out()
         await self._until(
             lambda: self.mode in self.dialect.resting, "hold its position after the mission"
         )
 
-    async def fly_items(self, items: list[MissionItem]) -> None:
-        """Upload any mission, start it, and wait until the vehicle has carried it out.
+    async def carry_out(self, *, lands: bool = False) -> None:
+        """Start any mission that was uploaded, and wait until the vehicle has carried it out.
+
+        One that `lands` is over when the motors are off, whatever the vehicle says of the mission.
 
         Raises:
-            FlightError: the vehicle refuses the mission, leaves it, or misses its end.
+            FlightError: the vehicle leaves it, or misses its end.
         """
-        await self._upload(items)
         await self._order("start the mission", self._mission.start_mission())
         loop = asyncio.get_running_loop()
         left_at: float | None = None
         while not await self._call("report the mission", self._mission.is_mission_finished()):
             self._check_alive("finish the mission")
+            if lands and self._landed:
+                return
             if self.watch.mode == FlightMode.MISSION:
                 left_at = None
             elif left_at is None:
@@ -109,6 +141,16 @@ class Pilot:
                 said = _because(self.watch.last_warning)
                 raise FlightError(f"the vehicle left the mission for {self.mode}{said}")
             await asyncio.sleep(POLL_S)
+
+    async def version(self) -> str:
+        """The version that the vehicle says its software is; empty where it does not."""
+        try:
+            said = await settled(InfoAsync(self.system).get_version())
+        except MavsdkError as error:
+            logger.info("no version: %s", error)
+            return ""
+        number = f"{said.flight_sw_major}.{said.flight_sw_minor}.{said.flight_sw_patch}"
+        return f"{number} {said.flight_sw_git_hash}" if self.dialect.tells_commit else number
 
     async def upload_fence(self, items: list[MissionItem]) -> None:
         """Upload a geofence."""
@@ -120,10 +162,7 @@ class Pilot:
 
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
-        await self._until(
-            lambda: self.watch.landed == LandedState.ON_GROUND and not self.watch.armed,
-            "land and disarm",
-        )
+        await self._until(lambda: self._landed, "land and disarm")
 
     async def land(self) -> None:
         """Return to home, land, and wait until the motors are off."""
@@ -133,6 +172,14 @@ class Pilot:
     async def hold(self) -> None:
         """Stop and hover where the vehicle is."""
         await self._order("hold", self._action.hold())
+
+    async def upload_items(self, items: Sequence[MissionItem]) -> None:
+        """Upload any mission, numbered from 0, and make its first item the next.
+
+        Raises:
+            FlightError: the vehicle refuses it.
+        """
+        await self._upload(as_dialect(items, self.dialect))
 
     async def _upload(self, items: list[MissionItem]) -> None:
         self.watch.order_given()
@@ -147,10 +194,8 @@ class Pilot:
                 refusal = error
                 continue
             if same_mission(items, back, self.dialect):
-                first = int(self.dialect.home_first)
-                await self._order(
-                    "rewind the mission", self._mission.set_current_mission_item(first)
-                )
+                rewind = self._mission.set_current_mission_item(self.dialect.first_item)
+                await self._order("rewind the mission", rewind)
                 return
             refusal = None
         if refusal is not None:
@@ -168,14 +213,15 @@ class Pilot:
         except MavsdkError as error:
             raise await self._refused(what, error) from None
 
-    async def _refused(self, what: str, error: MavsdkError) -> FlightError:
+    async def _refused(self, what: str, error: MavsdkError | None = None) -> FlightError:
         """The vehicle's own words may come a little after its refusal."""
         for _ in range(REASON_POLLS):
             if self.watch.first_warning:
                 break
             await asyncio.sleep(POLL_S)
         said = _because(self.watch.first_warning)
-        return FlightError(f"the vehicle did not {what}: {reason(error)}{said}")
+        why = "" if error is None else f": {reason(error)}"
+        return FlightError(f"the vehicle did not {what}{why}{said}")
 
     async def _until(self, met: Callable[[], bool], what: str) -> None:
         while not met():

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import math
+from collections.abc import Callable
 from typing import Any
 
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
@@ -10,6 +11,7 @@ from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
 
 logger = logging.getLogger(__name__)
 
+_MOST_GRAVE = StatusTextType.EMERGENCY.value  # MAVSDK counts the other way round
 _CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") and of ArduPilot
 
 
@@ -25,6 +27,8 @@ class Watch:
         self.armed = False
         self.mode = FlightMode.UNKNOWN
         self.landed = LandedState.UNKNOWN
+        # Hear every status text, with its MAV_SEVERITY.
+        self.listeners: list[Callable[[int, str], None]] = []
         self.crash = ""  # what the vehicle said of it
         # Of the warnings since the last order: the first is why it was refused, the last is why
         # it is no longer carried out.
@@ -88,6 +92,8 @@ class Watch:
     async def _watch_text(self) -> None:
         async for status in self._telemetry.subscribe_status_text():
             logger.info("vehicle: %s", status.text)
+            for listener in self.listeners:
+                listener(_MOST_GRAVE - status.type.value, status.text)
             if status.type >= StatusTextType.WARNING:
                 self.first_warning = self.first_warning or status.text
                 self.last_warning = status.text

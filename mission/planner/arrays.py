@@ -1,17 +1,13 @@
-"""A planning problem as the plain arrays that the compiled loops take."""
+"""A planning problem as the plain arrays that the native loops take."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from mission.planner.kernels.insertion import Lists
-from mission.planner.kernels.instance import Devices, Limits, Relaxation
+from mission.planner.native.library import Devices, Limits, Relaxation
 from mission.planner.problem import Floats, RoundProblem
 from mission.planner.reward import conjugates, reward_table
 
 # Tables are made for multiples of this reach, so that the rounds of a mission share them.
 REACH_STEP_M = 512
-MOST_NEIGHBOURS = 24
-LEAST_SHARE = 1e-3  # of the best f: where a neighbour is too far to matter
 
 
 def instance(problem: RoundProblem) -> tuple[Devices, Limits]:
@@ -41,24 +37,6 @@ def relax(problem: RoundProblem, devices: Devices) -> Relaxation:
         conjugate.ladder,
         conjugate.radii_m,
         promise,
-    )
-
-
-def neighbour_lists(devices: Devices) -> Lists:
-    """For each device the nearest ones that a stop above it serves, itself included."""
-    share = devices.rows[:, 0]
-    beyond = np.flatnonzero(share < LEAST_SHARE * share[0])
-    reach = float(beyond[0]) if len(beyond) else float(len(share))
-    count = len(devices.u)
-    most = min(MOST_NEIGHBOURS, count)
-    distance, index = cKDTree(devices.u).query(devices.u, k=most, distance_upper_bound=reach)
-    distance, index = distance.reshape(count, most), index.reshape(count, most)
-    inside = np.isfinite(distance)
-    begin = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
-    return Lists(
-        begin.astype(np.int64),
-        index[inside].astype(np.int64),
-        np.interp(distance[inside], np.arange(len(share)), share),
     )
 
 

@@ -1,15 +1,10 @@
 """The planner with a certificate: the true objective, and a bound that no plan exceeds."""
 
-import numpy as np
-
-from mission.planner.arrays import instance, neighbour_lists, relax, root_bound
+from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
-from mission.planner.kernels import exploration, search
-from mission.planner.kernels.instance import Problem
+from mission.planner.native.library import MOST_DEVICES, explore, search
 from mission.planner.problem import RoundPlan, RoundProblem
 
-# Beyond this many devices the search cannot narrow the gap in any time worth waiting for.
-MAX_DEVICES = 40
 MAX_OPEN = 50_000
 STARTS = 64  # devices that a first path is built towards
 MIN_TRIES, MAX_TRIES = 40, 450
@@ -43,21 +38,21 @@ class CertifiedPlanner:
         devices, limits = instance(problem)
         count = len(devices.delta)
         relaxation = relax(problem, devices)
-        way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
-        lists = neighbour_lists(devices)
-        room = exploration.make_room(count, limits, STARTS)
-        value = exploration.explore(devices, limits, lists, tries(count), room, way, assigned)
+        value, way, assigned = explore(devices, limits, starts=STARTS, tries=tries(count))
         bound = root_bound(relaxation.promise[:, 0], limits)
-        nodes = self._max_nodes if count <= MAX_DEVICES else 0
+        # Beyond, the search cannot narrow the gap in any time worth waiting for.
+        nodes = self._max_nodes if count <= MOST_DEVICES else 0
         if nodes > 0 and 0.0 < value < (1.0 - self._gap) * bound:
-            _, bound, nodes = search.search(
-                Problem(devices, limits, relaxation),
-                self._gap,
-                nodes,
-                search.make_room(count, limits, min(MAX_OPEN, nodes * (count + 2))),
-                way,
-                assigned,
-                value,
+            bound, nodes = search(
+                devices,
+                limits,
+                relaxation,
+                gap=self._gap,
+                max_nodes=nodes,
+                max_open=min(MAX_OPEN, nodes * (count + 2)),
+                value=value,
+                way=way,
+                assigned=assigned,
             )
         else:
             nodes = 0

@@ -2,14 +2,13 @@
 
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fl.radio import Channel, average_per, fit_logistic, link_budget
-from mission.compilation import PLANNING, compile_kernels
 from mission.errors import PlanError
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_plan
@@ -32,21 +31,19 @@ def plan_problems(
     problems: Sequence[NamedProblem],
     *,
     planner: PlannerConfig,
-    say: Callable[[str], None],
     out: Path | None = None,
     figure_dir: Path | None = None,
 ) -> Planned:
     """Plan every problem, and write the plans and a picture of each where asked.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
-    against its problem before anything is written. `say` is told what takes long.
+    against its problem before anything is written.
 
     Raises:
         InputError: the output cannot be written.
         PlanError: none of the problems can be planned; nothing is written.
     """
     method = make_planner(planner)
-    compile_kernels(*PLANNING, say=say)
     plans: dict[str, NamedPlan] = {}
     failures = []
     for entry in problems:

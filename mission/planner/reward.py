@@ -1,4 +1,4 @@
-"""What a device earns at a distance: f(r) = 1 - q_bar(r) as tables for the compiled loops.
+"""What a device earns at a distance: f(r) = 1 - q_bar(r) as tables for the native loops.
 
 `RewardTable` holds f, f' and f'' on a 1 m grid; a second-order expansion about the nearest
 grid point is exact to 1e-4 of the whole (1e-6 on all presets).

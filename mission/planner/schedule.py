@@ -1,12 +1,12 @@
 """The optimal schedule for fixed positions: a transportation problem.
 
 Its constraint matrix is totally unimodular, so the relaxation of omega to [0, 1] has integral
-vertices; the assignment algorithm on K_bar copies of each step finds one directly.
+vertices; shortest augmenting paths find one directly.
 """
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from mission.planner.native import library
 from mission.planner.problem import Bools, Floats
 
 
@@ -27,10 +27,7 @@ def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
     worth = success * importance
     steps, devices = worth.shape
     schedule = np.zeros((steps, devices), dtype=np.bool_)
-    if per_step < 1 or worth.size == 0:
-        return schedule
-    # More copies of a step than devices cannot be filled.
-    copies = min(per_step, devices)
-    rows, columns = linear_sum_assignment(np.repeat(worth, copies, axis=0), maximize=True)
-    schedule[rows // copies, columns] = True
+    served = library.assign(np.ascontiguousarray(worth.T), per_step)
+    here = np.flatnonzero(served >= 0)
+    schedule[served[here], here] = True
     return schedule & (worth > 0.0)

@@ -15,7 +15,7 @@ import osqp
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mission.planner.arrays import instance, neighbour_lists
+from mission.planner.arrays import instance
 from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
@@ -24,8 +24,7 @@ from mission.planner.evaluate import (
     fit_budget,
     plan_without_moving,
 )
-from mission.planner.kernels import exploration
-from mission.planner.kernels.instance import Devices, Limits
+from mission.planner.native.library import Devices, Limits, explore
 from mission.planner.problem import Floats, RoundPlan, RoundProblem
 from mission.planner.reward import Ints
 from mission.planner.schedule import assign
@@ -72,12 +71,8 @@ class SqpPlanner:
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         devices, limits = instance(problem)
-        count = len(devices.delta)
-        way, assigned = np.zeros((problem.steps, 2)), np.full(count, -1, dtype=np.int64)
-        attempts = tries(count) if self._tries is None else self._tries
-        lists = neighbour_lists(devices)
-        room = exploration.make_room(count, limits, self._starts)
-        exploration.explore(devices, limits, lists, attempts, room, way, assigned)
+        attempts = tries(len(devices.delta)) if self._tries is None else self._tries
+        _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
         way = ascend(way, devices, limits)
         return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 

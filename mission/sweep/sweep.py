@@ -6,7 +6,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mission.compilation import LEARNING, PLANNING, compile_kernels
 from mission.errors import INTERRUPTED, AerofedError
 from mission.sweep.engine import Engine, EngineName, make_engine
 from mission.sweep.execution import execute_all
@@ -81,8 +80,6 @@ def _fly(
     if todo:
         # Once here, so that missing data is one line and not a failure of every run.
         build_world(todo[0].config, data_dir=data_dir)
-        # And this, not by every worker for itself.
-        compile_kernels(*PLANNING, *LEARNING, say=lambda line: _say(console, line))
     ends: dict[str, RunEnd] = {}
     with folder.lock():
         folder.claim(grid, data_dir=data_dir)

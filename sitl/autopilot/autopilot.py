@@ -6,23 +6,30 @@ from functools import partial
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot import messages as m
+from sitl.autopilot.absent import Absent
+from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.commands import CommandServer, Refusal
 from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
 from sitl.autopilot.failsafe import Cause, Failsafes
+from sitl.autopilot.files import LogFolder, NoLogs
 from sitl.autopilot.flight import Flight
+from sitl.autopilot.ftp import FtpServer
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
-from sitl.autopilot.items import check_item
+from sitl.autopilot.items import check_item, why_refused
+from sitl.autopilot.log_server import LogServer
 from sitl.autopilot.message_requests import MessageCommands
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
 from sitl.autopilot.orders import FlightCommands
 from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.pilots import Pilots
 from sitl.autopilot.reporter import EventSink, Reporter
 from sitl.autopilot.route import check_mission
-from sitl.autopilot.streams import Streams
+from sitl.autopilot.snapshot import Dials
+from sitl.autopilot.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.transfer import MissionTransfer
 from sitl.errors import SitlInputError
 
@@ -52,12 +59,13 @@ class Autopilot:
         system: int,
         sink: EventSink,
         storage: Storage | None = None,
-        may_reboot: bool = False,
+        logs: LogFolder | None = None,
+        standalone: bool = False,
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
         self._wire = Wire(system, COMPONENT)
-        self._streams = Streams()
+        self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
         self.parameters = parameters
         self.flight = Flight(
             aircraft, parameters, home=aircraft.frame.origin, reporter=self._report
@@ -75,13 +83,33 @@ class Autopilot:
         self.flight.position_ok = self.guard.position_ok
         self.flight.forbidden = self.guard.breach
         self.flight.arming_denied = self._arming_denied
-        self._transfer = MissionTransfer(self._outbox, check=check_item, store=self._store)
+        self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
-        self._flight_commands = FlightCommands(aircraft, self.flight)
+        self._log_server = LogServer(
+            self._outbox, logs or NoLogs(), reporter=self._report, armed=lambda: aircraft.armed
+        )
+        self._ftp = FtpServer(self._outbox, logs or NoLogs(), parameters)
+        self._pilots = Pilots(
+            aircraft,
+            self.flight,
+            parameters,
+            failsafes=self.failsafes,
+            reporter=self._report,
+        )
+        self._servers = (
+            self._transfer,
+            self._parameter_server,
+            self._log_server,
+            self._ftp,
+            self._pilots,
+            Absent(self._outbox, self._report),
+        )
+        self._flight_commands = FlightCommands(aircraft, self.flight, pilots=self._pilots.modes())
         self._message_commands = MessageCommands(self._outbox, self._streams)
         self._commands = CommandServer(self._outbox, self._report)
         self._commands.add(self._flight_commands.handlers())
         self._commands.add(self._message_commands.handlers())
+        self._commands.add(self._pilots.handlers())
         self._commands.add(
             {
                 Command.PREFLIGHT_STORAGE: self._store_parameters,
@@ -93,7 +121,7 @@ class Autopilot:
             }
         )
         self._storage = storage
-        self._may_reboot = may_reboot
+        self._standalone = standalone
         self.reboot_ordered = False  # whoever owns the autopilot makes a new one
         self.tick = self.flight.tick
 
@@ -120,6 +148,7 @@ class Autopilot:
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take bytes that arrived: a datagram, or more of a `stream`."""
+        self._pilots.note_time(now)
         received: list[tuple[m.Peer, m.Incoming]] = []
         with self._report.contain("bytes that arrived"):
             received = self._wire.read(data, stream)
@@ -143,9 +172,9 @@ class Autopilot:
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
         report = self._report
-        with report.contain("the transfers"):
-            self._transfer.poll(now)
-            self._parameter_server.poll(now)
+        for server in self._servers:
+            with report.contain(type(server).__name__):
+                server.poll(now)
         with report.contain("the failsafes"):
             self.guard.poll(now)
         nudged = report.nudged
@@ -166,23 +195,25 @@ class Autopilot:
         if not kinds:
             return
         snapshot = self.monitor.snapshot(self.failsafes)
+        dials: Dials | None = None
         for kind in kinds:
             if kind is Message.MISSION_CURRENT:
                 in_mission = self.flight.mode is Mode.MISSION
                 body = self.flight.mission.message(in_mission_mode=in_mission)
                 yield from self._wire.frames(m.Envelope(body))
-            else:
+            elif kind in TELEMETRY:
                 yield self._wire.telemetry(kind, snapshot)
+            elif kind is not Message.ORBIT_EXECUTION_STATUS or self._pilots.orbit:
+                dials = dials or self.monitor.dials(self._pilots.orbit)
+                yield self._wire.instruments(kind, snapshot, dials)
 
     def due(self) -> float:
         """When `poll` has something to do at the latest."""
-        timers = (self._streams.due(), self._transfer.due(), self._parameter_server.due())
+        timers = (self._streams.due(), *(server.due() for server in self._servers))
         return min(timer for timer in timers if timer is not None)
 
     def _handle(self, peer: m.Peer, body: m.Incoming, now: float) -> None:
-        if self._transfer.receive(peer, body, now):
-            return
-        if self._parameter_server.receive(peer, body, now):
+        if any(server.receive(peer, body, now) for server in self._servers):
             return
         match body:
             case m.CommandOrder():
@@ -225,7 +256,7 @@ class Autopilot:
     def _order_reboot(self, order: m.CommandOrder, _now: float) -> Refusal | None:
         if order.params[0] != 1.0:
             return Refusal(Result.UNSUPPORTED, f"parameter 1 = {order.params[0]:g}: 1 reboots")
-        if not self._may_reboot:
+        if not self._standalone:
             return Refusal(Result.DENIED, "the vehicle is part of a run")
         reason = self.flight.not_at_rest()
         if reason:
@@ -244,6 +275,13 @@ class Autopilot:
             return "no GNSS solution"
         critical = self.failsafes.present(Cause.BATTERY_CRITICAL)
         return "battery critical" if critical else ""
+
+    def _check_item(self, item: m.MissionItem) -> MissionResult:
+        verdict = check_item(item)
+        if verdict is not MissionResult.ACCEPTED:
+            refused = f"{item.mission_type.name.capitalize()} refused: {why_refused(item, verdict)}"
+            self._report.say(Severity.WARNING, refused)
+        return verdict
 
     def _store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
         """Take a list that was uploaded whole, or say what is wrong with it."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from sitl.autopilot import messages as m
+from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.enums import Command, Result, Severity
 from sitl.autopilot.reporter import Reporter
 
@@ -22,6 +23,9 @@ class Refusal:
 
 Answer: TypeAlias = Refusal | None  # None: accepted
 Handler: TypeAlias = Callable[[m.CommandOrder, float], Answer]
+
+
+_UNKNOWN = Refusal(Result.UNSUPPORTED, "this vehicle has nothing for that")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +75,13 @@ class CommandServer:
             self._answer(peer, order, last.result)
             return
         handler = self._handlers.get(order.command)
-        refusal = Refusal(Result.UNSUPPORTED) if handler is None else handler(order, now)
+        refusal = _UNKNOWN if handler is None else handler(order, now)
         result = Result.ACCEPTED if refusal is None else refusal.result
         self._last = _Done(peer, order, result, now)
         self._answer(peer, order, result)
         if refusal is not None and refusal.reason:
-            name = Command(order.command).name
+            known = order.command in self._handlers
+            name = Command(order.command).name if known else command_name(order.command)
             self._report.say(Severity.WARNING, f"{name} refused: {refusal.reason}")
 
     def _answer(self, peer: m.Peer, order: m.CommandOrder, result: Result) -> None:

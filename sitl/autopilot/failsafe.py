@@ -1,6 +1,6 @@
 """Failsafes: what the vehicle does by itself when something is wrong. One table."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -16,10 +16,21 @@ class Action(IntEnum):
 
     NOTHING = 0
     WARN = 1
-    HOLD = 2
-    RETURN = 3
-    LAND = 4
-    TERMINATE = 5
+    STABILIZED = 2
+    ALTITUDE = 3
+    POSITION = 4
+    HOLD = 5
+    RETURN = 6
+    LAND = 7
+    TERMINATE = 8
+
+
+# Somebody at the sticks takes over.
+BY_STICKS = {
+    Action.STABILIZED: Mode.STABILIZED,
+    Action.ALTITUDE: Mode.ALTITUDE,
+    Action.POSITION: Mode.POSITION,
+}
 
 
 class Cause(Enum):
@@ -31,6 +42,8 @@ class Cause(Enum):
     BATTERY_EMERGENCY = "Battery almost empty"
     GNSS_LOST = "GNSS lost"
     GROUND_STATION_LOST = "Ground station lost"
+    SETPOINTS_LOST = "Offboard setpoints lost"
+    STICKS_LOST = "Manual control lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +95,31 @@ RULES: Mapping[Cause, Rule] = {
             5: Action.TERMINATE,
         },
     ),
+    Cause.SETPOINTS_LOST: Rule(
+        "COM_OBL_RC_ACT",
+        {
+            0: Action.POSITION,
+            1: Action.ALTITUDE,
+            2: Action.STABILIZED,
+            3: Action.RETURN,
+            4: Action.LAND,
+            5: Action.HOLD,
+            6: Action.TERMINATE,
+            7: Action.TERMINATE,
+        },
+    ),
+    Cause.STICKS_LOST: Rule(
+        "NAV_RCL_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.HOLD,
+            2: Action.RETURN,
+            3: Action.LAND,
+            4: Action.WARN,
+            5: Action.TERMINATE,
+            6: Action.TERMINATE,
+        },
+    ),
 }
 # What the vehicle is doing already, in terms of actions.
 _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATED: Action.TERMINATE}
@@ -95,6 +133,7 @@ class Failsafes:
         self._parameters = parameters
         self._report = reporter
         self._present: set[Cause] = set()
+        self.by_sticks: Callable[[Mode, str], str | None] = lambda *_: "there are no sticks"
 
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
@@ -131,13 +170,19 @@ class Failsafes:
             return
         self._report.failsafe(f"{why}, {action.name.lower()}")
         refused = self._carry_out(action, why)
-        if refused is not None and action is not Action.TERMINATE:
-            # Returning needs a position; sinking where it is does not.
-            self._report.failsafe(f"{action.name.lower()} not possible ({refused}), land")
-            flight.land(why)
+        while refused is not None and action not in (Action.LAND, Action.TERMINATE):
+            # Sticks may be silent; returning needs a position; sinking where it is needs neither.
+            instead = Action.RETURN if action in BY_STICKS else Action.LAND
+            self._report.failsafe(
+                f"{action.name.lower()} not possible ({refused}), {instead.name.lower()}"
+            )
+            action = instead
+            refused = self._carry_out(action, why)
 
     def _carry_out(self, action: Action, why: str) -> str | None:
         match action:
+            case _ if action in BY_STICKS:
+                return self.by_sticks(BY_STICKS[action], why)
             case Action.HOLD:
                 return self._flight.hold(why)
             case Action.RETURN:

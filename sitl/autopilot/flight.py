@@ -1,8 +1,8 @@
 """What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sitl.autopilot.enums import LandedState, Severity
 from sitl.autopilot.items import NAVIGATION
 from sitl.autopilot.messages import MissionItem
 from sitl.autopilot.mission import Mission
-from sitl.autopilot.modes import Mode, Need, Trigger, transition
+from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
 from sitl.autopilot.navigator import Navigator
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.rally import refuge
@@ -30,6 +30,14 @@ class _Goal:
 
     pos_ned_m: tuple[float, ...]
     yaw_rad: float | None
+
+
+class SpeedLimits(NamedTuple):
+    """What whoever flies the vehicle may ask for at most."""
+
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
 
 
 class Flight:
@@ -54,6 +62,7 @@ class Flight:
         # What others have to say about where the aircraft is, and where it may be.
         self.position_ok: Callable[[], bool] = lambda: True
         self.forbidden: Callable[[Vector], str] = lambda _: ""
+        self.needs: dict[Need, Callable[[], bool]] = {}
         self.arming_denied: Callable[[], str] = lambda: ""
         self.flights = 0
         self.armed_t_ns = 0
@@ -64,7 +73,7 @@ class Flight:
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
         self._last_stage: route.Stage | None = None  # that ended the mission by itself
-        self._navigator = Navigator(aircraft, parameters)
+        self.navigator = Navigator(aircraft, parameters)
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
         self._released = False  # the motors, by order
@@ -99,6 +108,12 @@ class Flight:
         home = self.home
         return self.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
 
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """By the parameters."""
+        p = self._parameters
+        return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
         if not self._aircraft.ready:
@@ -109,6 +124,10 @@ class Flight:
             return _STARTING
         return self.arming_denied()
 
+    def here(self) -> Vector:
+        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        return self._here()
+
     def not_at_rest(self) -> str:
         """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
         if self._aircraft.armed:
@@ -116,9 +135,8 @@ class Flight:
         return "" if self._aircraft.on_ground else "in the air"
 
     def too_far(self, pos_ned_m: Vector) -> str:
-        """Why a place is farther away than anything may be; empty if it is not."""
-        distance, most = math.hypot(*pos_ned_m[:2]), self._parameters["MIS_DIST_1WP"]
-        return f"{distance:.0f} m away; MIS_DIST_1WP allows {most:g}" if distance > most else ""
+        """How a place is farther away than anything may be; empty if it is not."""
+        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
     def tick(self) -> bool:
         """Look after the manoeuvre, after every physics tick; whether there still is one."""
@@ -155,7 +173,7 @@ class Flight:
         self._manoeuvre = None
         self._settling = False
         if self.airborne and self.mode is not Mode.TERMINATED:
-            self._enter(Mode.HOLD, "internal error", self._navigator.stop())
+            self._enter(Mode.HOLD, "internal error", self.navigator.stop())
 
     # --- orders ---------------------------------------------------------------------------------
 
@@ -214,7 +232,7 @@ class Flight:
             return f"take-off altitude {altitude:.1f} m is not above the aircraft"
         if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
             return f"the end of the take-off is {forbidden}"
-        return self._order(Trigger.ORDER_TAKEOFF, lambda: self._navigator.climb(here, down_m))
+        return self._order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
@@ -254,7 +272,7 @@ class Flight:
         """Brake and stay."""
         if self.mode is Mode.HOLD and self._goal is None:
             return None
-        return self._order(Trigger.ORDER_HOLD, self._navigator.stop, why)
+        return self._order(Trigger.ORDER_HOLD, self.navigator.stop, why)
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
@@ -275,7 +293,7 @@ class Flight:
         place = self._here()
         return self._order(
             Trigger.ORDER_GOTO,
-            lambda: self._navigator.turn(place, yaw_rad),
+            lambda: self.navigator.turn(place, yaw_rad),
         )
 
     def return_home(self, why: str | None = None) -> str | None:
@@ -289,6 +307,12 @@ class Flight:
         if self.mode is Mode.LAND:
             return None
         return self._order(Trigger.ORDER_LAND, self._land_here, why)
+
+    def fly_by(
+        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
+    ) -> str | None:
+        """Let somebody else fly, by the manoeuvre that `make` begins."""
+        return self._order(trigger, make, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
         """Speed for what is being flown and what will be, until disarmed; None for the default."""
@@ -339,6 +363,8 @@ class Flight:
                 return bool(self.mission.items)
             case Need.POSITION:
                 return self.position_ok()
+            case _:
+                return self.needs[need]()
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
@@ -359,7 +385,7 @@ class Flight:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
             self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_here())
-        elif self.mode is Mode.LAND:
+        elif self.mode is Mode.LAND or self.mode in PILOTED:
             self._landed()
         else:
             self._follow_up(Trigger.DONE)
@@ -400,7 +426,7 @@ class Flight:
             self._report.armed(False)
 
     def _go(self, goal: _Goal) -> do.Manoeuvre:
-        return self._navigator.go_to(
+        return self.navigator.go_to(
             self._here(),
             np.array(goal.pos_ned_m),
             speed_mps=self._ordered_speed_mps,
@@ -411,7 +437,7 @@ class Flight:
         here = self._here()
         goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
         self._report.say(Severity.INFO, f"Returning to {goal.name}")
-        return self._navigator.return_to(
+        return self.navigator.return_to(
             here,
             goal.pos_ned_m,
             home_down_m=float(self.home_ned_m[2]),
@@ -419,10 +445,10 @@ class Flight:
         )
 
     def _here(self) -> Vector:
-        return self._navigator.here(resting=not self.moving)
+        return self.navigator.here(resting=not self.moving)
 
     def _land_here(self) -> do.Manoeuvre:
-        return self._navigator.land(
+        return self.navigator.land(
             self._here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
         )
 
@@ -430,7 +456,7 @@ class Flight:
         self.mission.start()
         self._last_stage = None
         self._report.mission_changed()
-        return self._navigator.fly(
+        return self.navigator.fly(
             stages,
             reached=self._reached,
             ended=self._ended_by,
@@ -438,7 +464,7 @@ class Flight:
         )
 
     def _stages(self) -> tuple[route.Stage, ...]:
-        return self._navigator.stages(
+        return self.navigator.stages(
             self.mission, self._here(), home=self.home, speed_mps=self._ordered_speed_mps
         )
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from sitl.autopilot import ranges
+from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.enums import (
     GLOBAL_FRAMES,
     RELATIVE_FRAMES,
@@ -41,6 +42,22 @@ def check_item(item: MissionItem) -> MissionResult:
     return _CHECKS[item.mission_type](item)
 
 
+def why_refused(item: MissionItem, verdict: MissionResult) -> str:
+    """What `check_item` has against an item, in words: which, why, and what is allowed."""
+    above = "home" if item.frame in RELATIVE_FRAMES else "mean sea level"
+    allowed = f"{_altitudes(item)} above {above} are allowed"
+    words = {
+        MissionResult.UNSUPPORTED: "is not supported",
+        MissionResult.UNSUPPORTED_FRAME: f"frame {item.frame}, 0, 3, 5 and 6 are supported",
+        MissionResult.INVALID_PARAM5_X: f"latitude {item.x:g}, -90 to 90 are allowed",
+        MissionResult.INVALID_PARAM6_Y: f"longitude {item.y:g}, -180 to 180 are allowed",
+        MissionResult.INVALID_PARAM7: f"altitude {item.z:g} m, {allowed}",
+        MissionResult.INVALID_PARAM1: f"parameter 1 = {item.params[0]:g} is not possible",
+        MissionResult.INVALID_PARAM2: f"parameter 2 = {item.params[1]:g} is not possible",
+    }
+    return f"item {item.seq} {command_name(item.command)}: {words.get(verdict, verdict.name)}"
+
+
 def _mission(item: MissionItem) -> MissionResult:
     if item.command in _PLACES:
         return _place(item) or _times(item) or MissionResult.ACCEPTED
@@ -56,8 +73,12 @@ def _place(item: MissionItem) -> MissionResult | None:
     wrong = _horizontal(item)
     if wrong is not None:
         return wrong
-    heights = ranges.HEIGHT if item.frame in RELATIVE_FRAMES else ranges.ALTITUDE
-    return None if item.z in heights else MissionResult.INVALID_PARAM7
+    return None if item.z in _altitudes(item) else MissionResult.INVALID_PARAM7
+
+
+def _altitudes(item: MissionItem) -> ranges.Range:
+    """The altitudes that an item may have, in its frame."""
+    return ranges.HEIGHT if item.frame in RELATIVE_FRAMES else ranges.ALTITUDE
 
 
 def _times(item: MissionItem) -> MissionResult | None:

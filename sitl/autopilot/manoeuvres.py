@@ -238,6 +238,42 @@ class Fall:
         return self._aircraft.on_ground or self._left <= 0
 
 
+class Piloted:
+    """Somebody else flies: `fly` is called now and then; done when it has landed and stood a while.
+
+    Without `fly` the orders come by themselves.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        fly: Callable[[], None] | None = None,
+        *,
+        every_s: float = 0.1,
+        settle_s: float,
+    ) -> None:
+        self._aircraft = aircraft
+        self._fly = fly
+        self._every = self._left = ticks(aircraft, every_s)
+        self._settle_ticks = ticks(aircraft, settle_s)
+        self._on_ground = 0
+        self._flown = False
+        if fly is not None:
+            fly()
+
+    def tick(self) -> bool:
+        self._left -= 1
+        if self._left == 0:
+            self._left = self._every
+            if self._fly is not None:
+                self._fly()
+        if not self._aircraft.on_ground:
+            self._flown, self._on_ground = True, 0
+            return False
+        self._on_ground += 1
+        return self._flown and self._on_ground >= self._settle_ticks
+
+
 class Sequence:
     """Manoeuvres one after another; each is made when the one before is done."""
 

@@ -4,12 +4,13 @@ import math
 from collections.abc import Mapping
 
 from sitl.autopilot import messages as m
+from sitl.autopilot.codec.instruments import INSTRUMENTED
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.commands import Answer, Handler, Refusal
 from sitl.autopilot.enums import Command, Message, Result
 from sitl.autopilot.streams import Streams
 
-_ON_DEMAND = TELEMETRY | {Message.MISSION_CURRENT}
+_ON_DEMAND = TELEMETRY | INSTRUMENTED | {Message.MISSION_CURRENT}
 
 
 class MessageCommands:

@@ -16,6 +16,9 @@ from sitl.autopilot.enums import (
     Result,
     Severity,
 )
+from sitl.autopilot.files import FileAnswer, FileRequest
+from sitl.autopilot.parts import PartAnswer, PartRequest
+from sitl.autopilot.setpoints import Streamed
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +94,11 @@ class MissionCount:
 
 @dataclass(frozen=True, slots=True)
 class MissionRequest:
-    """One item is asked for."""
+    """One item is asked for; `old`: by the message of that name, not by the one for integers."""
 
     seq: int
     mission_type: MissionType
+    old: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +238,10 @@ class StatusText:
 
 
 Incoming: TypeAlias = (
-    Heartbeat
+    Streamed
+    | FileRequest
+    | PartRequest
+    | Heartbeat
     | CommandOrder
     | SetMode
     | MissionItem
@@ -252,7 +259,9 @@ Incoming: TypeAlias = (
     | TimeSync
 )
 Outgoing: TypeAlias = (
-    CommandAck
+    FileAnswer
+    | PartAnswer
+    | CommandAck
     | MissionRequest
     | MissionAck
     | MissionCount

@@ -10,12 +10,19 @@ from enum import Enum
 class Mode(Enum):
     """A flight mode with its PX4 main and sub mode."""
 
+    MANUAL = (1, 0)
+    ALTITUDE = (2, 0)
+    POSITION = (3, 0)
+    ORBIT = (3, 1)
     HOLD = (4, 3)
     TAKEOFF = (4, 2)
     MISSION = (4, 4)
     RETURN = (4, 5)
     LAND = (4, 6)
+    FOLLOW = (4, 8)
     TERMINATED = (4, 12)
+    OFFBOARD = (6, 0)
+    STABILIZED = (7, 0)
 
     @property
     def custom_mode(self) -> int:
@@ -39,6 +46,13 @@ class Trigger(Enum):
     ORDER_GOTO = "position ordered"
     ORDER_RETURN = "return ordered"
     ORDER_LAND = "landing ordered"
+    ORDER_OFFBOARD = "offboard control ordered"
+    ORDER_POSITION = "position control ordered"
+    ORDER_ALTITUDE = "altitude control ordered"
+    ORDER_STABILIZED = "stabilized flight ordered"
+    ORDER_MANUAL = "manual control ordered"
+    ORDER_ORBIT = "orbit ordered"
+    ORDER_FOLLOW = "following ordered"
     ORDER_TERMINATE = "termination ordered"
     DONE = "manoeuvre finished"
     DONE_LAND_NEXT = "manoeuvre finished, landing follows"
@@ -52,6 +66,8 @@ class Need(Enum):
     AIRBORNE = "on the ground"
     MISSION = "no mission uploaded"
     POSITION = "no position estimate"
+    SETPOINTS = "no setpoints are streamed, or no position estimate for them"
+    STICKS = "no manual control input"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +80,24 @@ class Transition:
     needs: tuple[Need, ...] = ()
 
 
-_FLYING = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.RETURN, Mode.LAND})
+# Flown by somebody outside, who may land; what lands has landed for good.
+PILOTED = frozenset(
+    {Mode.OFFBOARD, Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED, Mode.MANUAL, Mode.FOLLOW}
+)
+_FLYING = PILOTED | {
+    Mode.HOLD,
+    Mode.TAKEOFF,
+    Mode.MISSION,
+    Mode.RETURN,
+    Mode.LAND,
+    Mode.ORBIT,
+}
 _IN_AIR = (Need.ARMED, Need.AIRBORNE)
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(
         Trigger.ORDER_TAKEOFF,
-        frozenset({Mode.HOLD, Mode.TAKEOFF}),
+        PILOTED | {Mode.HOLD, Mode.TAKEOFF},
         Mode.TAKEOFF,
         (Need.ARMED, Need.ON_GROUND, Need.POSITION),
     ),
@@ -81,6 +108,13 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Trigger.ORDER_GOTO, _FLYING, Mode.HOLD, (*_IN_AIR, Need.POSITION)),
     Transition(Trigger.ORDER_RETURN, _FLYING, Mode.RETURN, (*_IN_AIR, Need.POSITION)),
     Transition(Trigger.ORDER_LAND, _FLYING, Mode.LAND, _IN_AIR),
+    Transition(Trigger.ORDER_OFFBOARD, _FLYING, Mode.OFFBOARD, (Need.SETPOINTS,)),
+    Transition(Trigger.ORDER_POSITION, _FLYING, Mode.POSITION, (Need.STICKS, Need.POSITION)),
+    Transition(Trigger.ORDER_ALTITUDE, _FLYING, Mode.ALTITUDE, (Need.STICKS,)),
+    Transition(Trigger.ORDER_STABILIZED, _FLYING, Mode.STABILIZED, (Need.STICKS,)),
+    Transition(Trigger.ORDER_MANUAL, _FLYING, Mode.MANUAL, (Need.STICKS,)),
+    Transition(Trigger.ORDER_ORBIT, _FLYING, Mode.ORBIT, (*_IN_AIR, Need.POSITION)),
+    Transition(Trigger.ORDER_FOLLOW, _FLYING, Mode.FOLLOW, (*_IN_AIR, Need.POSITION)),
     Transition(Trigger.ORDER_TERMINATE, frozenset(Mode), Mode.TERMINATED),
     Transition(Trigger.DONE, _FLYING, Mode.HOLD),
     Transition(Trigger.DONE, frozenset({Mode.TERMINATED}), Mode.TERMINATED),

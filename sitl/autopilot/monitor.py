@@ -12,8 +12,9 @@ from sitl.autopilot.enums import LandedState, Sensor, Severity, SystemState
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.orbit import Orbit
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.snapshot import Snapshot
+from sitl.autopilot.snapshot import Dials, Snapshot
 
 _GNSS_CURRENT_S = 1.5  # a solution is current for so long
 _SATELLITES_UNKNOWN = 255
@@ -122,6 +123,23 @@ class Monitor:
             sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
             armed_t_ns=flight.armed_t_ns,
             flights=flight.flights,
+        )
+
+    def dials(self, orbit: Orbit | None) -> Dials:
+        """What only some telemetry needs."""
+        aircraft = self._aircraft
+        instruments, frame = aircraft.instruments(), aircraft.frame
+        to = instruments.setpoint
+        ratios = {i.kind: i.ratio for i in aircraft.innovations_after(-(2**63))}
+        circle = None
+        if orbit is not None:
+            middle = frame.to_geodetic(np.array(orbit.center_ned_m))
+            circle = (math.copysign(orbit.radius_m, orbit.speed_mps), middle)
+        return Dials(
+            instruments=instruments,
+            target=None if to is None else frame.to_geodetic(np.array(to.p)),
+            innovation_ratios=ratios,
+            orbit=circle,
         )
 
     def _system_state(self, failsafes: Failsafes) -> SystemState:

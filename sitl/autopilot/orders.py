@@ -26,9 +26,17 @@ def _rejected(reason: str | None) -> Answer:
 class FlightCommands:
     """Handlers of the commands that arm, fly and land."""
 
-    def __init__(self, aircraft: Aircraft, flight: Flight) -> None:
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        flight: Flight,
+        *,
+        pilots: Mapping[Mode, Callable[[], str | None]],
+    ) -> None:
+        """`pilots`: what enters the modes that somebody outside flies."""
         self._aircraft = aircraft
         self._flight = flight
+        self._pilots = pilots
 
     def handlers(self) -> Mapping[Command, Handler]:
         """By command."""
@@ -40,6 +48,10 @@ class FlightCommands:
             Command.NAV_RETURN_TO_LAUNCH: lambda *_: _rejected(flight.return_home()),
             Command.NAV_LOITER_UNLIM: lambda *_: _rejected(flight.hold()),
             Command.DO_REPOSITION: self._reposition,
+            Command.DO_CHANGE_ALTITUDE: self._change_altitude,
+            Command.DO_SET_ROI_LOCATION: self._look_at,
+            Command.DO_SET_ROI_NONE: lambda *_: self._look_ahead(),
+            Command.DO_SET_ROI: self._look_at_or_ahead,
             Command.DO_CHANGE_SPEED: self._change_speed,
             Command.CONDITION_YAW: self._turn,
             Command.DO_SET_MODE: self._set_mode,
@@ -59,6 +71,7 @@ class FlightCommands:
             Mode.MISSION: flight.fly_mission,
             Mode.RETURN: flight.return_home,
             Mode.LAND: flight.land,
+            **self._pilots,
         }
         mode = mode_of_custom(custom_mode)
         order = None if mode is None else orders.get(mode)
@@ -105,6 +118,38 @@ class FlightCommands:
         if reason is None and speed > 0:
             self._flight.change_speed(speed)
         return _rejected(reason)
+
+    def _change_altitude(self, order: m.CommandOrder, _now: float) -> Answer:
+        altitude, frame = order.params[:2]
+        if not (math.isfinite(altitude) and frame in GLOBAL_FRAMES):
+            return Refusal(Result.DENIED, f"altitude {altitude:g} m in frame {frame:g}: 0 or 3")
+        if frame in RELATIVE_FRAMES:
+            altitude += self._flight.home.alt_msl_m
+        north, east, _ = map(float, self._flight.here())
+        down = self._flight.frame.origin.alt_msl_m - altitude
+        return _rejected(self._flight.go_to(np.array([north, east, down])))
+
+    def _look_at(self, order: m.CommandOrder, _now: float) -> Answer:
+        lat_deg, lon_deg, z = order.params[4:]
+        point = self._point(order, lat_deg, lon_deg, z, here=None)
+        if isinstance(point, Refusal):
+            return point
+        place = self._aircraft.frame.to_ned(point.lat_deg, point.lon_deg, point.alt_msl_m)
+        self._aircraft.look_at(place)
+        return None
+
+    def _look_ahead(self) -> Answer:
+        self._aircraft.look_at(None)
+        return None
+
+    def _look_at_or_ahead(self, order: m.CommandOrder, now: float) -> Answer:
+        match order.params[0]:
+            case 0.0:
+                return self._look_ahead()
+            case 3.0:
+                return self._look_at(order, now)
+            case mode:
+                return Refusal(Result.UNSUPPORTED, f"mode {mode:g}: 0 nothing, 3 a place")
 
     def _change_speed(self, order: m.CommandOrder, _now: float) -> Answer:
         kind, speed = order.params[0], order.params[1]

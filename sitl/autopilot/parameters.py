@@ -71,9 +71,35 @@ _FAILSAFE = (
     Spec("GF_MAX_HOR_DIST", 0.0, 0.0, 50_000.0, "m", "fence: distance from home, 0 for none"),
     Spec("GF_MAX_VER_DIST", 0.0, 0.0, 5_000.0, "m", "fence: height above home, 0 for none"),
 )
+_PILOTS = (
+    Spec("COM_OF_LOSS_T", 1.0, 0.1, 60.0, "s", "silence (wall time) that means setpoints lost"),
+    _choice(
+        "COM_OBL_RC_ACT",
+        0,
+        7,
+        "setpoints lost: 0 position 1 altitude 2 stabilized (by sticks, else return) 3 return "
+        "4 land 5 hold 6 and 7 terminate",
+    ),
+    Spec("COM_RC_LOSS_T", 0.5, 0.1, 35.0, "s", "silence (wall time) that means sticks lost"),
+    _choice(
+        "NAV_RCL_ACT",
+        2,
+        6,
+        "sticks lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 and 6 terminate",
+    ),
+    Spec("MPC_VEL_MANUAL", 10.0, 1.0, 25.0, "m/s", "speed of a stick at its end"),
+    Spec("MPC_MAN_TILT_MAX", 35.0, 1.0, 60.0, "deg", "lean of a stick at its end"),
+    Spec("MPC_MAN_Y_MAX", 60.0, 5.0, 180.0, "deg/s", "turn of a stick at its end"),
+    Spec("FLW_TGT_HT", 8.0, 8.0, 500.0, "m", "height above who is followed, or above home"),
+    Spec("FLW_TGT_DST", 8.0, 1.0, 500.0, "m", "distance from who is followed"),
+    Spec("FLW_TGT_FA", 180.0, -180.0, 180.0, "deg", "where beside him: 0 ahead, 90 to the right"),
+    _choice("FLW_TGT_ALT_M", 0, 2, "follow 0 and 1 above home 2 above who is followed"),
+    Spec("FLW_TGT_MAX_VEL", 5.0, 0.0, 20.0, "m/s", "greatest speed relative to who is followed"),
+    Spec("FLW_TGT_RS", 0.1, 0.0, 1.0, "", "share of a course that its next report leaves"),
+)
 _SIMULATION = (_choice("SYS_FAILURE_EN", 1, 1, "whether ground stations may inject failures"),)
 TABLE: tuple[Spec, ...] = tuple(
-    sorted(_FLIGHT + _FAILSAFE + _SIMULATION, key=lambda spec: spec.name)
+    sorted(_FLIGHT + _FAILSAFE + _PILOTS + _SIMULATION, key=lambda spec: spec.name)
 )
 SPECS: Mapping[str, Spec] = {spec.name: spec for spec in TABLE}
 

@@ -314,7 +314,18 @@ def check_mission(
     for item in items:
         if item.command in PLACES and not math.isnan(item.x):
             place = frame.to_ned(item.x, item.y, item_altitude(item, home))
-            distance = float(np.hypot(place[0], place[1]))
-            if distance > farthest_m:
-                return f"item {item.seq} is {distance:.0f} m from home; MIS_DIST_1WP allows less"
+            if far := too_far(place, farthest_m=farthest_m):
+                return f"item {item.seq} is {far}"
     return _jump_trouble(items)
+
+
+def too_far(place_ned_m: Vector, *, farthest_m: float) -> str:
+    """How a place is too far away, in words; empty if it is not."""
+    distance_m = float(np.hypot(place_ned_m[0], place_ned_m[1]))
+    if distance_m <= farthest_m:
+        return ""
+    return f"{_distance(distance_m)} from home, MIS_DIST_1WP allows {_distance(farthest_m)}"
+
+
+def _distance(metres: float) -> str:
+    return f"{metres:.0f} m" if metres < 10_000 else f"{metres / 1000:.0f} km"

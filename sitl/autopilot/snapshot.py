@@ -1,7 +1,9 @@
 """The vehicle at one instant, as telemetry reports it. SI units, degrees for positions."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from flightdyn.instruments import Instruments
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
 from sitl.autopilot.enums import LandedState, Sensor, SystemState
 
@@ -31,3 +33,13 @@ class Snapshot:
     sensors_healthy: Sensor
     armed_t_ns: int  # when it was armed last; 0 for never
     flights: int  # how often it was armed
+
+
+@dataclass(frozen=True, slots=True)
+class Dials:
+    """What only some telemetry messages are made from, and costs more to put together."""
+
+    instruments: Instruments
+    target: GeodeticPoint | None  # where the guidance wants to be
+    innovation_ratios: Mapping[str, float]  # by kind of measurement; refused from 1 on
+    orbit: tuple[float, GeodeticPoint] | None  # radius (m, positive clockwise) and middle

@@ -1,6 +1,6 @@
 """Which telemetry message is due when, in wall time."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from sitl.autopilot.enums import Message
 
@@ -20,14 +20,33 @@ DEFAULT_RATES_HZ: dict[Message, float] = {
     Message.HOME_POSITION: 1.0,
     Message.EXTENDED_SYS_STATE: 2.0,
 }
-MIN_INTERVAL_S = 0.01
+# What PX4 streams to a ground station (its mode "normal", and what it streams to MAVSDK's port
+# where a script may wait for it): for a vehicle that stands by itself.
+SERVED_RATES_HZ: dict[Message, float] = DEFAULT_RATES_HZ | {
+    Message.ATTITUDE: 15.0,
+    Message.SCALED_PRESSURE: 1.0,
+    Message.SERVO_OUTPUT_RAW: 1.0,
+    Message.ATTITUDE_TARGET: 2.0,
+    Message.POSITION_TARGET_LOCAL_NED: 1.5,
+    Message.POSITION_TARGET_GLOBAL_INT: 1.0,
+    Message.HIGHRES_IMU: 10.0,
+    Message.ESTIMATOR_STATUS: 0.5,
+    Message.WIND_COV: 0.5,
+    Message.VIBRATION: 0.1,
+    Message.GPS_GLOBAL_ORIGIN: 1.0,
+    Message.ODOMETRY: 10.0,
+    Message.ORBIT_EXECUTION_STATUS: 2.0,
+}
+MIN_INTERVAL_S = 0.002
 
 
 class Streams:
     """Intervals of the messages and when each is due next."""
 
-    def __init__(self) -> None:
-        self._interval_s = {kind: 1.0 / rate for kind, rate in DEFAULT_RATES_HZ.items()}
+    def __init__(self, rates_hz: Mapping[Message, float] = DEFAULT_RATES_HZ) -> None:
+        """`rates_hz`: what is streamed until somebody asks for something else."""
+        self._usual_hz = rates_hz
+        self._interval_s = {kind: 1.0 / rate for kind, rate in rates_hz.items()}
         self._next: dict[Message, float] = dict.fromkeys(self._interval_s, 0.0)
 
     def take_due(self, now: float, extra: Iterable[Message] = ()) -> list[Message]:
@@ -57,8 +76,8 @@ class Streams:
         """
         if kind is Message.HEARTBEAT:
             return
-        if interval_s == 0.0 and kind in DEFAULT_RATES_HZ:
-            interval_s = 1.0 / DEFAULT_RATES_HZ[kind]
+        if interval_s == 0.0 and kind in self._usual_hz:
+            interval_s = 1.0 / self._usual_hz[kind]
         if interval_s <= 0.0:
             self._interval_s.pop(kind, None)
             self._next.pop(kind, None)

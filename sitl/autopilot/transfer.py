@@ -16,6 +16,7 @@ from sitl.autopilot.enums import MissionResult, MissionType, Severity
 # time, but not so often that requests overtake the answers of a slow link.
 REQUEST_AGAIN_S = 0.2
 REQUESTS_PER_ITEM = 16
+_OLD_AFTER = 6  # requests without any answer
 DOWNLOAD_KEPT_S = 10.0
 MAX_ITEMS = 5000
 
@@ -42,6 +43,7 @@ class _Upload:
     asked: int = 1
     items: list[m.MissionItem] = field(default_factory=list)
     lossy: bool = False  # something had to be asked for again
+    old: bool = False  # asked for by the old message
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +239,11 @@ class MissionTransfer:
 
     def _ask(self, upload: _Upload, now: float) -> None:
         upload.deadline = now + REQUEST_AGAIN_S
-        self._send(upload.peer, m.MissionRequest(len(upload.items), upload.kind))
+        # Who has not answered once may know the old message only (dronekit); MAVSDK knows the new
+        # one only, and ends an upload by the old one.
+        if not upload.items:
+            upload.old = upload.asked > _OLD_AFTER and upload.asked % 2 == 1
+        self._send(upload.peer, m.MissionRequest(len(upload.items), upload.kind, upload.old))
 
     def _finish(self, upload: _Upload, result: MissionResult) -> None:
         self._upload = None

@@ -199,7 +199,9 @@ def observe(seed: int, seconds: float) -> Errors:
         belief, truth = estimator.now, past[aircraft.t_ns]
         now = [*np.subtract(truth[0], belief.p), *np.subtract(truth[1], belief.v)]
         covariance = estimator.covariance[:9, :9]
-        rows.append((np.array(e), covariance, np.array(now), navigation.receiver.error_ned_m))
+        rows.append(
+            (np.array(e), covariance, np.array(now), navigation.sensors.receiver.error_ned_m)
+        )
         for innovation in estimator.innovations:
             assert innovation.accepted or innovation.nis < 40
             nis[innovation.kind].append(innovation.nis / len(innovation.values))

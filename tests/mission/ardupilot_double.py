@@ -17,20 +17,39 @@ M_PER_DEG = 111_195.0
 
 
 class ArduPilotDouble(threading.Thread):
-    """A copter at (lat, lon), `speed` times faster than real time."""
+    """A copter at (lat, lon), `speed` times faster than real time.
 
-    def __init__(self, port: int, *, lat: float, lon: float, speed: float = 10.0) -> None:
+    Until `located_s` after its start its estimator has no origin: it streams 0, 0, has no home, and
+    refuses GUIDED; in STABILIZE it lets itself be armed all the same. `drain` is the charge (0..1)
+    that a simulated second costs with motors on; whoever stands disarmed gets a full battery.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        *,
+        lat: float,
+        lon: float,
+        speed: float = 10.0,
+        located_s: float = 0.0,
+        drain: float = 0.0,
+    ) -> None:
         super().__init__(daemon=True)
         self.refusals: list[str] = []
         self.uploads = 0
         self.mode = STABILIZE
         self.armed = False
+        self.armed_in: list[int] = []  # modes
+        self.parameters = {"WPNAV_SPEED": 500.0, "WPNAV_RADIUS": 1000.0, "FENCE_ENABLE": 0.0}
+        self.set_to: list[tuple[str, float]] = []
         self.flown = False
         self._home = (lat, lon)
         self._at = [0.0, 0.0, 0.0]  # north, east, up
         self._velocity = (0.0, 0.0, 0.0)
         self._speed = speed
-        self._t = 40.0  # simulated seconds since boot
+        self._t = 0.0  # simulated seconds since boot
+        self._located_s = located_s
+        self._drain, self._charge = drain, 0.8
         self._cruise = 5.0
         self._goal_up: float | None = None
         self._items: list[mav.MAVLink_mission_item_int_message] = []
@@ -64,8 +83,8 @@ class ArduPilotDouble(threading.Thread):
                 beat = now
                 self._heartbeat()
             for number, interval_s in self._interval_s.items():
-                if number != 33 and now >= self._due.get(number, 0.0):
-                    self._due[number] = now + interval_s
+                if number != 33 and self._t >= self._due.get(number, 0.0):
+                    self._due[number] = self._t + interval_s
                     self._tell(number)
             while (message := self._link.recv_match()) is not None:
                 self._take(message)
@@ -75,6 +94,8 @@ class ArduPilotDouble(threading.Thread):
 
     def _move(self, dt: float) -> None:
         self._t += dt
+        if self._drain:
+            self._charge = max(self._charge - self._drain * dt, 0.0) if self.armed else 1.0
         self._velocity = (0.0, 0.0, 0.0)
         if self.mode == GUIDED and self._goal_up is not None:
             self._towards((self._at[0], self._at[1], self._goal_up), 3.0, dt)
@@ -121,7 +142,13 @@ class ArduPilotDouble(threading.Thread):
             mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self.mode, 4
         )
 
+    @property
+    def _located(self) -> bool:
+        return self._t >= self._located_s
+
     def _place(self) -> tuple[int, int]:
+        if not self._located:
+            return 0, 0
         lat = self._home[0] + self._at[0] / M_PER_DEG
         lon = self._home[1] + self._at[1] / M_PER_DEG / math.cos(math.radians(self._home[0]))
         return round(lat * 1e7), round(lon * 1e7)
@@ -129,13 +156,15 @@ class ArduPilotDouble(threading.Thread):
     def _tell(self, number: int) -> None:
         send, ms = self._link.mav, int(self._t * 1e3)
         lat, lon = self._place()
-        up = round(self._at[2] * 1e3)
+        up, percent = round(self._at[2] * 1e3), round(self._charge * 100)
         home = (round(self._home[0] * 1e7), round(self._home[1] * 1e7), 130_000)
         sensors = (1 << 0) | (1 << 1) | (1 << 2) | (1 << 5) | (1 << 28)
         if number == 1:
             send.sys_status_send(sensors, sensors, sensors, 100, 12_000, 500, 80, *(0,) * 6)
         elif number == 24:
-            send.gps_raw_int_send(ms * 1000, 3, lat, lon, 130_000 + up, 80, 80, 0, 0, 12)
+            send.gps_raw_int_send(
+                ms * 1000, 3 if self._located else 1, lat, lon, 130_000 + up, 80, 80, 0, 0, 12
+            )
         elif number == 31:
             send.attitude_quaternion_send(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         elif number == 33:
@@ -147,10 +176,13 @@ class ArduPilotDouble(threading.Thread):
             state = 5 if self._complete else 3 if self._running else 2
             send.mission_current_send(self._current, max(len(self._items) - 1, 0), state)
         elif number == 147:
-            send.battery_status_send(0, 0, 0, 32767, [12_000] + [65535] * 9, 500, 300, -1, 80)
+            send.battery_status_send(0, 0, 0, 32767, [12_000] + [65535] * 9, 500, 300, -1, percent)
         elif number == 148:
             send.autopilot_version_send(0xFFFF, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
-        elif number == 242:
+        elif number == 193:
+            flags = 831 if self._located else 1024 + 128  # 831: as ArduCopter's on the ground
+            send.ekf_status_report_send(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+        elif number == 242 and self._located:
             send.home_position_send(*home, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
         elif number == 245:
             ground = mav.MAV_LANDED_STATE_ON_GROUND
@@ -163,6 +195,12 @@ class ArduPilotDouble(threading.Thread):
         elif kind == "MISSION_COUNT" and message.mission_type == 0:
             self._incoming, self._count = [], message.count
             self._link.mav.mission_request_int_send(245, 190, 0)
+        elif kind == "PARAM_REQUEST_READ":
+            self._parameter(message.param_id)
+        elif kind == "PARAM_SET":
+            self.parameters[message.param_id] = message.param_value
+            self.set_to.append((message.param_id, message.param_value))
+            self._parameter(message.param_id)
         elif kind == "MISSION_ITEM_INT":
             self._item(message)
         elif kind == "MISSION_REQUEST_LIST":
@@ -174,6 +212,13 @@ class ArduPilotDouble(threading.Thread):
         elif kind == "MISSION_SET_CURRENT":
             self._current, self._complete = max(message.seq, 1), False
             self._tell(42)
+
+    def _parameter(self, name: str) -> None:
+        if name in self.parameters:
+            self._link.mav.param_value_send(
+                name.encode(), self.parameters[name], mav.MAV_PARAM_TYPE_REAL32,
+                len(self.parameters), list(self.parameters).index(name),
+            )  # fmt: skip
 
     def _item(self, item: mav.MAVLink_mission_item_int_message) -> None:
         params = (item.param1, item.param2, item.param3, item.param4)
@@ -202,7 +247,10 @@ class ArduPilotDouble(threading.Thread):
                 self._tell(int(order.param1))
             case mav.MAV_CMD_COMPONENT_ARM_DISARM:
                 self.armed = order.param1 == 1.0
+                self.armed_in += [self.mode] if self.armed else []
             case mav.MAV_CMD_DO_SET_MODE:
+                if int(order.param2) != STABILIZE and not self._located:
+                    return denied
                 self.mode = int(order.param2)
             case mav.MAV_CMD_NAV_TAKEOFF:
                 if self.mode != GUIDED or not self.armed:
@@ -213,6 +261,7 @@ class ArduPilotDouble(threading.Thread):
                     return denied
                 self._current = max(self._current, 1)
                 self._running, self._complete = True, False
+                self._link.mav.statustext_send(mav.MAV_SEVERITY_INFO, b"Mission: 1 WP")
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
                 self.mode = RTL
             case _:

@@ -25,8 +25,8 @@ def served(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     )  # fmt: skip
     try:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        assert "Ctrl-C ends" in line, process.communicate(timeout=HANG_S)
+        while "Ctrl-C ends" not in (line := process.stdout.readline()):
+            assert line, process.communicate(timeout=HANG_S)  # a line for each of several vehicles
         yield process
     except BaseException:
         process.kill()

@@ -1,16 +1,23 @@
 """The experiment on an external autopilot: our own, served by another process."""
 
+import asyncio
 import csv
 import json
 import math
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANG_S, until
 from serving import free_port, served
 
 from mission.cli import call
+from mission.pilot.connection import connect
 from mission.pilot.url import checked_url
+from mission.rundata import load_run
 
 SMALL = (
     "--set", "mission.steps=5",
@@ -65,6 +72,44 @@ def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "finished"
     assert "telemetry" in summary["position_source"]
+
+
+def test_what_the_vehicle_cannot_do_is_said_and_timed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port, out = free_port(), tmp_path / "out"
+    url = f"udpin://127.0.0.1:{port}"
+    slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
+    talking = [word for word in SMALL if word != "--quiet"]
+    with served("--udp", str(port), "--speed", "8", *slow):
+        assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "1", *talking]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "will not fly" in line]
+    assert len(said) == 1
+    assert "8 m/s at most (MPC_XY_VEL_MAX = 8), 20 asked; link.set_parameters" in said[0]
+    (plan,) = load_run(out).data.plans
+    assert plan.speed_mps == 8.0
+    assert plan.ideal_slot_s[-1] == pytest.approx(plan.path_m / 8.0)
+
+
+def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
+    port, out = free_port(), tmp_path / "out"
+    url = f"udpin://127.0.0.1:{port}"
+    slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
+    may = ("--set", "link.set_parameters=true")
+    command = [sys.executable, "-m", "mission", "run", "--vehicle", url, "--out", str(out)]
+    with served("--udp", str(port), "--speed", "2", *slow):
+        process = subprocess.Popen([*command, *SMALL, *may])
+        until(lambda: (out / "plans" / "round-001.plan").exists(), "no round began")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=HANG_S) == 130
+        assert asyncio.run(_parameter(url, "MPC_XY_VEL_MAX")) == 8.0
+    texts = [event.text for event in load_run(out).data.events]
+    assert "parameter MPC_XY_VEL_MAX: 8 -> 20 for the flight" in texts
+
+
+async def _parameter(url: str, name: str) -> float | None:
+    async with connect(url) as pilot:
+        return await pilot.parameters.get(name)
 
 
 def test_an_autopilot_elsewhere_is_named(

@@ -103,14 +103,17 @@ def test_landing_elsewhere(tmp_path: Path) -> None:
     assert abs(data["true_alt_m"][-1]) < 0.5
 
 
-def test_only_the_simulated_vehicle_flies_plans(
+def test_heights_above_sea_level_are_no_orders_for_an_external_vehicle(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = written(tmp_path, TAKE_OFF, *CORNERS)
-    more = ("--out", str(tmp_path / "out"), "--set", "link.kind=external")
-    assert call(["fly", str(plan), *more]) == 2
-    assert "link.kind" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    above_sea = simple(16, 0, 3, 0, None, NORTH, 8.5, 538, frame=0)
+    plan, out = written(tmp_path, TAKE_OFF, above_sea), tmp_path / "out"
+    url = "udpout://127.0.0.1:9"  # nobody is asked
+    assert call(["fly", str(plan), "--out", str(out), "--vehicle", url]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert "item 1, NAV_WAYPOINT" in error
+    assert "--vehicle" in error
+    assert not out.exists()
 
 
 REFUSED = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mission.external import passages
+from mission.passages import passages
 from mission.track import Flight
 
 S = 1_000_000_000

@@ -76,7 +76,8 @@ def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
             assert getattr(theirs, name) == getattr(ours, name), name
         for name in ("param1", "param2", "param3", "param4"):
             assert getattr(theirs, name) == pytest.approx(getattr(ours, name), nan_ok=True), name
-        assert theirs.frame == (2 if ours.command == 178 else 3)
+        # PX4 knows what has no place in MAV_FRAME_MISSION only.
+        assert (ours.frame, theirs.frame) == ((2, 2) if ours.command == 178 else (6, 3))
 
 
 def test_a_qgroundcontrol_plan_is_read(tmp_path: Path) -> None:

@@ -1,8 +1,11 @@
 """`aerofed sitl`: any ground station may come, several at once, until Ctrl-C."""
 
+import functools
+import math
 import socket
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +14,9 @@ from pymavlink import mavutil
 from serving import free_port, served
 
 from mission.cli import call
+from mission.configfile import builtin_config, load_config
+from mission.serve import make_vehicles
+from sitl.vehicle import Vehicle
 
 ARM, TAKE_OFF, TERMINATE, REBOOT = 400, 22, 185, 246
 ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
@@ -30,7 +36,7 @@ def wait_for(client: Any, kind: str, fit: Callable[[Any], bool] = bool) -> Any:
 def command(client: Any, number: int, *params: float) -> int:
     """The MAV_RESULT of a command."""
     values = (*params, *(0.0 for _ in range(7 - len(params))))
-    client.mav.command_long_send(1, 1, number, 0, *values)
+    client.mav.command_long_send(client.target_system or 1, 1, number, 0, *values)
     return int(wait_for(client, "COMMAND_ACK", lambda m: m.command == number).result)
 
 
@@ -97,6 +103,29 @@ def test_a_crashed_vehicle_is_rebooted() -> None:
         client.close()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ([], (47.397742, 8.545594, 488.0)),  # PX4's simulators: PX4_HOME_LAT, _LON, _ALT
+        (["--set", "area.home_alt_msl_m=10"], (47.397742, 8.545594, 10.0)),
+        (["--home=-33.5,151.25,20.5"], (-33.5, 151.25, 20.5)),
+    ],
+)
+def test_home_is_px4s_or_the_one_given(
+    arguments: list[str], place: tuple[float, float, float]
+) -> None:
+    port = free_port()
+    with served("--udp", f"udpin://127.0.0.1:{port}", *arguments):
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
+        try:
+            client.mav.heartbeat_send(6, 8, 0, 0, 0)
+            home = wait_for(client, "HOME_POSITION")
+            assert (home.latitude / 1e7, home.longitude / 1e7) == pytest.approx(place[:2])
+            assert home.altitude / 1e3 == pytest.approx(place[2])
+        finally:
+            client.close()
+
+
 def test_it_listens_for_whoever_comes() -> None:
     port = free_port()
     with served("--udp", f"udpin://127.0.0.1:{port}", "--speed", "max"):
@@ -114,6 +143,11 @@ def test_it_listens_for_whoever_comes() -> None:
         (["--udp", "70000"], ["--udp 70000", "65535"]),
         (["--udp", "udp://host"], ["--udp udp://host", "udpin://HOST:PORT"]),
         (["--speed", "0"], ["--speed 0"]),
+        (["--home", "47,8"], ["--home 47,8", "LAT,LON,ALT", "--home 47.3977,8.54559,488"]),
+        (["--count", "0"], ["--count 0", "from 1 to 64"]),
+        (["--count", "3", "--set", "vehicle.system_id=249"], ["--count 3", "up to 250"]),
+        (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
+        (["--home", "47,200,1"], ["area.home_lon_deg = 200", "from -180 to 180"]),
         (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
         (["--set", "vehicle.parameters.NO_SUCH=1"], ["NO_SUCH"]),
     ],
@@ -137,3 +171,115 @@ def test_a_port_in_use_is_a_link_error(capsys: pytest.CaptureFixture[str]) -> No
     assert printed.out == ""
     assert str(port) in printed.err
     assert "in use" in printed.err
+
+
+def test_several_vehicles_are_each_flown_by_their_own_script(tmp_path: Path) -> None:
+    first = next(port for port in range(free_port(), 65_000) if _free(port, 3))
+    clients = [mavutil.mavlink_connection(f"udpin:127.0.0.1:{first + i}") for i in range(3)]
+    everybody = free_port()
+    station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{everybody}")
+    logs = tmp_path / "flights"
+    try:
+        with served(
+            "--count", "3", "--udp", str(first), "--udp", str(everybody), "--speed", "10",
+            "--logs", str(logs),
+        ):  # fmt: skip
+            for i, client in enumerate(clients):
+                client.target_system = i + 1
+                wait_ready(client)
+                home = wait_for(client, "HOME_POSITION")
+                east = math.radians(home.longitude / 1e7 - 8.545594) * 6.378e6 * 0.6769
+                assert east == pytest.approx(5.0 * i, abs=0.1)
+            for i, client in enumerate(clients):  # at once, each to a height of its own
+                assert command(client, ARM, 1.0) == ACCEPTED
+                nan = float("nan")
+                climb = (0.0, 0.0, 0.0, nan, nan, nan, 488.0 + 10.0 * (i + 1))
+                assert command(client, TAKE_OFF, *climb) == ACCEPTED
+            for i, client in enumerate(clients):
+                hover_mm = 10_000 * (i + 1)
+                fit = functools.partial(_within, hover_mm)
+                assert wait_for(client, "GLOBAL_POSITION_INT", fit).get_srcSystem() == i + 1
+            heard = {wait_for(station, "HEARTBEAT").get_srcSystem() for _ in range(30)}
+            assert heard == {1, 2, 3}
+            for client in clients:
+                assert command(client, TERMINATE, 1.0) == ACCEPTED
+        for i in range(3):
+            (log,) = (logs / f"vehicle-{i + 1}").iterdir()
+            assert log.name == "flight-0001.mcap"
+            assert log.read_bytes().endswith(b"\x89MCAP0\r\n")  # complete
+    finally:
+        for client in (*clients, station):
+            client.close()
+
+
+def _begins(offset: int, part: Any) -> bool:
+    return bool(part.ofs == offset)
+
+
+def _within(height_mm: int, message: Any) -> bool:
+    return abs(message.relative_alt - height_mm) < 1_000
+
+
+def _free(first: int, count: int) -> bool:
+    """Whether nobody listens on so many ports in a row."""
+    try:
+        for port in range(first, first + count):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("127.0.0.1", port))
+    except OSError:
+        return False
+    return True
+
+
+def test_vehicles_do_not_disturb_each_other() -> None:
+    """Stepped in turns each flies to the last bit what it flies alone."""
+
+    def made(count: int) -> list[Vehicle]:
+        config = load_config(builtin_config("quickstart.toml"), {})
+        return [one.vehicle for one in make_vehicles(config, count=count, udp=["14540"], logs=None)]
+
+    def fly(vehicles: list[Vehicle]) -> list[bytes]:
+        tracks = [b"" for _ in vehicles]
+        for tick in range(3000):
+            for i, vehicle in enumerate(vehicles):
+                vehicle.step()
+                if tick == 100:
+                    assert vehicle.autopilot.flight.arm() is None
+                    assert vehicle.autopilot.flight.take_off(None) is None
+                if tick % 50 == 0:
+                    truth = vehicle.aircraft.truth
+                    tracks[i] += truth.pos_ned_m.tobytes() + truth.q_frd_to_ned.tobytes()
+        return tracks
+
+    together = fly(made(3))
+    assert together[0] == fly(made(1))[0]
+    assert together == fly(made(3))
+    assert len(set(together)) == 3
+
+
+def test_a_flight_is_logged_and_downloaded(tmp_path: Path) -> None:
+    port = free_port()
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    try:
+        with served("--udp", str(port), "--speed", "20", "--logs", str(tmp_path / "logs")):
+            wait_ready(client)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            assert wait_for(client, "LOG_ENTRY").num_logs == 0
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            assert wait_for(client, "LOG_ENTRY").num_logs == 0  # it is still being written
+            assert command(client, 21) == ACCEPTED
+            wait_for(client, "HEARTBEAT", lambda m: not m.base_mode & 128)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            entry = wait_for(client, "LOG_ENTRY")
+            assert entry.num_logs == 1
+            fetched = b""
+            while len(fetched) < entry.size:
+                client.mav.log_request_data_send(1, 1, 0, len(fetched), 900)
+                part = wait_for(client, "LOG_DATA", functools.partial(_begins, len(fetched)))
+                fetched += bytes(part.data[: part.count])
+        assert fetched == (tmp_path / "logs" / "flight-0001.mcap").read_bytes()
+    finally:
+        client.close()

@@ -162,7 +162,7 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
     problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
     out, figures = tmp_path / "plans.json", tmp_path / "figures"
     plan_problems(
-        read_problems(problems), planner=PlannerConfig(kind=kind), say=print, out=out,
+        read_problems(problems), planner=PlannerConfig(kind=kind), out=out,
         figure_dir=figures,
     )  # fmt: skip
     plans = json.loads(out.read_text())
@@ -191,9 +191,9 @@ def test_an_output_that_cannot_be_written(tmp_path):
     path = write(tmp_path, [GOOD])
     problems, planner = read_problems(path), PlannerConfig(kind="sqp")
     with pytest.raises(InputError, match="cannot write"):
-        plan_problems(problems, planner=planner, say=print, out=tmp_path / "no" / "plans.json")
+        plan_problems(problems, planner=planner, out=tmp_path / "no" / "plans.json")
     with pytest.raises(InputError, match="cannot write the figure"):
-        plan_problems(problems, planner=planner, say=print, figure_dir=path)
+        plan_problems(problems, planner=planner, figure_dir=path)
 
 
 def test_the_link_budget_warns_where_nothing_gets_through():

@@ -1,16 +1,12 @@
-"""Scheduling against the linear program of the paper, solved by HiGHS."""
-
-import json
-import os
-import subprocess
-import sys
+"""Scheduling against the linear program of the paper, solved by HiGHS, and SciPy's assignment."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
+from scipy.optimize import linear_sum_assignment, linprog
 
+from mission.planner.native.library import Devices, Limits, match
 from mission.planner.schedule import assign
 
 
@@ -57,50 +53,41 @@ def test_no_device_and_no_place():
     assert not assign(np.ones((3, 2)), np.ones(2), 0).any()
 
 
-# The compiled assignment, run as plain Python: devices in clusters, so that steps overflow.
-PROGRAM = """
-import json
-import numpy as np
-from mission.planner.kernels.instance import Devices
-from mission.planner.kernels.matching import make_matching, match
-answers = []
-for seed in range(60):
-    rng = np.random.default_rng(seed)
-    count, steps, per_step = rng.integers(1, 40), rng.integers(1, 8), rng.integers(1, 4)
-    r = np.arange(2000.0)
-    f = np.exp(-((r / 80.0) ** 2))
-    rows = np.stack([f, np.gradient(f), np.gradient(np.gradient(f))], axis=1)
-    u = rng.normal(0.0, rng.choice([10.0, 150.0]), (count, 2))
-    way = rng.choice([1.0, 0.0], (steps, 1)) * rng.normal(0.0, 100.0, (steps, 2))
-    devices = Devices(u, rng.random(count), rows)
-    assigned = np.zeros(count, dtype=np.int64)
-    room = make_matching(count, steps, per_step)
-    value = match(way, int(per_step), devices, assigned, room)
-    i = np.rint(np.hypot(*(way[:, None] - u).transpose(2, 0, 1)))
-    d = np.hypot(*(way[:, None] - u).transpose(2, 0, 1)) - i
-    i = i.astype(int)
-    success = rows[i, 0] + (rows[i, 1] + 0.5 * rows[i, 2] * d) * d
-    answers.append({"success": success.tolist(), "importance": devices.delta.tolist(),
-                    "per_step": int(per_step), "value": float(value),
-                    "assigned": assigned.tolist()})
-print(json.dumps(answers))
-"""
+def crowds():
+    """Devices in clusters, so that steps overflow; positions, table and limits."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        count, steps, per_step = rng.integers(1, 40), rng.integers(2, 9), rng.integers(1, 4)
+        r = np.arange(2000.0)
+        f = np.exp(-((r / 80.0) ** 2))
+        rows = np.stack([f, np.gradient(f), np.gradient(np.gradient(f))], axis=1)
+        u = rng.normal(0.0, rng.choice([10.0, 150.0]), (count, 2))
+        way = rng.choice([1.0, 0.0], (steps, 1)) * rng.normal(0.0, 100.0, (steps, 2))
+        yield Devices(u, rng.random(count), rows), Limits(int(steps), int(per_step), 1.0), way
 
 
-def test_the_compiled_assignment_is_optimal():
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True,
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+def optimum(worth, per_step):
+    """What SciPy's assignment earns with `per_step` copies of every step."""
+    copies = np.repeat(worth, per_step, axis=0)
+    return copies[linear_sum_assignment(copies, maximize=True)].sum()
+
+
+def test_the_assignment_of_a_search_is_optimal():
     crowded = 0
-    for case in json.loads(run.stdout):
-        success, importance = np.array(case["success"]), np.array(case["importance"])
-        worth = success * importance
-        best = worth[assign(success, importance, case["per_step"])].sum()
-        assert case["value"] == pytest.approx(best, rel=1e-9, abs=1e-12)
-        served = [(n, k) for k, n in enumerate(case["assigned"]) if n >= 0]
+    for devices, limits, way in crowds():
+        value, assigned = match(devices, limits, way)
+        distance = np.hypot(*(way[:, None] - devices.u).transpose(2, 0, 1))
+        i = np.rint(distance).astype(int)
+        d = distance - i
+        f, f1, f2 = devices.rows[i].transpose(2, 0, 1)
+        worth = (f + (f1 + 0.5 * f2 * d) * d) * devices.delta
+        best = optimum(worth, limits.per_step)
+        assert value == pytest.approx(best, rel=1e-9, abs=1e-12)
+        served = [(n, k) for k, n in enumerate(assigned) if n >= 0]
         assert sum(worth[n, k] for n, k in served) == pytest.approx(best, rel=1e-9, abs=1e-12)
-        load = np.bincount([n for n, _ in served] or [0], minlength=len(success))
-        assert load.max() <= case["per_step"]
-        crowded += len(served) < len(importance)
+        load = np.bincount([n for n, _ in served] or [0], minlength=limits.steps)
+        assert load.max() <= limits.per_step
+        crowded += len(served) < len(devices.delta)
+        schedule = assign(worth / devices.delta, devices.delta, limits.per_step)
+        assert worth[schedule].sum() == pytest.approx(best, rel=1e-9, abs=1e-12)
     assert crowded > 20

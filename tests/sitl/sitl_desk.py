@@ -6,7 +6,9 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME, Recorder
 from sitl_point_mass import PointMass
 
+from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
+from sitl.autopilot.files import LogFolder
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 
@@ -20,7 +22,10 @@ class Desk:
         *,
         ready: bool = True,
         ready_after_s: float = 0.2,
+        aircraft: Aircraft | None = None,
+        logs: LogFolder | None = None,
     ) -> None:
+        """`aircraft` flies instead of the point mass."""
         self.recorder = Recorder()
         self.mass = PointMass(HOME, ready_after_s=ready_after_s)
         self.vehicle = Vehicle(
@@ -28,7 +33,8 @@ class Desk:
             home=HOME,
             streams=RandomStreams(1),
             observers=(self.recorder,),
-            aircraft=self.mass,  # type: ignore[arg-type]
+            aircraft=aircraft or self.mass,  # type: ignore[arg-type]
+            logs=logs,
         )
         self.now = 100.0
         self.heard: list[Any] = []

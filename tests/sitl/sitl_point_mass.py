@@ -7,9 +7,13 @@ import math
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
+from flightdyn.control import AttitudeOrder
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.instruments import Instruments, Readings
 from flightdyn.path import FlightPath, PathProgress
+from flightdyn.pursuit import Target, wanted_velocity
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 
 
@@ -37,6 +41,9 @@ class PointMass:
         self._yaw = 0.0
         self._path: FlightPath | None = None
         self._velocity: Vector | None = None
+        self.target: Target | None = None
+        self.attitude: AttitudeOrder | None = None
+        self.interest_ned_m: Vector | None = None
 
     @property
     def ready(self) -> bool:
@@ -76,7 +83,7 @@ class PointMass:
 
     def disarm(self) -> None:
         self.armed = False
-        self._path = self._velocity = self.cmd_pos_ned_m = None
+        self._path = self._velocity = self.cmd_pos_ned_m = self.target = self.attitude = None
         self.progress = PathProgress()
 
     def idle(self) -> None:
@@ -91,11 +98,28 @@ class PointMass:
         self._velocity = np.array(vel_ned_mps)
         self._yaw = math.remainder(yaw_rad, math.tau)
 
+    def pursue(self, target: Target) -> None:
+        self.idle()
+        self.target = target
+
+    def keep_attitude(self, order: AttitudeOrder) -> None:
+        self.idle()
+        self.attitude = order
+
+    def look_at(self, pos_ned_m: Vector | None) -> None:
+        self.interest_ned_m = pos_ned_m
+
     def follow(self, path: FlightPath) -> None:
         self.idle()
         self.paths.append(path)
         self._path = path
         self.progress = PathProgress(passed=1)
+
+    def instruments(self) -> Instruments:
+        still = (0.0, 0.0, 0.0)
+        readings = Readings(still, (0.0, 0.0, -9.81), 95_000.0, (0.2, 0.0, 0.4), still, None)
+        zero = np.zeros(3)
+        return Instruments(readings, None, (1.0, 0.0, 0.0, 0.0), 0.0, (0.0,) * 4, zero)
 
     def step(self) -> None:
         self.t_ns += self.dt_ns
@@ -111,6 +135,10 @@ class PointMass:
         self._vel = (self._pos - before) / (self.dt_ns * 1e-9)
 
     def _move(self, left_s: float) -> None:
+        if self.target is not None:
+            here = (float(self._pos[0]), float(self._pos[1]), float(self._pos[2]))
+            wanted = wanted_velocity(here, (0.0, 0.0, 0.0), self.target, LimitsConfig())
+            self._pos += np.array(wanted) * left_s
         if self._velocity is not None:
             self._pos += self._velocity * left_s
         path, progress = self._path, self.progress

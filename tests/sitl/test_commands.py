@@ -281,7 +281,8 @@ def test_px4_modes(main: int, sub: int, mode: Mode) -> None:
 
 def test_modes_that_do_not_exist_or_cannot_be() -> None:
     desk = Desk()
-    assert desk.command(SET_MODE, 1, 6, 0) == UNSUPPORTED  # offboard
+    assert desk.command(SET_MODE, 1, 5, 0) == UNSUPPORTED  # acro
+    assert desk.command(SET_MODE, 1, 6, 0) == REJECTED  # offboard, and nobody streams setpoints
     assert desk.command(SET_MODE, 0, 4, 4) == UNSUPPORTED  # no custom mode
     assert desk.command(SET_MODE, 1, NAN, NAN) == UNSUPPORTED
     assert desk.command(SET_MODE, 1, 4, 4) == REJECTED

@@ -21,6 +21,9 @@ from sitl.config import VehicleConfig
 AFTERWARDS = {
     Action.NOTHING: Mode.HOLD,
     Action.WARN: Mode.HOLD,
+    Action.STABILIZED: Mode.RETURN,  # nobody is at the sticks
+    Action.ALTITUDE: Mode.RETURN,
+    Action.POSITION: Mode.RETURN,
     Action.HOLD: Mode.HOLD,
     Action.RETURN: Mode.RETURN,
     Action.LAND: Mode.LAND,
@@ -48,6 +51,25 @@ def breach_fence(desk: Desk) -> None:
     desk.fly(seconds=0.2)
 
 
+def lose_setpoints(desk: Desk) -> None:
+    still = mav.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, mav.MAV_FRAME_LOCAL_NED, 0b110111000111, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+    desk.send(still)
+    assert desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 6, 0) == mav.MAV_RESULT_ACCEPTED
+    desk.pass_wall_time(0.9)
+    assert desk.vehicle.autopilot.mode is Mode.OFFBOARD
+    desk.pass_wall_time(0.2)
+
+
+def lose_sticks(desk: Desk) -> None:
+    desk.send(mav.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    assert desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 3, 0) == mav.MAV_RESULT_ACCEPTED
+    desk.pass_wall_time(0.4)
+    assert desk.vehicle.autopilot.mode is Mode.POSITION
+    desk.pass_wall_time(0.2)
+
+
 BRING_ABOUT: dict[Cause, Callable[[Desk], None]] = {
     Cause.BATTERY_LOW: lambda desk: drain(desk, 0.14),
     Cause.BATTERY_CRITICAL: lambda desk: drain(desk, 0.06),
@@ -55,6 +77,8 @@ BRING_ABOUT: dict[Cause, Callable[[Desk], None]] = {
     Cause.GNSS_LOST: lose_gnss,
     Cause.GROUND_STATION_LOST: lose_ground_station,
     Cause.FENCE_BREACHED: breach_fence,
+    Cause.SETPOINTS_LOST: lose_setpoints,
+    Cause.STICKS_LOST: lose_sticks,
 }
 CASES = [
     pytest.param(cause, value, action, id=f"{cause.name}-{action.name}-{value}")
@@ -72,6 +96,13 @@ def test_parameters_mean_what_px4_documents() -> None:
         Cause.BATTERY_CRITICAL: [a.WARN, a.WARN, a.LAND, a.RETURN],
         Cause.BATTERY_EMERGENCY: [a.WARN, a.WARN, a.LAND, a.LAND],
         Cause.GROUND_STATION_LOST: [a.NOTHING, a.HOLD, a.RETURN, a.LAND, a.WARN, a.TERMINATE],
+        Cause.SETPOINTS_LOST: [
+            *(a.POSITION, a.ALTITUDE, a.STABILIZED, a.RETURN, a.LAND, a.HOLD),
+            *(a.TERMINATE, a.TERMINATE),
+        ],
+        Cause.STICKS_LOST: [
+            *(a.NOTHING, a.HOLD, a.RETURN, a.LAND, a.WARN, a.TERMINATE, a.TERMINATE)
+        ],
     }
     ours = {Cause.GNSS_LOST: [a.NOTHING, a.WARN, a.HOLD, a.LAND, a.TERMINATE]}
     for cause, actions in {**px4, **ours}.items():
@@ -93,6 +124,8 @@ def test_every_row_of_the_table(cause: Cause, value: int, action: Action) -> Non
     desk = hovering({RULES[cause].parameter: value})
     BRING_ABOUT[cause](desk)
     expected = AFTERWARDS[action]
+    if cause is Cause.STICKS_LOST and action <= Action.WARN:
+        expected = Mode.POSITION
     assert desk.vehicle.autopilot.mode is expected
     desk.exchange()
     said = any(text.startswith(cause.value) for text in desk.texts())
@@ -102,11 +135,11 @@ def test_every_row_of_the_table(cause: Cause, value: int, action: Action) -> Non
         assert critical == mav.MAV_STATE_FLIGHT_TERMINATION
     else:
         assert (critical == mav.MAV_STATE_CRITICAL) == (action > Action.WARN)
-    if action > Action.HOLD:
+    if expected in (Mode.RETURN, Mode.LAND, Mode.TERMINATED):
         desk.fly()
         assert desk.mass.on_ground
         assert not desk.mass.armed
-        lands_at = 0.0 if action is Action.RETURN else 80.0
+        lands_at = 0.0 if expected is Mode.RETURN else 80.0
         assert desk.mass.belief.pos_ned_m[0] == pytest.approx(lands_at, abs=0.5)
 
 

@@ -52,7 +52,7 @@ def test_home_and_goals_stay_within_reach(lat_lon: tuple[int, int]) -> None:
     ):
         frame = mav.MAV_FRAME_GLOBAL
         assert desk.command_int(command, frame, params, *lat_lon, 500.0) == DENIED
-    assert "MIS_DIST_1WP allows 20000" in "".join(desk.texts())
+    assert "MIS_DIST_1WP allows 20 km" in "".join(desk.texts())
 
 
 @pytest.mark.parametrize(

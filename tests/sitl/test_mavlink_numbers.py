@@ -11,7 +11,7 @@ from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.state import BatteryState, GnssFix, Kinematics
-from sitl.autopilot import enums
+from sitl.autopilot import enums, ftp
 from sitl.autopilot import messages as m
 from sitl.autopilot.codec.telemetry import TELEMETRY, encode_telemetry
 from sitl.autopilot.codec.wire import Wire
@@ -34,6 +34,19 @@ PREFIXES: dict[type[IntEnum], str] = {
     enums.Message: "MAVLINK_MSG_ID_",
 }
 OTHER_NAMES = {
+    ftp.Op: {op.name: f"MAV_FTP_OPCODE_{op.name.replace('_', '')}" for op in ftp.Op}
+    | {"RESET_SESSIONS": "MAV_FTP_OPCODE_RESETSESSION"}
+    | {"CALC_FILE_CRC32": "MAV_FTP_OPCODE_CALCFILECRC"},
+    ftp.Fault: {fault.name: f"MAV_FTP_ERR_{fault.name.replace('_', '')}" for fault in ftp.Fault}
+    | {"NO_SESSIONS": "MAV_FTP_ERR_NOSESSIONSAVAILABLE", "END_OF_FILE": "MAV_FTP_ERR_EOF"},
+    enums.OrbitYaw: {
+        "FRONT_TO_CENTER": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER",
+        "INITIAL_HEADING": "ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING",
+        "UNCONTROLLED": "ORBIT_YAW_BEHAVIOUR_UNCONTROLLED",
+        "TANGENT": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE",
+        "RC_CONTROLLED": "ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED",
+        "UNCHANGED": "ORBIT_YAW_BEHAVIOUR_UNCHANGED",
+    },
     enums.FailureUnit: {
         "GYRO": "FAILURE_UNIT_SENSOR_GYRO",
         "ACCEL": "FAILURE_UNIT_SENSOR_ACCEL",

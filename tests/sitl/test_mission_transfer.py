@@ -10,6 +10,8 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk, of
 
 from sitl.autopilot import messages as m
 from sitl.autopilot.echo import ECHOES
@@ -514,3 +516,18 @@ def test_refusals_name_what_is_wrong() -> None:
     vehicle.verdict = r.DENIED
     assert upload(vehicle, waypoints(1)) == m.MissionAck(r.DENIED, kind)
     assert vehicle.say(m.MissionClearAll(kind)) == [m.MissionAck(r.DENIED, kind)]
+
+
+def test_who_does_not_answer_the_new_request_is_asked_by_the_old_one() -> None:
+    """As dronekit, which knows no other."""
+    desk = Desk()
+    heard = desk.send(mav.MAVLink_mission_count_message(1, 1, 3, 0))
+    for seq in range(3):
+        while not (asked := of(heard, "MISSION_REQUEST")):
+            heard = desk.pass_wall_time(0.1)
+        assert [message.seq for message in asked] == [seq]
+        heard = desk.send(
+            mav.MAVLink_mission_item_message(1, 1, seq, 3, 16, 0, 1, 0, 0, 0, 0, 47.4, 8.5, 30.0)
+        )
+    assert of(heard, "MISSION_ACK")[0].type == mav.MAV_MISSION_ACCEPTED
+    assert len(of(desk.heard, "MISSION_REQUEST_INT")) >= 6

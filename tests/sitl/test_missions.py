@@ -277,3 +277,16 @@ def test_absolute_altitudes() -> None:
     start(desk)
     desk.fly()
     assert desk.mass.belief.alt_rel_m == pytest.approx(45.0, abs=0.01)
+
+
+def test_a_refused_item_says_which_why_and_the_limit() -> None:
+    desk = Desk()
+    far = [item(0, WAYPOINT, height=30.0), item(1, WAYPOINT, north=30_000.0, height=30.0)]
+    assert desk.upload(far) == mav.MAV_MISSION_INVALID
+    high = [item(0, WAYPOINT, height=30.0), item(1, WAYPOINT, height=15_000.0)]
+    assert desk.upload(high) == mav.MAV_MISSION_INVALID_PARAM7
+    assert desk.upload([item(0, mav.MAV_CMD_IMAGE_START_CAPTURE)]) == mav.MAV_MISSION_UNSUPPORTED
+    text = "".join(desk.texts())
+    assert "Mission refused: item 1 is 30 km from home, MIS_DIST_1WP allows 20 km" in text
+    assert "item 1 NAV_WAYPOINT (16): altitude 15000 m, -500 to 10000 m above home" in text
+    assert "item 0 IMAGE_START_CAPTURE (2000): is not supported" in text

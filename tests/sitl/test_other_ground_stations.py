@@ -11,14 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 from patience import HANG_S
-from pymavlink import mavutil, mavwp
+from pymavlink import mavftp, mavutil, mavwp
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from flightdyn.frames import LocalFrame
+from flightdyn.random import RandomStreams
+from sitl.autopilot.enums import MissionType
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
+from sitl.config import VehicleConfig
 from sitl.links import UdpLink
+from sitl.logfolder import DiskLogs
 from sitl.pace import Simulation
+from sitl.vehicle import Vehicle
 
 # Home, take-off, two points, landing, as a ground station draws it: north, east, height, command.
 PLACES = [(0, 0, 0, 16), (0, 0, 20, 22), (50, 0, 20, 16), (50, 40, 20, 16), (10, 40, 0, 21)]
@@ -212,5 +217,104 @@ def test_two_ground_stations_at_once(waypoint_file: Path) -> None:
             )
             assert seen == 4
         flown(recorder)
+
+    asyncio.run(run())
+
+
+def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
+    """Fence, rally points, logs and PX4's modes by MAVProxy's own commands."""
+    pytest.importorskip("MAVProxy", reason="needs MAVProxy, a development dependency")
+    script = Path(sys.executable).with_name("mavproxy.py")
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for number in (1, 2):
+        (logs / f"flight-000{number}.mcap").write_bytes(bytes(range(256)) * 50 * number)
+    fence, rally = tmp_path / "fence.txt", tmp_path / "rally.txt"
+    fence.write_text(_drawn([(120, 120), (-80, 120), (-80, -80), (120, -80)], 5001, 4))
+    rally.write_text(_drawn([(20, 30)], 5100, 0))
+
+    async def run() -> None:
+        disk = DiskLogs(logs, being_written=lambda: None)
+        vehicle = Vehicle(
+            VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk, standalone=True
+        )
+        link = UdpLink("udpin://127.0.0.1:0")
+        async with Simulation(vehicle, link):
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, str(script), "--master", f"udpout:127.0.0.1:{link.port}",
+                "--state-basedir", str(tmp_path), "--source-system", "255",
+                "--default-modules", "wp,param,arm,mode,cmdlong,misc,fence,rally,log",
+                cwd=tmp_path, stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+            )  # fmt: skip
+            console = MavProxy(process)
+            listening = asyncio.create_task(console.listen())
+            try:
+                await console.hears("online system 1")
+                await console.hears(f"Received {len(TABLE)} parameters")
+                await console.type(f"fence load {fence}")
+                await until(lambda: len(vehicle.autopilot.lists[MissionType.FENCE]) == 4)
+                await console.type(f"rally load {rally}")
+                await until(lambda: len(vehicle.autopilot.lists[MissionType.RALLY]) == 1)
+                await console.type("log list", answer="Log 1")
+                await console.type("log download 1 fetched.mcap", answer="Finished downloading")
+                await console.type("long DO_GRIPPER 1 1", answer="UNSUPPORTED")
+                await console.type("arm throttle", answer="COMPONENT_ARM_DISARM: ACCEPTED")
+                nan, height = "nan", HOME.alt_msl_m + 15.0
+                climb = f"long NAV_TAKEOFF 0 0 0 {nan} {nan} {nan} {height}"
+                await console.type(climb, answer="NAV_TAKEOFF: ACCEPTED")
+                await until(lambda: vehicle.autopilot.mode is Mode.HOLD)
+                await console.type("long NAV_RETURN_TO_LAUNCH", answer="RETURN_TO_LAUNCH: ACCEPTED")
+                await until(lambda: not vehicle.aircraft.armed)
+            finally:
+                process.kill()  # it asks before it quits
+                await process.wait()
+                await listening
+        truth = vehicle.aircraft.truth.pos_ned_m
+        assert np.linalg.norm(truth[:2]) < 3.0  # home is closer than the rally point
+
+    asyncio.run(run())
+    fetched = (tmp_path / "fetched.mcap").read_bytes()
+    assert fetched == (logs / "flight-0002.mcap").read_bytes()
+
+
+def _drawn(places: list[tuple[int, int]], command: int, count: int) -> str:
+    """A list in the format that MAVProxy loads fences and rally points from."""
+    rows = ["QGC WPL 110"]
+    for seq, (north, east) in enumerate(places):
+        place = LocalFrame(HOME).to_geodetic(np.array([north, east, 0.0]))
+        position = f"{place.lat_deg:.8f}\t{place.lon_deg:.8f}\t30"
+        rows.append(f"{seq}\t0\t3\t{command}\t{count}\t0\t0\t0\t{position}\t1")
+    return "\n".join(rows) + "\n"
+
+
+def fetch_by_pymavlink(port: int, whole: bytes) -> None:
+    """pymavlink's own FTP client: a listing, a file, the parameters."""
+    station = Station(port)
+    station.say_hello()
+    station.link.wait_heartbeat(timeout=HANG_S)
+    client = mavftp.MAVFTP(station.link, target_system=1, target_component=1)
+    assert client.cmd_list(["/log"]).error_code == mavftp.FtpError.Success
+    got: list[bytes] = []
+    client.cmd_get(["/log/flight-0001.mcap"], callback=lambda file: got.append(file.read()))
+    client.process_ftp_reply("OpenFileRO", timeout=HANG_S)
+    assert got == [whole]
+    client.cmd_get(["@PARAM/param.pck"], callback=lambda file: got.append(file.read()))
+    client.process_ftp_reply("OpenFileRO", timeout=HANG_S)
+    values = client.ftp_param_decode(got[-1])
+    assert len(values.params) == len(TABLE)
+    station.link.close()
+
+
+def test_pymavlink_reads_files(tmp_path: Path) -> None:
+    whole = bytes(range(251)) * 400
+    (tmp_path / "flight-0001.mcap").write_bytes(whole)
+
+    async def run() -> None:
+        disk = DiskLogs(tmp_path, being_written=lambda: None)
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk)
+        link = UdpLink("udpin://127.0.0.1:0")
+        async with Simulation(vehicle, link):
+            await asyncio.to_thread(fetch_by_pymavlink, link.port, whole)
 
     asyncio.run(run())

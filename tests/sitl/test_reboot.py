@@ -24,7 +24,7 @@ class RealDesk(Desk):
             home=HOME,
             streams=RandomStreams(1),
             observers=(self.recorder,),
-            may_reboot=True,
+            standalone=True,
         )
         self.fly()
 

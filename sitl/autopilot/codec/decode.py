@@ -6,13 +6,24 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot import files as f
 from sitl.autopilot import messages as m
+from sitl.autopilot import parts as p
+from sitl.autopilot.codec.setpoints import SETPOINT_DECODERS
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType, ParamType
 
 # Commands whose fifth and sixth parameter are a position: COMMAND_INT carries it in degE7.
 _POSITION_COMMANDS = frozenset(
-    {Command.NAV_TAKEOFF, Command.NAV_LAND, Command.DO_SET_HOME, Command.DO_REPOSITION}
+    {
+        Command.NAV_TAKEOFF,
+        Command.NAV_LAND,
+        Command.DO_SET_HOME,
+        Command.DO_REPOSITION,
+        Command.DO_ORBIT,
+        Command.DO_SET_ROI_LOCATION,
+        Command.DO_SET_ROI,
+    }
 )
 
 
@@ -95,6 +106,19 @@ def _param_set(msg: Any) -> m.ParamSet:
     return m.ParamSet(msg.param_id, value, msg.param_type)
 
 
+_PARTS = {
+    mav.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE: p.Part.GIMBAL,
+    mav.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW: p.Part.GIMBAL,
+    mav.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_MANUAL_CONTROL: p.Part.GIMBAL,
+    mav.MAVLINK_MSG_ID_GPS_RTCM_DATA: p.Part.CORRECTIONS,
+    mav.MAVLINK_MSG_ID_PLAY_TUNE: p.Part.TUNE,
+}
+
+
+def _for_part(part: p.Part) -> Callable[[Any], p.ForPart]:
+    return lambda _: p.ForPart(part)
+
+
 def _heartbeat(msg: Any) -> m.Heartbeat:
     return m.Heartbeat(ground_station=msg.type == mav.MAV_TYPE_GCS)
 
@@ -125,6 +149,17 @@ _DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
     ),
     mav.MAVLINK_MSG_ID_PARAM_SET: _param_set,
     mav.MAVLINK_MSG_ID_PING: lambda msg: m.Ping(msg.time_usec, msg.seq, msg.target_system),
+    **SETPOINT_DECODERS,
+    mav.MAVLINK_MSG_ID_SERIAL_CONTROL: lambda msg: p.ShellInput(
+        msg.device, bool(msg.flags & mav.SERIAL_CONTROL_FLAG_RESPOND) and msg.count > 0
+    ),
+    mav.MAVLINK_MSG_ID_PARAM_EXT_SET: lambda msg: p.ExtendedParamSet(msg.param_id),
+    **{number: _for_part(part) for number, part in _PARTS.items()},
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_LIST: lambda msg: f.LogRequestList(msg.start, msg.end),
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_DATA: lambda msg: f.LogRequestData(msg.id, msg.ofs, msg.count),
+    mav.MAVLINK_MSG_ID_LOG_REQUEST_END: lambda _: f.LogRequestEnd(),
+    mav.MAVLINK_MSG_ID_LOG_ERASE: lambda _: f.LogErase(),
+    mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: lambda msg: f.FtpMessage(bytes(msg.payload)),
     mav.MAVLINK_MSG_ID_TIMESYNC: lambda msg: m.TimeSync(msg.tc1, msg.ts1),
 }
 

@@ -6,12 +6,16 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot import files as f
 from sitl.autopilot import messages as m
+from sitl.autopilot import parts as p
 from sitl.autopilot.codec.units import deg_e7, int32
 from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
 from sitl.errors import ProtocolError
 
 _TEXT_BYTES = 50  # of one STATUSTEXT
+_SHELL_BYTES = 70  # of one SERIAL_CONTROL
+_LOG_BYTES = 90  # of one LOG_DATA
 _EVERYBODY = m.Peer(0, 0)
 
 
@@ -34,9 +38,10 @@ def _item(body: m.MissionItem, to: m.Peer) -> Any:
 
 
 def _request(body: m.MissionRequest, to: m.Peer) -> Any:
-    return mav.MAVLink_mission_request_int_message(
-        to.system, to.component, body.seq, int(body.mission_type)
+    message = (
+        mav.MAVLink_mission_request_message if body.old else mav.MAVLink_mission_request_int_message
     )
+    return message(to.system, to.component, body.seq, int(body.mission_type))
 
 
 def _count(body: m.MissionCount, to: m.Peer) -> Any:
@@ -90,6 +95,41 @@ def _interval(body: m.MessageInterval, _: m.Peer) -> Any:
     return mav.MAVLink_message_interval_message(body.message_id, int32(interval_us))
 
 
+def _log_entry(body: f.LogEntry, _: m.Peer) -> Any:
+    return mav.MAVLink_log_entry_message(
+        body.log, body.count, body.last, body.written_s, min(body.size, 2**32 - 1)
+    )
+
+
+def _log_data(body: f.LogData, _: m.Peer) -> Any:
+    padded = list(body.data.ljust(_LOG_BYTES, b"\0"))
+    return mav.MAVLink_log_data_message(body.log, body.offset, len(body.data), padded)
+
+
+def _ftp(body: f.FtpMessage, to: m.Peer) -> Any:
+    return mav.MAVLink_file_transfer_protocol_message(
+        0, to.system, to.component, list(body.payload)
+    )
+
+
+def _shell(body: p.ShellOutput, _: m.Peer) -> Any:
+    data = body.text.encode("ascii", "replace")[:_SHELL_BYTES]
+    return mav.MAVLink_serial_control_message(
+        body.device,
+        mav.SERIAL_CONTROL_FLAG_REPLY,
+        0,
+        0,
+        len(data),
+        list(data.ljust(_SHELL_BYTES, b"\0")),
+    )
+
+
+def _extended_param(body: p.ExtendedParamRefused, _: m.Peer) -> Any:
+    return mav.MAVLink_param_ext_ack_message(
+        body.name.encode(), b"", mav.MAV_PARAM_EXT_TYPE_CUSTOM, mav.PARAM_ACK_FAILED
+    )
+
+
 _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.MissionItem: _item,
     m.MissionRequest: _request,
@@ -103,6 +143,11 @@ _ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
     m.Pong: _pong,
     m.TimeSync: lambda body, _: mav.MAVLink_timesync_message(body.remote_ns, body.sender_ns),
     m.MessageInterval: _interval,
+    p.ShellOutput: _shell,
+    p.ExtendedParamRefused: _extended_param,
+    f.LogEntry: _log_entry,
+    f.LogData: _log_data,
+    f.FtpMessage: _ftp,
 }
 
 

@@ -14,6 +14,11 @@ def clamped(value: float, low: int, high: int) -> int:
     return round(min(max(value, low), high))
 
 
+def int16(value: float) -> int:
+    """A plain number, signed 16 bit."""
+    return clamped(value, -_INT16 - 1, _INT16)
+
+
 def int32(value: float) -> int:
     """A plain number, signed 32 bit."""
     return clamped(value, -_INT32 - 1, _INT32)

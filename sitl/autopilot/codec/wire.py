@@ -9,9 +9,10 @@ from pymavlink.dialects.v20 import common as mav
 from sitl.autopilot import messages as m
 from sitl.autopilot.codec.decode import decode
 from sitl.autopilot.codec.encode import StatusTexts, encode
+from sitl.autopilot.codec.instruments import encode_instruments
 from sitl.autopilot.codec.telemetry import encode_telemetry
 from sitl.autopilot.enums import Message
-from sitl.autopilot.snapshot import Snapshot
+from sitl.autopilot.snapshot import Dials, Snapshot
 
 _STREAMS_KEPT = 32  # parsers of streams that have not spoken for longest are dropped
 
@@ -54,6 +55,10 @@ class Wire:
     def telemetry(self, kind: Message, snapshot: Snapshot) -> bytes:
         """The frame of one telemetry message."""
         return self._pack(encode_telemetry(kind, snapshot))
+
+    def instruments(self, kind: Message, snapshot: Snapshot, dials: Dials) -> bytes:
+        """The frame of one telemetry message of those that need more than the snapshot."""
+        return self._pack(encode_instruments(kind, snapshot, dials))
 
     def _parser(self, stream: Hashable) -> Any:
         parser = self._parsers.get(stream)

@@ -1,1 +1,0 @@
-"""Compiled training of the built-in networks (the home of numba): arrays in, arrays out."""

@@ -1,0 +1,1 @@
+"""Native training of the built-in networks: arrays in, arrays out."""

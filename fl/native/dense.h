@@ -1,0 +1,117 @@
+/* Dense layers over 16 images at once: features are (feature, lane), weights (out, in). */
+#ifndef DENSE_H
+#define DENSE_H
+
+#include "lanes.h"
+
+/* Sums in registers at a time. */
+enum { ROWS = LENGTH == 16 ? 8 : 4 };
+
+INLINE void dense_rows(
+    int count, int64_t width, const float *features, const float *weights, const float *bias,
+    int relu, float *out)
+{
+    Lanes sum[ROWS];
+#pragma GCC unroll 8
+    for (int n = 0; n < count; n++) sum[n] = splat(bias[n]);
+    for (int64_t i = 0; i < width; i++) {
+        Lanes v = load(features + i * WIDTH);
+#pragma GCC unroll 8
+        for (int n = 0; n < count; n++)
+            sum[n] = multiply_add(splat(weights[n * width + i]), v, sum[n]);
+    }
+    const Lanes zero = splat(0.0f);
+#pragma GCC unroll 8
+    for (int n = 0; n < count; n++)
+        store(out + n * WIDTH, relu ? if_greater(sum[n], zero, sum[n], zero) : sum[n]);
+}
+
+/* Weights times features plus bias, through a ReLU if asked. */
+static void dense_forward(
+    int64_t count, int64_t width, const float *features, const float *weights, const float *bias,
+    int relu, float *out)
+{
+    const int64_t whole = count - count % ROWS;
+    for (int64_t j = 0; j < whole; j += ROWS)
+        dense_rows(ROWS, width, features, weights + j * width, bias + j, relu, out + j * WIDTH);
+    for (int64_t j = whole; j < count; j++)
+        dense_rows(1, width, features, weights + j * width, bias + j, relu, out + j * WIDTH);
+}
+
+INLINE void dense_columns(
+    int columns, int64_t count, int64_t width, const float *slope, const float *weights, float *out)
+{
+    Lanes sum[ROWS];
+#pragma GCC unroll 8
+    for (int n = 0; n < columns; n++) sum[n] = splat(0.0f);
+    for (int64_t j = 0; j < count; j++) {
+        Lanes v = load(slope + j * WIDTH);
+#pragma GCC unroll 8
+        for (int n = 0; n < columns; n++)
+            sum[n] = multiply_add(splat(weights[j * width + n]), v, sum[n]);
+    }
+#pragma GCC unroll 8
+    for (int n = 0; n < columns; n++) store(out + n * WIDTH, sum[n]);
+}
+
+/* The slopes of the loss in the layer's inputs, given those in its outputs. */
+static void dense_input_slopes(
+    int64_t count, int64_t width, const float *slope, const float *weights, float *out)
+{
+    const int64_t whole = width - width % ROWS;
+    for (int64_t i = 0; i < whole; i += ROWS)
+        dense_columns(ROWS, count, width, slope, weights + i, out + i * WIDTH);
+    for (int64_t i = whole; i < width; i++)
+        dense_columns(1, count, width, slope, weights + i, out + i * WIDTH);
+}
+
+/* Zero the slopes of features at which a ReLU let nothing through. */
+static void stop_slopes(int64_t count, const float *features, float *slope)
+{
+    const Lanes zero = splat(0.0f);
+    for (int64_t i = 0; i < count * WIDTH; i += WIDTH)
+        store(slope + i, if_greater(load(features + i), zero, load(slope + i), zero));
+}
+
+/* Features in tables of 16 by 16: (input / 16, lane, input % 16), so that a vector holds 16 inputs
+   of one image. What stands behind the last input of the last table does not matter. */
+static void turn_features(int64_t width, const float *features, float *turned)
+{
+    for (int64_t i = 0; i < width; i++)
+        for (int64_t lane = 0; lane < WIDTH; lane++)
+            turned[(i / WIDTH * WIDTH + lane) * WIDTH + i % WIDTH] = features[i * WIDTH + lane];
+}
+
+/* Add the slopes of weights and bias; `turned` is memory for `turn_features`. */
+static void add_dense_slopes(
+    int64_t count, int64_t width, const float *features, const float *slope, float *turned,
+    float *out, float *bias_slope)
+{
+    const int64_t whole = width - width % WIDTH;
+    turn_features(width, features, turned);
+    for (int64_t j = 0; j < count; j++) {
+        float *row = out + j * width, rest[WIDTH] = {0};
+        const size_t left = (size_t)(width - whole) * sizeof(float);
+        const float *table = turned;
+        Lanes down[WIDTH];
+        bias_slope[j] += total(load(slope + j * WIDTH));
+#pragma GCC unroll 16
+        for (int lane = 0; lane < WIDTH; lane++) down[lane] = splat(slope[j * WIDTH + lane]);
+        for (int64_t i = 0; i < whole; i += WIDTH, table += WIDTH * WIDTH) {
+            Lanes sum = load(row + i);
+#pragma GCC unroll 16
+            for (int lane = 0; lane < WIDTH; lane++)
+                sum = multiply_add(down[lane], load(table + lane * WIDTH), sum);
+            store(row + i, sum);
+        }
+        memcpy(rest, row + whole, left);
+        Lanes sum = load(rest);
+#pragma GCC unroll 16
+        for (int lane = 0; lane < WIDTH; lane++)
+            sum = multiply_add(down[lane], load(table + lane * WIDTH), sum);
+        store(rest, sum);
+        memcpy(row + whole, rest, left);
+    }
+}
+
+#endif

@@ -1,0 +1,208 @@
+"""The C interface of training (`learning.h`), every size and pointer checked once."""
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from native.building import LIBRARIES
+from native.loading import address, functions, load
+
+MOST_BLOCKS = MOST_LAYERS = 8
+KERNELS = (3, 5)
+
+_POINTER, _INT, _FLOAT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_float
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+class _Network(ctypes.Structure):
+    _fields_ = (
+        ("height", _INT), ("width", _INT), ("channels", _INT),
+        ("blocks", _INT), ("maps", _INT * MOST_BLOCKS), ("kernel", _INT * MOST_BLOCKS),
+        ("padding", _INT * MOST_BLOCKS), ("layers", _INT), ("outputs", _INT * MOST_LAYERS),
+    )  # fmt: skip
+
+
+class _Images(ctypes.Structure):
+    _fields_ = (
+        ("count", _INT), ("bytes", _POINTER), ("floats", _POINTER), ("labels", _POINTER),
+        ("scale", _POINTER), ("shift", _POINTER),
+    )  # fmt: skip
+
+
+class _Rates(ctypes.Structure):
+    _fields_ = (("learning_rate", _FLOAT), ("momentum", _FLOAT), ("mu", _FLOAT))
+
+
+class _Functions(ctypes.Structure):
+    _fields_ = (
+        ("train", ctypes.CFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER, _POINTER,
+            _POINTER, _POINTER)),
+        ("count_correct", ctypes.CFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _POINTER)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Network:
+    """Sizes of a network: (convolution, 2x2 max-pooling, ReLU) blocks, then dense layers."""
+
+    image_shape: tuple[int, int, int]  # height, width, channels
+    maps: tuple[int, ...]  # channels after each block
+    kernels: tuple[int, ...]  # widths of their kernels
+    padding: tuple[int, ...]
+    outputs: tuple[int, ...]  # of the dense layers, the classes last
+    parameters: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where the C code cannot do it."""
+        if len(self.maps) > MOST_BLOCKS or not 0 < len(self.outputs) <= MOST_LAYERS:
+            raise ValueError(f"{len(self.maps)} blocks and {len(self.outputs)} dense layers")
+        if not len(self.maps) == len(self.kernels) == len(self.padding):
+            raise ValueError("each block has its maps, kernel and padding")
+        fits = all(
+            k in KERNELS and 0 <= p < k for k, p in zip(self.kernels, self.padding, strict=True)
+        )
+        sizes = self._sizes() if fits else []
+        if not fits or min(*self.image_shape, *self.maps, *self.outputs, *sizes) < 1:
+            raise ValueError(f"not a network: {self}")
+        if sum(sizes) != self.parameters:
+            raise ValueError(f"{sum(sizes)} parameters, not {self.parameters}")
+
+    def _sizes(self) -> list[int]:
+        """Parameters of each layer."""
+        height, width, depth = self.image_shape
+        sizes = []
+        for maps, kernel, padding in zip(self.maps, self.kernels, self.padding, strict=True):
+            height, width = ((n + 2 * padding - kernel + 1) // 2 for n in (height, width))
+            sizes.append(maps * (depth * kernel * kernel + 1) if min(height, width) > 0 else 0)
+            depth = maps
+        features = height * width * depth
+        for outputs in self.outputs:
+            sizes.append(outputs * (features + 1))
+            features = outputs
+        return sizes
+
+    @property
+    def classes(self) -> int:
+        """How many there are."""
+        return self.outputs[-1]
+
+    def as_c(self) -> _Network:
+        """For the C code."""
+        blocks, layers = _INT * MOST_BLOCKS, _INT * MOST_LAYERS
+        return _Network(
+            *self.image_shape, len(self.maps), blocks(*self.maps), blocks(*self.kernels),
+            blocks(*self.padding), len(self.outputs), layers(*self.outputs),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Images:
+    """Images (n, height, width, channels), their labels, and pixels to numbers by channel."""
+
+    pixels: NDArray[np.uint8] | Floats
+    labels: Indices
+    scale: Floats
+    shift: Floats
+
+    def as_c(self, network: Network) -> _Images:
+        """For the C code, which the arrays have to outlive."""
+        count, channels = len(self.labels), network.image_shape[2]
+        if count and not 0 <= self.labels.min() <= self.labels.max() < network.classes:
+            raise ValueError(f"labels must be from 0 to {network.classes - 1}")
+        kind = np.uint8 if self.pixels.dtype == np.uint8 else np.float32
+        pixels = address(self.pixels, kind, (count, *network.image_shape))
+        return _Images(
+            count,
+            pixels if kind is np.uint8 else None,
+            None if kind is np.uint8 else pixels,
+            address(self.labels, np.int64, (count,)),
+            address(self.scale, np.float32, (channels,)),
+            address(self.shift, np.float32, (channels,)),
+        )
+
+
+_FUNCTIONS = functions(load(LIBRARIES[0]), _Functions)
+
+
+def train(
+    network: Network,
+    images: Images,
+    order: Indices,
+    model: Floats,
+    *,
+    correction: Floats | None,
+    rates: Sequence[float],
+) -> tuple[Floats, float]:
+    """Steps of SGD with the batches of `order` (steps, batch), -1 behind the last of a smaller one.
+
+    Args:
+        network: what is trained.
+        images: what it is trained on.
+        order: indices of images.
+        model: (P,) the global model, where they begin.
+        correction: (P,) added to every gradient.
+        rates: learning rate, momentum, and the weight mu of mu/2 |w - w_global|^2.
+
+    Returns:
+        The weights (P,), and the mean cross-entropy over the steps.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    steps, batch = order.shape
+    if not order.size or order.max() >= len(images.labels) or order[:, 0].min() < 0:
+        raise ValueError("every step needs images, and there must be all that are asked for")
+    shape = (network.parameters,)
+    shared = network.as_c(), images.as_c(network), _Rates(*rates)
+    weights, loss = np.empty_like(model), ctypes.c_double()
+    failed = _FUNCTIONS.train(
+        ctypes.addressof(shared[0]),
+        ctypes.addressof(shared[1]),
+        address(order, np.int64, (steps, batch)),
+        steps,
+        batch,
+        address(model, np.float32, shape),
+        None if correction is None else address(correction, np.float32, shape),
+        ctypes.addressof(shared[2]),
+        address(weights, np.float32, shape, written=True),
+        ctypes.addressof(loss),
+    )
+    if failed:
+        raise MemoryError("too little memory to train the network")
+    return weights, loss.value
+
+
+def count_correct(network: Network, images: Images, weights: Floats) -> Indices:
+    """How many images of each class the weights get right, (classes,).
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    correct = np.zeros(network.classes, dtype=np.int64)
+    shared = network.as_c(), images.as_c(network)
+    failed = _FUNCTIONS.count_correct(
+        ctypes.addressof(shared[0]),
+        ctypes.addressof(shared[1]),
+        address(weights, np.float32, (network.parameters,)),
+        correct.ctypes.data,
+    )
+    if failed:
+        raise MemoryError("too little memory to use the network")
+    return correct
+
+
+def normal_shares(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The share of the normal distribution under each number, to 1e-15, in the same shape."""
+    shares = np.array(numbers, dtype=np.float64, order="C")
+    _FUNCTIONS.normal_shares(shares.size, shares.ctypes.data)
+    return shares

@@ -1,0 +1,34 @@
+"""What the parts of the aircraft read and order at one instant, for whoever looks on.
+
+Nothing of it is needed to fly; it is put together when it is asked for.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from flightdyn.control import Setpoint
+from flightdyn.frames import Quaternion, Triple
+from flightdyn.state import Vector
+
+
+class Readings(NamedTuple):
+    """Of the sensors, as read last (FRD, SI units), biases that are known taken off."""
+
+    rates_radps: Triple
+    specific_force_mps2: Triple
+    pressure_pa: float
+    field_gauss: Triple | None  # None where there is no magnetometer
+    vibration_mps2: Triple  # std of the specific force within the last guidance interval
+    stds: Vector | None  # (9,) of position, velocity (NED), attitude (rad); None for exact ones
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """Readings and orders."""
+
+    readings: Readings
+    setpoint: Setpoint | None  # the guidance's, None while it has none
+    q_wanted: Quaternion  # the attitude that the controller turns to
+    collective: float  # thrust that it orders, 1 = full
+    motors: tuple[float, ...]  # speed of each rotor, 1 = full
+    wind_ned_mps: Vector  # true velocity of the air

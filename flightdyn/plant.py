@@ -1,0 +1,155 @@
+"""The aircraft without a brain: physics, sensors, battery, ground, wind and what may fail.
+
+Whoever flies it steps it tick by tick, reads its sensors and drives its motors: our own
+autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `sitl.firmware`.
+"""
+
+import math
+
+from flightdyn.battery import Battery
+from flightdyn.clock import SimClock
+from flightdyn.config import AircraftConfig
+from flightdyn.errors import FlightInputError
+from flightdyn.fault_state import FaultState
+from flightdyn.faults import Fault
+from flightdyn.frames import LocalFrame, frozen
+from flightdyn.multirotor import Multirotor
+from flightdyn.random import RandomStreams
+from flightdyn.sensor_suite import SensorSuite
+from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Vector
+from flightdyn.wind import gust_ned
+
+_SLOW = 5  # guidance intervals between looks at battery, ground and faults
+
+
+class Plant:
+    """A multirotor at rest on the ground at home, motors off, at time zero."""
+
+    def __init__(
+        self, config: AircraftConfig, *, home: GeodeticPoint, streams: RandomStreams
+    ) -> None:
+        """Raises FlightInputError where an interval of `config` is no whole number of ticks."""
+        self.config = config
+        self.frame = LocalFrame(home)
+        self.clock = clock = SimClock(config.physics_hz)
+        self.interval = clock.ticks(config.guidance_interval_s, what="guidance_interval_s")
+        self.vehicle = Multirotor(
+            self.frame,
+            config.wind,
+            dt_s=clock.dt_s,
+            seed=streams.seed("wind"),
+            heading_rad=config.heading_deg * math.pi / 180,
+        )
+        perfect = config.sensors.kind == "perfect"
+        self.sensors = sensors = (
+            None if perfect else SensorSuite(config.sensors, self.vehicle, clock, streams)
+        )
+        self._faults = FaultState(
+            config.faults,
+            self.vehicle,
+            receiver=None if sensors is None else sensors.receiver,
+            imu=None if sensors is None else sensors.errors,
+        )
+        self._battery = Battery(config.battery)
+        self._gusty = bool(config.wind.gusts or config.faults)
+        self._run = self.vehicle.run
+        self._low = True  # so near the ground that it may be touched before the next look
+        self._slow = 0
+        self.impact_mps: float | None = None  # with which it crashed
+
+    def step(self) -> None:
+        """One tick of physics; every few of them gusts, battery, ground and faults.
+
+        Raises:
+            ModelDivergedError: the physics has left the numbers.
+        """
+        self._run()
+        self.clock.tick += 1
+        if self._low:
+            self._feel_ground()
+        if self.clock.tick % self.interval == 0:
+            self._look_around()
+
+    def _feel_ground(self) -> None:
+        """A wreck from the tick on at which the ground is met faster than the legs can take."""
+        speed = self.vehicle.impact_mps()
+        if speed > self.vehicle.airframe.impact_limit_mps:
+            self.impact_mps = speed
+            self.vehicle.arm(False)
+            self.vehicle.wreck()
+            self._run = self.vehicle.run
+            self._low = False
+
+    def _look_around(self) -> None:
+        """Gusts of this instant; battery, ground and faults every few times."""
+        self.vehicle.check()
+        if self._gusty:
+            gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
+            burst = self._faults.burst_ned_mps
+            self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
+        self._slow += 1
+        if self._slow == _SLOW:
+            self._slow = 0
+            volts = self._battery.draw(
+                self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
+            )
+            self.vehicle.set_battery_voltage(volts)
+            self._low = self.vehicle.watch_ground() and not self.crashed
+            self._faults.update(self.clock.t_ns)
+
+    @property
+    def dt_ns(self) -> int:
+        """Length of a tick."""
+        return self.clock.dt_ns
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self.clock.t_ns
+
+    @property
+    def truth(self) -> Kinematics:
+        """Where the aircraft is."""
+        return self.vehicle.kinematics(self.clock.t_ns)
+
+    @property
+    def wind_ned_mps(self) -> Vector:
+        """Velocity of the air around the aircraft, gusts and turbulence included."""
+        return frozen(self.vehicle.wind_ned())
+
+    @property
+    def battery(self) -> BatteryState:
+        """Voltage, current, charge."""
+        return self._battery.state()
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the ground was hit faster than the legs can take: a wreck, at rest for good."""
+        return self.impact_mps is not None
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults in force."""
+        return self._faults.active
+
+    def inject(self, fault: Fault) -> None:
+        """Put a fault in force now, for its duration. Raises FaultError where there is no such
+        part to fail.
+        """
+        self._faults.begin(fault, self.clock.t_ns)
+        self._gusty = True
+
+    def end(self, fault: Fault) -> None:
+        """End one fault in force, and no other; nothing happens where it is not in force."""
+        self._faults.end(fault)
+
+    def exchange_battery(self, *, armed: bool) -> None:
+        """Put in a fresh battery.
+
+        Raises:
+            FlightInputError: the motors are on.
+        """
+        if armed:
+            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
+        self._battery.exchange()
+        self.vehicle.set_battery_voltage(self._battery.voltage_v)

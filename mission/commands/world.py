@@ -1,0 +1,70 @@
+"""`aerofed world`."""
+
+import math
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+from mission.commands.options import Flag, Overrides, load
+from mission.errors import InputError
+from mission.terminal import Terminal
+
+
+def world(
+    config: Path | None = None,
+    *,
+    px4: Flag = False,
+    ardupilot: Flag = False,
+    port: int | None = None,
+    wind: float | None = None,
+    speed: float | Literal["max"] = 1.0,
+    set_: Overrides = (),
+) -> int:
+    """Serve the aircraft alone to a PX4 or ArduPilot that you start yourself, until Ctrl-C.
+
+    Physics, sensors, wind and faults are the configuration's; the firmware is the autopilot.
+    Start it as docs/vehicles.md says, and fly it with whatever you like.
+
+    Parameters
+    ----------
+    config
+        TOML file; its area.home_* and vehicle.aircraft.* count here. Without one, the quick-start
+        configuration is taken.
+    px4
+        For PX4: listen for its simulator link (TCP, 4560).
+    ardupilot
+        For ArduPilot: answer its JSON interface (UDP, 9002).
+    port
+        Another port than the firmware's usual one.
+    wind
+        Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
+    speed
+        Simulated seconds per second, or "max".
+    set_
+        Override any key: --set vehicle.aircraft.wind.speed_mps=8
+    """
+    if px4 == ardupilot:
+        raise InputError("aerofed world: one of --px4 and --ardupilot")
+    if speed != "max" and not 0 < speed <= 1000:
+        raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    if port is not None and not 1 <= port <= 65535:
+        raise InputError(f"--port {port}: must be from 1 to 65535")
+    resolved = load(config, set_, {"vehicle.aircraft.wind.speed_mps": wind})
+    # Only now, so that wrong input is answered at once.
+    from mission.serve_world import serve_world
+    from sitl.firmware import ardupilot as json_interface
+    from sitl.firmware import px4 as hil
+
+    console = Terminal(soft_wrap=True, highlight=False, markup=False)
+    usual = hil.DEFAULT_PORT if px4 else json_interface.DEFAULT_PORT
+    with suppress(KeyboardInterrupt):
+        serve_world(
+            resolved,
+            "px4" if px4 else "ardupilot",
+            port=port or usual,
+            speed=math.inf if speed == "max" else speed,
+            say=console.print,
+            stop=threading.Event(),
+        )
+    return 0

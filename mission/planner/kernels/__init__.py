@@ -1,1 +1,0 @@
-"""Compiled inner loops. Plain arrays in, plain arrays out."""

@@ -1,0 +1,1 @@
+"""Native loops of the planner: first plans, and branch and bound."""

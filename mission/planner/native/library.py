@@ -1,0 +1,288 @@
+"""The C interface of planning (`planner.h`), every size and pointer checked once."""
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from native.building import LIBRARIES
+from native.loading import address, functions, load
+
+MOST_DEVICES = 40  # of a search
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+
+
+class _Devices(ctypes.Structure):
+    _fields_ = (
+        ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("rows", _INT), ("table", _POINTER)
+    )  # fmt: skip
+
+
+class _Limits(ctypes.Structure):
+    _fields_ = (("steps", _INT), ("per_step", _INT), ("length", _DOUBLE))
+
+
+class _Relaxation(ctypes.Structure):
+    _fields_ = (
+        ("radii", _INT), ("splines", _INT), ("coefficients", _POINTER), ("spacing", _POINTER),
+        ("outer_m", _POINTER), ("ends", _POINTER), ("row", _POINTER), ("ladder", _POINTER),
+        ("radius_m", _POINTER), ("promise", _POINTER),
+    )  # fmt: skip
+
+
+class _Functions(ctypes.Structure):
+    _fields_ = (
+        ("explore", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
+        ("search", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _DOUBLE, _POINTER, _POINTER,
+            _POINTER)),
+        ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
+        ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("order_bound", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
+        ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The devices worth something, in coordinates with the start at the origin."""
+
+    u: Floats  # (K, 2) positions in metres
+    delta: Floats  # (K,) importance, above 0
+    rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
+
+    def as_c(self) -> _Devices:
+        """For the C code, which the arrays have to outlive."""
+        count, rows = len(self.delta), len(self.rows)
+        if not count or not rows:
+            raise ValueError("no device, or an empty table")
+        return _Devices(
+            count,
+            address(self.u, np.float64, (count, 2)),
+            address(self.delta, np.float64, (count,)),
+            rows,
+            address(self.rows, np.float64, (rows, 3)),
+        )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a plan may use."""
+
+    steps: int  # N
+    per_step: int  # K_bar
+    length: float  # L_max, metres
+
+    def as_c(self) -> _Limits:
+        """For the C code."""
+        if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
+            raise ValueError(f"nothing to move for: {self}")
+        return _Limits(self.steps, self.per_step, self.length)
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """Tables of the dual bound; see `mission.planner.reward.Conjugates`."""
+
+    coefficients: Floats  # (rows, S + 3) of H, one row a distance interval
+    spacing: Floats  # (rows,)
+    outer_m: Floats  # (rows,) outer radius of the interval
+    ends: Ints  # (rows, 2) its radii, as indices
+    row: Ints  # (B, B) the interval between two radii, -1 where there is none
+    ladder: Ints  # (B,) the radius that is decided about after this one
+    radii_m: Floats  # (B,)
+    promise: Floats  # (K, B) bound of delta f for a device out of reach of radius b
+
+    def as_c(self, devices: int) -> _Relaxation:
+        """For the C code, which the arrays have to outlive."""
+        rows, splines = self.coefficients.shape
+        radii = len(self.radii_m)
+        if splines < 4 or radii > np.iinfo(np.int8).max:
+            raise ValueError(f"splines of {splines} coefficients between {radii} radii")
+        result = _Relaxation(
+            radii,
+            splines,
+            address(self.coefficients, np.float64, (rows, splines)),
+            address(self.spacing, np.float64, (rows,)),
+            address(self.outer_m, np.float64, (rows,)),
+            address(self.ends, np.int64, (rows, 2)),
+            address(self.row, np.int64, (radii, radii)),
+            address(self.ladder, np.int64, (radii,)),
+            address(self.radii_m, np.float64, (radii,)),
+            address(self.promise, np.float64, (devices, radii)),
+        )
+        _check_range("ends", self.ends, radii)
+        _check_range("ladder", self.ladder, radii)
+        _check_range("row", self.row[np.triu_indices(radii, 1)], rows)
+        return result
+
+
+def _check_range(name: str, indices: Ints, end: int) -> None:
+    if indices.size and not 0 <= indices.min() <= indices.max() < end:
+        raise ValueError(f"{name} must be from 0 to {end - 1}")
+
+
+_FUNCTIONS = functions(load(LIBRARIES[1]), _Functions)
+
+
+def explore(
+    devices: Devices, limits: Limits, *, starts: int, tries: int
+) -> tuple[float, Floats, Ints]:
+    """The best of paths towards devices all over the area, after `tries` changes.
+
+    Returns:
+        What the plan earns, its path (N, 2), and who is served at which step (K,), -1: nobody.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    way, assigned = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1, dtype=np.int64)
+    shared = devices.as_c(), limits.as_c()
+    value = _FUNCTIONS.explore(
+        *map(ctypes.addressof, shared),
+        min(starts, len(devices.delta)),
+        tries,
+        way.ctypes.data,
+        assigned.ctypes.data,
+    )
+    return _or_memory_error(value), way, assigned
+
+
+def search(
+    devices: Devices,
+    limits: Limits,
+    relaxation: Relaxation,
+    *,
+    gap: float,
+    max_nodes: int,
+    max_open: int,
+    value: float,
+    way: Floats,
+    assigned: Ints,
+) -> tuple[float, int]:
+    """Improve on a plan until none can be better by more than the gap, or the nodes run out.
+
+    Args:
+        devices: at least one, at most `MOST_DEVICES`.
+        limits: of the plan.
+        relaxation: tables of the bound.
+        gap: relative gap (bound - value) / bound that is enough.
+        max_nodes: nodes that are looked into at most.
+        max_open: nodes that are open at most; others are closed with their bound.
+        value: what the plan to start from earns, above 0.
+        way: (N, 2) its path, overwritten with the best one.
+        assigned: (K,) who is served at which step, likewise.
+
+    Returns:
+        (upper bound, nodes).
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    count = len(devices.delta)
+    if count > MOST_DEVICES:
+        raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
+    if not value > 0.0 or not 0.0 <= gap < 1.0 or max_nodes < 0 or max_open < 1:
+        raise ValueError(f"nothing to search for: {value=}, {gap=}, {max_nodes=}, {max_open=}")
+    _check_range("assigned", assigned + 1, limits.steps + 1)
+    shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
+    bound = _DOUBLE()
+    nodes = _FUNCTIONS.search(
+        *map(ctypes.addressof, shared),
+        gap,
+        max_nodes,
+        max_open,
+        value,
+        address(way, np.float64, (limits.steps, 2), written=True),
+        address(assigned, np.int64, (count,), written=True),
+        ctypes.addressof(bound),
+    )
+    if nodes < 0:
+        raise MemoryError("too little memory to search for a plan")
+    return bound.value, nodes
+
+
+def assign(worth: Floats, per_step: int) -> Ints:
+    """The step of each device, -1 for none, at which the most of `worth` (K, N) is earned.
+
+    At most `per_step` devices a step.
+
+    Raises:
+        ValueError: it is not such an array.
+        MemoryError: there is too little memory.
+    """
+    devices, steps = worth.shape
+    assigned = np.full(devices, -1, dtype=np.int64)
+    if not devices or not steps or per_step < 1:
+        return assigned
+    if not np.isfinite(worth).all():
+        raise ValueError("what assignments are worth must be finite")
+    failed = _FUNCTIONS.assign(
+        devices, steps, per_step, address(worth, np.float64, (devices, steps)), assigned.ctypes.data
+    )
+    if failed:
+        raise MemoryError("too little memory to assign devices")
+    return assigned
+
+
+def match(devices: Devices, limits: Limits, way: Floats) -> tuple[float, Ints]:
+    """The best assignment of devices to the steps of a path (N, 2), and what it earns."""
+    assigned = np.full(len(devices.delta), -1, dtype=np.int64)
+    shared = devices.as_c(), limits.as_c()
+    value = _FUNCTIONS.match(
+        *map(ctypes.addressof, shared),
+        address(way, np.float64, (limits.steps, 2)),
+        assigned.ctypes.data,
+    )
+    return _or_memory_error(value), assigned
+
+
+def order_bound(
+    devices: Devices,
+    limits: Limits,
+    relaxation: Relaxation,
+    *,
+    interval: Ints,
+    merged: Ints,
+    eps: float,
+) -> float:
+    """The dual bound of the devices in their order, -1 if it was not minimised.
+
+    `interval` (K,) are rows of distance intervals, `merged` (K,) is 1 where a stop is one with the
+    stop before it, `eps` is the weight of the barrier.
+    """
+    count = len(devices.delta)
+    if count > MOST_DEVICES:
+        raise ValueError(f"{count} devices: an order has at most {MOST_DEVICES}")
+    _check_range("interval", interval, len(relaxation.spacing))
+    shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
+    bound: float = _FUNCTIONS.order_bound(
+        *map(ctypes.addressof, shared),
+        address(interval, np.int64, (count,)),
+        address(merged, np.int64, (count,)),
+        eps,
+    )
+    return bound
+
+
+def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
+    """H of a distance interval at s >= 0."""
+    _check_range("row", np.array([row]), len(relaxation.spacing))
+    shared = relaxation.as_c(len(relaxation.promise))
+    value: float = _FUNCTIONS.conjugate(ctypes.addressof(shared), row, s)
+    return value
+
+
+def _or_memory_error(value: float) -> float:
+    if value != value:
+        raise MemoryError("too little memory to plan")
+    return value

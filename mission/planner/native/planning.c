@@ -1,0 +1,105 @@
+/* Planning, compiled once for every kind of processor, as LEVEL names it. */
+
+#include "exploration.h"
+#include "levelled.h"
+#include "search.h"
+
+static double explore(
+    const Devices *devices, const Limits *limits, int64_t starts, int64_t tries, Point *way,
+    int64_t *assigned)
+{
+    Arena arena = {0};
+    Exploration all;
+    Plan plan = {way, assigned, 0.0};
+    lay_out_exploration(&all, &arena, devices->count, limits, starts);
+    if (!provide(&arena)) return NAN;
+    lay_out_exploration(&all, &arena, devices->count, limits, starts);
+    find_plan(devices, limits, starts, tries, &plan, &all);
+    release(&arena);
+    return plan.value;
+}
+
+static int64_t search(
+    const Devices *devices, const Limits *limits, const Relaxation *relaxation, double gap,
+    int64_t max_nodes, int64_t max_open, double value, Point *way, int64_t *assigned, double *bound)
+{
+    const Problem problem = {*devices, *limits, *relaxation};
+    Arena arena = {0};
+    Plan plan = {way, assigned, value};
+    Search *all = calloc(1, sizeof *all);
+    if (!all) return -1;
+    for (int pass = 0; pass < 2; pass++) {
+        all->polish = lay_out_polish(&arena, devices->count, limits, devices->count + 1);
+        all->made = lay_out_plan(&arena, devices->count, limits->steps);
+        if (pass == 0 && !provide(&arena)) {
+            free(all);
+            return -1;
+        }
+    }
+    all->tree.most = max_open;
+    const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
+    *bound = proof.bound;
+    close_tree(&all->tree);
+    release(&arena);
+    free(all);
+    return proof.nodes;
+}
+
+static int assign(
+    int64_t devices, int64_t steps, int64_t per_step, const double *worth, int64_t *assigned)
+{
+    Arena arena = {0};
+    Places places = lay_out_places(&arena, devices, steps, per_step);
+    double *best = claim(&arena, devices, sizeof(double));
+    if (!provide(&arena)) return -1;
+    places = lay_out_places(&arena, devices, steps, per_step);
+    best = claim(&arena, devices, sizeof(double));
+    for (int64_t k = 0; k < devices; k++) {
+        double *row = (double *)(places.worth + k * wides(steps));
+        memcpy(row, worth + k * steps, (size_t)steps * sizeof(double));
+        places.known[k] = 1;
+        for (int64_t n = 0; n < steps; n++) best[k] = most(best[k], row[n]);
+    }
+    solve_assignment(NULL, NULL, devices, best, assigned, &places);
+    release(&arena);
+    return 0;
+}
+
+static double match_devices(
+    const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
+{
+    Arena arena = {0};
+    Plan plan = {way, assigned, 0.0};
+    Matching memory = lay_out_matching(&arena, devices->count, limits);
+    if (!provide(&arena)) return NAN;
+    memory = lay_out_matching(&arena, devices->count, limits);
+    match(&plan, limits, devices, &memory);
+    release(&arena);
+    return plan.value;
+}
+
+static double order_bound(
+    const Devices *devices, const Limits *limits, const Relaxation *relaxation,
+    const int64_t *interval, const int64_t *merged, double eps)
+{
+    const Problem problem = {*devices, *limits, *relaxation};
+    const Aim aim = {eps, -INFINITY, 0.0};
+    Node node = {.size = devices->count, .mu = 0.003};
+    Work work;
+    for (int64_t i = 0; i < node.size; i++) {
+        node.order[i] = (int16_t)i;
+        node.interval[i] = (int16_t)interval[i];
+        node.edge[i] = merged[i] ? MERGED : UNDECIDED;
+    }
+    set_factors(&node, &work);
+    const Minimum found = minimise(&node, &problem, aim, &work);
+    return found.centred ? found.bound : -1.0;
+}
+
+static double conjugate(const Relaxation *relaxation, int64_t row, double s)
+{
+    return spline(s, row, relaxation).h;
+}
+
+const Planner NAMED(planner) = {
+    explore, search, assign, match_devices, order_bound, conjugate};

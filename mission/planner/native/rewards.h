@@ -1,0 +1,51 @@
+/* What devices earn at a distance, and what an assignment of them to steps earns. */
+#ifndef REWARDS_H
+#define REWARDS_H
+
+#include <math.h>
+#include <string.h>
+
+#include "planner.h"
+
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double most(double a, double b) { return b > a ? b : a; }
+static inline int64_t fewer(int64_t a, int64_t b) { return b < a ? b : a; }
+
+static inline double square_between(Point a, Point b)
+{
+    double dx = a.x - b.x, dy = a.y - b.y;
+    return dx * dx + dy * dy;
+}
+
+static inline double between(Point a, Point b) { return sqrt(square_between(a, b)); }
+
+typedef struct {
+    double f, slope, bend;
+} Reward;
+
+/* f, f' and f'' at r >= 0 metres, expanded about the nearest row of the table. */
+static inline Reward reward(double r, const Devices *devices)
+{
+    int64_t i = (int64_t)(r + 0.5);
+    if (i >= devices->rows) return (Reward){0.0, 0.0, 0.0};
+    const double *row = devices->table + 3 * i;
+    double d = r - (double)i;
+    return (Reward){row[0] + (row[1] + 0.5 * row[2] * d) * d, row[1] + row[2] * d, row[2]};
+}
+
+/* What device k earns when it is served from a place. */
+static inline double worth(const Devices *devices, int64_t k, Point from)
+{
+    return devices->delta[k] * reward(between(from, devices->at[k]), devices).f;
+}
+
+/* sum of delta f over the devices assigned to a step (-1: to none). */
+static double earned(const Point *way, const int64_t *assigned, const Devices *devices)
+{
+    double total = 0.0;
+    for (int64_t k = 0; k < devices->count; k++)
+        if (assigned[k] >= 0) total += worth(devices, k, way[assigned[k]]);
+    return total;
+}
+
+#endif

@@ -1,0 +1,147 @@
+/* The open nodes of the branch and bound: a pool of them and a heap, best bound first. */
+#ifndef TREE_H
+#define TREE_H
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "planner.h"
+
+/* State of the edge before a stop: may its two stops be one? */
+enum { UNDECIDED, MERGED, BARRED };
+
+enum { PLACED = -1 }; /* level of a device that stands in the order */
+
+/* The first `size` entries of what goes by position count. */
+typedef struct {
+    double bound, dual; /* what no plan of the node exceeds; the share of it that the path gives */
+    double mu;          /* multiplier of the length */
+    int64_t size;       /* devices in the order */
+    Point y[MOST_DEVICES];          /* by position: dual of the edge before it */
+    uint64_t mask[MOST_DEVICES];    /* by device: gaps that it may still be inserted in */
+    int16_t order[MOST_DEVICES];    /* by position: device */
+    int16_t interval[MOST_DEVICES]; /* by position: row of the distance interval */
+    int8_t edge[MOST_DEVICES];  /* by position: edge to the stop before it, or to the start */
+    int8_t level[MOST_DEVICES]; /* by device: PLACED, or the radius that it is out of reach of */
+} Node;
+
+typedef struct {
+    Node *node;   /* (rows,) */
+    int32_t *heap; /* (open,) rows, and behind them those that are free */
+    int64_t open, rows, most;
+} Tree;
+
+/* Room for one node more; 0 where there is none. */
+static int grow(Tree *tree)
+{
+    int64_t rows = tree->rows ? 2 * tree->rows : 64;
+    if (rows > tree->most) rows = tree->most;
+    if (rows <= tree->rows) return 0;
+    Node *node = realloc(tree->node, (size_t)rows * sizeof(Node));
+    if (node) tree->node = node;
+    int32_t *heap = realloc(tree->heap, (size_t)rows * sizeof(int32_t));
+    if (heap) tree->heap = heap;
+    if (!node || !heap) return 0;
+    for (; tree->rows < rows; tree->rows++) heap[tree->rows] = (int32_t)tree->rows;
+    return 1;
+}
+
+static double bound_at(const Tree *tree, int64_t i) { return tree->node[tree->heap[i]].bound; }
+
+static void swap(Tree *tree, int64_t i, int64_t j)
+{
+    int32_t row = tree->heap[i];
+    tree->heap[i] = tree->heap[j];
+    tree->heap[j] = row;
+}
+
+/* Keep a copy of the node among the open ones; 0 if there is no room. */
+static int push(Tree *tree, const Node *node)
+{
+    if (tree->open == tree->rows && !grow(tree)) return 0;
+    int64_t i = tree->open++;
+    tree->node[tree->heap[i]] = *node;
+    while (i > 0 && bound_at(tree, (i - 1) / 2) < bound_at(tree, i)) {
+        swap(tree, (i - 1) / 2, i);
+        i = (i - 1) / 2;
+    }
+    return 1;
+}
+
+/* The largest bound among the open nodes; there must be one. */
+static double best_open(const Tree *tree) { return bound_at(tree, 0); }
+
+/* Take the open node with the largest bound. */
+static void pop(Tree *tree, Node *node)
+{
+    *node = tree->node[tree->heap[0]];
+    int64_t last = --tree->open, i = 0;
+    swap(tree, 0, last);
+    for (int64_t child; (child = 2 * i + 1) < last; i = child) {
+        if (child + 1 < last && bound_at(tree, child + 1) > bound_at(tree, child)) child++;
+        if (bound_at(tree, i) >= bound_at(tree, child)) return;
+        swap(tree, i, child);
+    }
+}
+
+static void close_tree(Tree *tree)
+{
+    free(tree->node);
+    free(tree->heap);
+}
+
+/* Put a device in a gap of the order, with a distance interval; its y is left to the caller.
+
+   Between two merged stops it belongs to the same stop. A bar between two stops says nothing
+   about either new edge alone and is forgotten. */
+static void insert(Node *node, int64_t devices, int64_t device, int64_t gap, int64_t row)
+{
+    const int64_t m = node->size++;
+    const int8_t edge = gap < m && node->edge[gap] == MERGED ? MERGED : UNDECIDED;
+    for (int64_t i = m; i > gap; i--) {
+        node->order[i] = node->order[i - 1];
+        node->interval[i] = node->interval[i - 1];
+        node->edge[i] = node->edge[i - 1];
+        node->y[i] = node->y[i - 1];
+    }
+    node->order[gap] = (int16_t)device;
+    node->interval[gap] = (int16_t)row;
+    node->edge[gap] = edge;
+    if (gap < m) node->edge[gap + 1] = edge;
+    node->level[device] = PLACED;
+    const uint64_t low = ((uint64_t)1 << gap) - 1;
+    for (int64_t k = 0; k < devices; k++)
+        if (node->level[k] != PLACED) {
+            const uint64_t mask = node->mask[k], bit = mask >> gap & 1;
+            node->mask[k] = (mask & low) | bit << gap | bit << (gap + 1) | mask >> (gap + 1) << (gap + 2);
+        }
+}
+
+/* Fewest stops after the start that serve the order; -1 if the merges overfill one.
+
+   Stops serve stretches of the order, so that filling each as far as it goes is optimal. */
+static int64_t stops_needed(const Node *node, int64_t per_step)
+{
+    int64_t needed = 0, load = 0;
+    for (int64_t i = 0, run; i < node->size; i += run) {
+        for (run = 1; i + run < node->size && node->edge[i + run] == MERGED;) run++;
+        if (run > per_step) return -1;
+        if (node->edge[i] != BARRED && load + run <= per_step) {
+            load += run;
+        } else {
+            needed++;
+            load = run;
+        }
+    }
+    return needed;
+}
+
+/* Stops after the start if no more are merged. */
+static int64_t stops_now(const Node *node)
+{
+    int64_t count = 0;
+    for (int64_t i = 0; i < node->size; i++) count += node->edge[i] != MERGED;
+    return count;
+}
+
+#endif

@@ -1,0 +1,173 @@
+"""From C to a shared library: which compiler, which flags. Standard library only.
+
+The build of a wheel or an editable installation calls this (`hatch_build.py`), and
+`native.loading` where a working tree's sources have changed since. The C interface needs no header
+of Python, so that one library serves every Python. Where there is no compiler, `ziglang` from the
+package index is one: plain C takes it seconds (its C++ library would take minutes, at first use).
+"""
+
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+INCLUDE = Path(__file__).resolve().parent / "include"
+ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no compiler
+
+# Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.
+_FLAGS = (
+    "-std=gnu11", "-O3", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-fno-math-errno",
+    "-fno-trapping-math", "-g0", "-Wall", "-Wextra", "-Wno-psabi",
+)  # fmt: skip
+# Kinds of processor, the plainest first; a library holds its inner loops once for each.
+_AVX2 = ("-mavx2", "-mfma")
+_AVX512 = ("-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512")
+_X86_LEVELS = {"baseline": (), "avx2": _AVX2, "avx512": (*_AVX2, *_AVX512)}
+
+
+class BuildError(Exception):
+    """A library cannot be built; says why, and what helps."""
+
+
+@dataclass(frozen=True)
+class Library:
+    """One shared library, and what it is made of."""
+
+    name: str
+    folder: Path
+    levelled: str  # the source that is compiled for every level
+    border: str  # the source that hands out the levels
+
+    @property
+    def path(self) -> Path:
+        """Where the library of the sources as they are lies, or will. Named after them, so that
+        one that is out of date is not found."""
+        return self.folder / f"lib{self.name}-{self._digest}.so"
+
+    @property
+    def built(self) -> list[Path]:
+        """All that have been built, of whatever sources."""
+        return sorted(self.folder.glob(f"lib{self.name}-*.so"))
+
+    @property
+    def has_sources(self) -> bool:
+        """False in an installed wheel."""
+        return (self.folder / self.border).exists()
+
+    @cached_property
+    def _digest(self) -> str:
+        digest = hashlib.sha256()
+        for source in (*_sources(INCLUDE), *_sources(self.folder), Path(__file__)):
+            digest.update(source.read_bytes())
+        return digest.hexdigest()[:12]
+
+
+LIBRARIES = (
+    Library("learning", ROOT / "fl" / "native", "training.c", "learning.c"),
+    Library("planner", ROOT / "mission" / "planner" / "native", "planning.c", "planner.c"),
+)
+
+
+def _sources(folder: Path) -> list[Path]:
+    return sorted((*folder.glob("*.c"), *folder.glob("*.h")))
+
+
+def levels() -> dict[str, tuple[str, ...]]:
+    """The levels by name, with what the compiler is told for each."""
+    return _X86_LEVELS if platform.machine() in ("x86_64", "AMD64") else {"baseline": ()}
+
+
+def compilers() -> Iterator[tuple[str, ...]]:
+    """The compilers that work here: what `CC` names, or the system's, or the package index's."""
+    named = os.environ.get("CC")
+    zig = (sys.executable, "-m", "ziglang", "cc")
+    for command in [shlex.split(named)] if named else [["cc"], ["gcc"], ["clang"], zig]:
+        if tuple(command) == zig and importlib.util.find_spec("ziglang") is None:
+            continue
+        if _works(command):
+            yield tuple(command)
+
+
+def _works(command: Sequence[str]) -> bool:
+    """Whether it makes shared libraries, which takes the C library's headers too."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder, "probe.c")
+        source.write_text("#include <stdlib.h>\nvoid *probe(void) { return malloc(1); }\n")
+        try:
+            _run([*command, "-shared", "-fPIC", str(source), "-o", str(Path(folder, "probe.so"))])
+        except BuildError:
+            return False
+        return True
+
+
+def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
+    """Build a library from its sources, and remove those of older ones.
+
+    Raises:
+        BuildError: there is no compiler, or it fails.
+    """
+    compiler = compiler or next(compilers(), None)
+    if compiler is None:
+        raise BuildError(
+            f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "
+            f"or `pip install '{ZIG}'`"
+        )
+    target = library.path
+    compile_to(target, library, compiler)
+    for old in library.built:
+        if old != target:
+            old.unlink(missing_ok=True)
+    return target
+
+
+def compile_to(
+    target: Path, library: Library, compiler: Sequence[str], *, flags: Sequence[str] = ()
+) -> None:
+    """Compile a library to a path; whoever opens that sees all of it or nothing.
+
+    Raises:
+        BuildError: the compiler fails, or the folder cannot be written.
+    """
+    common = [*compiler, *_FLAGS, f"-I{INCLUDE}", *_machine(compiler), *flags]
+    try:
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".build-") as folder:
+            jobs = [
+                [*common, *more, f"-DLEVEL={level}", "-c", str(library.folder / library.levelled),
+                 "-o", str(Path(folder, f"{level}.o"))]
+                for level, more in levels().items()
+            ]  # fmt: skip
+            with ThreadPoolExecutor() as pool:
+                list(pool.map(_run, jobs))
+            objects = [job[-1] for job in jobs]
+            whole = Path(folder, target.name)
+            border = str(library.folder / library.border)
+            _run([*common, "-shared", border, *objects, "-o", str(whole)])
+            whole.replace(target)
+    except OSError as error:
+        raise BuildError(f"{target.parent}: cannot build a library here: {error}") from error
+
+
+def _machine(compiler: Sequence[str]) -> list[str]:
+    """Zig compiles for the very machine unless told otherwise; macOS names what it wants."""
+    if "ziglang" in compiler:
+        return ["-mcpu=baseline", "-fno-sanitize=undefined"]
+    return shlex.split(os.environ.get("ARCHFLAGS", "")) if sys.platform == "darwin" else []
+
+
+def _run(command: Sequence[str]) -> None:
+    try:
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise BuildError(f"{command[0]}: {error.strerror}") from error
+    if ended.returncode:
+        raise BuildError(f"{shlex.join(command)} failed:\n{ended.stderr}{ended.stdout}")

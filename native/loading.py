@@ -1,0 +1,79 @@
+"""Loading a library, choosing its level, and checking what it is given."""
+
+import ctypes
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from native.building import BuildError, Library, build, levels
+from native.errors import LibraryError
+
+LEVEL = "AEROFED_LEVEL"  # environment variable: a level lower than the processor's best
+FOLDER = "AEROFED_LIBRARIES"  # environment variable: libraries from here, as they are
+
+
+def load(library: Library) -> ctypes.CDLL:
+    """A library, built anew where its sources are at hand and have changed.
+
+    Raises:
+        LibraryError: it is not there and cannot be built.
+    """
+    folder = os.environ.get(FOLDER)
+    if folder:
+        return ctypes.CDLL(str(Path(folder, f"lib{library.name}.so")))
+    if library.has_sources:
+        path = library.path
+        if not path.exists():
+            try:
+                build(library)
+            except BuildError as error:
+                raise LibraryError(str(error)) from error
+    elif library.built:
+        path = library.built[0]
+    else:
+        raise LibraryError(f"{library.folder}: holds no library; install aerofed anew")
+    return ctypes.CDLL(str(path))
+
+
+def level(loaded: ctypes.CDLL) -> int:
+    """The level to use: the processor's best, or what the environment asks for.
+
+    Raises:
+        LibraryError: there is no such level here.
+    """
+    possible = list(levels())[: loaded.best_level() + 1]
+    asked = os.environ.get(LEVEL) or possible[-1]
+    if asked not in possible:
+        raise LibraryError(f"{LEVEL}={asked}: this processor has {', '.join(possible)}")
+    return possible.index(asked)
+
+
+def functions(loaded: ctypes.CDLL, table: type[ctypes.Structure]) -> Any:
+    """The library's functions at its level, as a structure of prototypes; calls release the GIL."""
+    loaded.at_level.restype = ctypes.POINTER(table)
+    return loaded.at_level(level(loaded)).contents
+
+
+def address(
+    array: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...], *, written: bool = False
+) -> int:
+    """Where an array begins, once it is sure to be what the C code takes it for.
+
+    Raises:
+        ValueError: another kind of number or shape, gaps, or read-only where it is written.
+    """
+    flags = array.flags
+    if (
+        array.dtype != dtype
+        or array.shape != shape
+        or not (flags.c_contiguous and flags.aligned)
+        or (written and not flags.writeable)
+    ):
+        raise ValueError(
+            f"the native code takes a contiguous array of {np.dtype(dtype)} {shape}"
+            f"{' to write to' if written else ''}, not {array.dtype} {array.shape}"
+        )
+    return int(array.ctypes.data)

@@ -1,0 +1,88 @@
+"""ArduCopter as it is started for our aircraft."""
+
+import math
+
+from flightdyn.plant import Plant
+from sitl.firmware.ardupilot import ArduPilotBridge
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
+from sitl.firmware.process import check_binary
+
+_DEFAULTS = "aerofed.parm"
+
+
+def ardupilot_launch(order: Order, plant: Plant) -> Launch:
+    """Open a bridge on a free port.
+
+    Raises:
+        LinkError: no port can be had.
+        FirmwareSilentError: there is no binary.
+    """
+    binary = order.vehicle.firmware.path
+    assert binary is not None
+    check_binary(binary)
+    bridge = ArduPilotBridge(plant, port=0)
+    bridge.open()
+    home = plant.frame.origin
+    heading = order.vehicle.aircraft.heading_deg
+    argv = (
+        str(binary.resolve()),
+        "--model", "JSON:127.0.0.1",
+        "--sim-port-out", str(bridge.port),
+        "--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{home.alt_msl_m:.3f},{heading:.2f}",
+        "--defaults", _DEFAULTS,
+        "--serial0", f"udpclient:127.0.0.1:{order.ports.ours}",
+        "--serial1", "none:1",
+        "--serial2", "none:2",
+        "--rc-in-port", str(order.ports.firmware),
+        "--sysid", str(order.vehicle.system_id),
+        *order.vehicle.firmware.arguments,
+    )  # fmt: skip
+    values = fitting(order, plant) | order.vehicle.firmware.parameters
+    text = "".join(f"{name} {value:.9g}\n" for name, value in values.items())
+    return Launch(bridge, argv, files={_DEFAULTS: text})
+
+
+def fitting(order: Order, plant: Plant) -> dict[str, float]:
+    """ArduCopter's parameters that say what it flies: the airframe, its sensors and the limits.
+
+    Versions differ in names and units; what a version does not know it leaves out.
+    """
+    aircraft = order.vehicle.aircraft
+    limits, sensors = aircraft.limits, aircraft.sensors
+    fast_cmps = 100 * max(order.speed_mps, 1.0)
+    values = {
+        "FRAME_CLASS": 1,  # four rotors
+        "FRAME_TYPE": 1,  # X
+        "MOT_PWM_MIN": 1000,
+        "MOT_PWM_MAX": 2000,
+        "MOT_THST_EXPO": THRUST_CURVE,
+        "MOT_THST_HOVER": HOVER_THRUST,
+        "SIM_RATE_HZ": round(1e9 / plant.dt_ns),
+        "FS_THR_ENABLE": 0,  # nobody holds a remote control
+        "FS_GCS_ENABLE": 0,
+        "BATT_MONITOR": 0,  # JSON carries no battery: the mission's own reserve watches it
+        "ANGLE_MAX": 100 * min(limits.tilt_deg, 80.0),
+        "WPNAV_SPEED": min(fast_cmps, 2000),
+        "WPNAV_ACCEL": min(100 * limits.acceleration_mps2, 500),
+        "WPNAV_JERK": min(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 20),
+        "WPNAV_SPEED_UP": min(100 * limits.climb_mps, 1000),
+        "WPNAV_SPEED_DN": min(100 * limits.descent_mps, 500),
+        "LOG_DISARMED": 0,
+        "LOG_BACKEND_TYPE": 0,  # the run's own log holds the flight
+        # Its own sensor models add nothing to the errors of ours.
+        "SIM_DRIFT_SPEED": 0,
+        "SIM_BARO_RND": 0,
+        "SIM_BARO2_RND": 0,
+        "SIM_BARO_DRIFT": 0,
+        "SIM_MAG_RND": 1e3 * math.sqrt(3) * sensors.mag.white_gauss,  # uniform, milligauss
+        "SIM_GPS1_HZ": round(1 / sensors.gnss.interval_s),
+        "SIM_GPS1_LAG_MS": round(1e3 * sensors.gnss.delay_s),
+        "SIM_GPS1_NUMSATS": sensors.gnss.satellites,
+        "SIM_GPS1_NOISE": 0,
+        "GPS1_DELAY_MS": max(1, round(1e3 * sensors.gnss.delay_s)),
+    }
+    # What its simulated compasses and accelerometers are off by, so that it takes them for
+    # calibrated.
+    for n in ("", "2", "3"):
+        values |= {f"COMPASS_OFS{n}_X": 5, f"COMPASS_OFS{n}_Y": 13, f"COMPASS_OFS{n}_Z": -18}
+    return values

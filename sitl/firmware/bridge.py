@@ -1,0 +1,80 @@
+"""What both bridges are to those who step them, and the sensors as both read them."""
+
+from typing import NamedTuple, Protocol
+
+from flightdyn.inertial import ImuSample
+from flightdyn.plant import Plant
+from flightdyn.sensor_suite import SensorSuite
+from flightdyn.sensors import BaroSample, MagSample
+from flightdyn.state import GnssFix
+from sitl.errors import SitlInputError
+
+# Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
+# then; one that takes longer than this is stuck.
+STALL_S = 10.0
+
+
+class Bridge(Protocol):
+    """One firmware's way to be given sensors and to drive motors."""
+
+    plant: Plant
+
+    @property
+    def connected(self) -> bool:
+        """Whether a firmware has come."""
+
+    def open(self) -> None:
+        """Listen for the firmware.
+
+        Raises:
+            LinkError: the port cannot be had.
+        """
+
+    def tick(self) -> bool:
+        """Wait for the firmware to ask for it, at most a moment, and step the plant once.
+
+        Returns:
+            Whether the plant was stepped.
+
+        Raises:
+            FirmwareError: the firmware speaks another protocol.
+            FirmwareRestartedError: it has ended, or begun anew.
+        """
+
+    def rest(self) -> None:
+        """Time stands still: take what arrives meanwhile; nothing is answered."""
+
+    def close(self) -> None:
+        """Stop; may be called twice."""
+
+
+class Readings(NamedTuple):
+    """What the sensors say at one tick."""
+
+    imu: ImuSample
+    baro: BaroSample | None
+    mag: MagSample | None
+    fix: GnssFix | None
+
+
+def sensors_of(plant: Plant) -> SensorSuite:
+    """The sensors that a firmware is to fly on.
+
+    Raises:
+        SitlInputError: there are none.
+    """
+    if plant.sensors is None:
+        raise SitlInputError(
+            "aircraft.sensors.kind = 'perfect': a firmware flies on sensors of its own kind and "
+            "takes readings without noise for broken ones; it must be 'realistic'"
+        )
+    return plant.sensors
+
+
+def read(plant: Plant, sensors: SensorSuite) -> Readings:
+    """Read all that is due at this tick."""
+    imu = sensors.imu()
+    if plant.clock.tick < sensors.due:
+        return Readings(imu, None, None, sensors.fix())
+    baro, mag = sensors.slow()
+    return Readings(imu, baro, mag, sensors.fix())

@@ -1,0 +1,154 @@
+"""Simulated time under a firmware: a thread that steps the plant whenever it may and is asked."""
+
+import math
+import threading
+import time
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from flightdyn.plant import Plant
+from flightdyn.state import Kinematics, Moment
+from sitl.firmware.bridge import STALL_S, Bridge
+from sitl.firmware.errors import FirmwareSilentError
+
+_KEPT = 4096  # moments of truth, 80 s
+_PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
+
+
+class Clockwork:
+    """Runs an open bridge in a thread of its own, at a pace, with truth kept for a while.
+
+    Time stands still unless `run` was called last. All but `run`, `rest` and `stop` may be called
+    at any time from any thread.
+    """
+
+    def __init__(self, bridge: Bridge, *, speed: float, patience_s: float = STALL_S) -> None:
+        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks.
+
+        A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
+        """
+        self.plant: Plant = bridge.plant
+        self._bridge = bridge
+        self._speed, self._patience_s = speed, patience_s
+        self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
+        self._moments: deque[Moment] = deque(maxlen=_KEPT)
+        self._may_run = threading.Event()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
+        self.error: BaseException | None = None
+        self._keep()
+
+    def start(self) -> None:
+        """Begin; time stands still until `run`."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and close the bridge."""
+        self._ended.set()
+        self._may_run.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._bridge.close()
+
+    def run(self) -> None:
+        """Let time go on."""
+        self._may_run.set()
+
+    def rest(self) -> None:
+        """Let time stand still."""
+        self._may_run.clear()
+
+    @contextmanager
+    def going(self) -> Iterator[None]:
+        """Time goes on inside the block and stands still after it."""
+        self.run()
+        try:
+            yield
+        finally:
+            self.rest()
+
+    @property
+    def running(self) -> bool:
+        """Whether time goes on."""
+        return self._may_run.is_set()
+
+    def at_wall_pace(self, seconds: float) -> None:
+        """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""
+        self._slow_until = time.monotonic() + seconds
+
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery, while time stands still."""
+        self.plant.exchange_battery(armed=False)
+        self._keep()
+
+    @property
+    def now(self) -> Moment:
+        """The newest truth, a guidance interval old at most."""
+        return self._moments[-1]
+
+    def at(self, t_ns: int) -> Moment:
+        """The truth at an instant: between moments by both, else by the nearest one's velocity."""
+        moments = list(self._moments)
+        index = bisect_left(moments, t_ns, key=_instant)
+        before, after = moments[max(index - 1, 0)], moments[min(index, len(moments) - 1)]
+        a, b = before.kinematics, after.kinematics
+        if after is before:
+            since_s = (t_ns - a.t_ns) * 1e-9
+            place, speed, nearer = a.pos_ned_m + since_s * a.vel_ned_mps, a.vel_ned_mps, before
+        else:
+            share = (t_ns - a.t_ns) / (b.t_ns - a.t_ns)
+            place = a.pos_ned_m + share * (b.pos_ned_m - a.pos_ned_m)
+            speed = a.vel_ned_mps + share * (b.vel_ned_mps - a.vel_ned_mps)
+            nearer = after if share > 0.5 else before
+        turned = nearer.kinematics
+        between = Kinematics(t_ns, place, speed, turned.q_frd_to_ned, turned.omega_frd_radps)
+        return Moment(between, nearer.battery, nearer.wind_ned_mps)
+
+    def _keep(self) -> None:
+        plant = self.plant
+        self._moments.append(Moment(plant.truth, plant.battery, plant.wind_ned_mps))
+
+    def _turn(self) -> None:
+        try:
+            self._run_until_stopped()
+        except BaseException as error:  # handed over to whoever waits for the vehicle
+            self.error = error
+
+    def _run_until_stopped(self) -> None:
+        bridge, plant = self._bridge, self.plant
+        clock, interval, tick = plant.clock, plant.interval, bridge.tick
+        asked_s = paced_s = time.monotonic()
+        while not self._ended.is_set():
+            if not self._may_run.is_set():
+                bridge.rest()
+                asked_s = paced_s = time.monotonic()
+                continue
+            if tick():
+                if clock.tick % interval == 0:
+                    self._keep()
+                    asked_s = time.monotonic()
+                    paced_s = self._keep_pace(paced_s, asked_s)
+            elif not bridge.connected:
+                asked_s = time.monotonic()
+            elif time.monotonic() - asked_s > self._patience_s:
+                raise FirmwareSilentError(
+                    f"the firmware has asked for nothing for {self._patience_s:g} s at t "
+                    f"{plant.t_ns / 1e9:.2f} s"
+                )
+
+    def _keep_pace(self, due_s: float, now_s: float) -> float:
+        """Sleep as the pace asks; returns when the next interval is due."""
+        speed = min(self._speed, 1.0) if now_s < self._slow_until else self._speed
+        if math.isinf(speed):
+            return now_s
+        # A machine that falls behind does not rush afterwards.
+        due_s = max(due_s, now_s - _PAUSE_S) + self.plant.interval * self.plant.dt_ns * 1e-9 / speed
+        if due_s > now_s:
+            time.sleep(due_s - now_s)
+        return due_s
+
+
+def _instant(moment: Moment) -> int:
+    return moment.kinematics.t_ns

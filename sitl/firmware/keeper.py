@@ -1,0 +1,42 @@
+"""Runs one program and ends it, with all that it started, when the keeper's own parent is gone.
+
+Started as a file by `sitl.firmware.process`, with nothing but the standard library: standard
+input is a pipe that the parent holds, and it ends however the parent ends, killed or not.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+
+GRACE_S = 3.0
+
+
+def main(argv: list[str]) -> int:
+    """Run `argv`; its exit code, or 128 + signal."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # meant for the parent, whose end ends this too
+    program = subprocess.Popen(argv, stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def end_with_parent() -> None:
+        while os.read(0, 64):
+            pass
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            try:
+                os.killpg(program.pid, number)
+                program.wait(GRACE_S)
+            except (ProcessLookupError, subprocess.TimeoutExpired):
+                continue
+
+    watcher = threading.Thread(target=end_with_parent, daemon=True)
+    watcher.start()
+    code = program.wait()
+    with suppress(ProcessLookupError):
+        os.killpg(program.pid, signal.SIGKILL)  # whatever it has left behind
+    return code if code >= 0 else 128 - code
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

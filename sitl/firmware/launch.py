@@ -1,0 +1,92 @@
+"""How a firmware is started for a bridge, whichever it is."""
+
+import os
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flightdyn.plant import Plant
+from sitl.config import VehicleConfig
+from sitl.firmware.bridge import Bridge
+from sitl.firmware.process import FirmwareProcess
+from sitl.firmware.sockets import bound
+
+# The airframe's motors as firmwares describe them: of a duty cycle u they give the thrust
+# c u^2 + (1 - c) u, 1 being 22.9 N a rotor at a full battery, and 3.9 N carry the aircraft.
+THRUST_CURVE = 0.82
+HOVER_THRUST = 0.17
+
+
+@dataclass(frozen=True)
+class Ports:
+    """UDP ports on this machine that MAVLink goes between."""
+
+    ours: int
+    firmware: int
+
+    @classmethod
+    def to(cls, link: socket.socket) -> "Ports":
+        """To the socket `link` from a port that is free."""
+        with bound(socket.SOCK_DGRAM, 0) as free:
+            return cls(link.getsockname()[1], free.getsockname()[1])
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a firmware is started for."""
+
+    vehicle: VehicleConfig
+    ports: Ports
+    speed_mps: float  # the fastest of the mission
+
+
+@dataclass(frozen=True)
+class Launch:
+    """A firmware that is about to be started, and the bridge that waits for it."""
+
+    bridge: Bridge
+    argv: tuple[str, ...]
+    files: Mapping[str, str]  # text by name, for its folder
+    env: Mapping[str, str] = field(default_factory=dict)
+    own_scripts: bool = False  # found in its folder before the firmware's own
+
+    def start(self, folder: Path) -> FirmwareProcess:
+        """Make `folder` with the files in it, and start the firmware there.
+
+        Raises:
+            FirmwareSilentError: it cannot be started.
+            OSError: the folder exists or cannot be written.
+        """
+        folder.mkdir()
+        for name, text in self.files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        env = dict(self.env)
+        if self.own_scripts:
+            env["PATH"] = f"{folder}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
+        return FirmwareProcess(self.argv, folder, env)
+
+
+def plant_rate_hz(vehicle: VehicleConfig) -> int:
+    """At how many ticks a second the firmware has the plant stepped."""
+    if vehicle.autopilot == "ardupilot":
+        from sitl.firmware.ardupilot import RATE_HZ
+
+        return max(vehicle.aircraft.physics_hz, RATE_HZ)
+    return vehicle.aircraft.physics_hz
+
+
+def prepare(order: Order, plant: Plant) -> Launch:
+    """Open the bridge and put together how the firmware is started.
+
+    Raises:
+        LinkError: no port can be had.
+        FirmwareSilentError: the binary, or what belongs to it, is not there.
+    """
+    if order.vehicle.autopilot == "px4":
+        from sitl.firmware.px4_start import px4_launch
+
+        return px4_launch(order, plant)
+    from sitl.firmware.ardupilot_start import ardupilot_launch
+
+    return ardupilot_launch(order, plant)

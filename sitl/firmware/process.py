@@ -1,0 +1,83 @@
+"""A firmware as a process: started in a folder of its own, its console kept, ended for certain."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from sitl.firmware import keeper
+from sitl.firmware.errors import FirmwareSilentError
+
+CONSOLE = "console.log"
+_END_S = 2 * keeper.GRACE_S + 2.0
+
+
+def check_binary(path: Path) -> None:
+    """Refuse what cannot be started.
+
+    Raises:
+        FirmwareSilentError: there is no such file, or it may not be executed.
+    """
+    if not path.is_file():
+        raise FirmwareSilentError(f"vehicle.firmware.path = {path}: no such file")
+    if not os.access(path, os.X_OK):
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {path}: may not be executed (chmod +x it, or give the "
+            "firmware's binary)"
+        )
+
+
+class FirmwareProcess:
+    """A running firmware. It ends with this process, however that ends."""
+
+    def __init__(self, argv: Sequence[str], folder: Path, env: Mapping[str, str]) -> None:
+        """Start `argv` in `folder`, with `env` added to the environment.
+
+        Raises:
+            FirmwareSilentError: it cannot be started.
+        """
+        self.console = folder / CONSOLE
+        self._name = Path(argv[0]).name
+        command = [sys.executable, "-I", "-S", keeper.__file__, *argv]
+        try:
+            with self.console.open("wb") as console:
+                self._keeper = subprocess.Popen(
+                    command,
+                    cwd=folder,
+                    env={**os.environ, **env},
+                    stdin=subprocess.PIPE,
+                    stdout=console,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,  # out of reach of a Ctrl-C at the terminal
+                )
+        except OSError as error:
+            raise FirmwareSilentError(f"{argv[0]}: cannot be started: {error.strerror}") from None
+
+    @property
+    def died(self) -> str:
+        """How it ended by itself; empty while it runs."""
+        code = self._keeper.poll()
+        return "" if code is None else f"{self._name} has ended with exit code {code}"
+
+    def last_words(self, lines: int = 5) -> str:
+        """The last lines of its console, joined; empty where it said nothing."""
+        try:
+            with self.console.open("rb") as console:
+                console.seek(0, os.SEEK_END)
+                console.seek(max(0, console.tell() - 4096))
+                text = console.read().decode(errors="replace")
+        except OSError:
+            return ""
+        said = [line.strip() for line in text.splitlines() if line.strip()]
+        return " | ".join("".join(c for c in line if c.isprintable()) for line in said[-lines:])
+
+    def stop(self) -> None:
+        """End it, by force where it does not end by itself; may be called twice."""
+        if self._keeper.stdin is not None and not self._keeper.stdin.closed:
+            self._keeper.stdin.close()
+        try:
+            self._keeper.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._keeper.kill()
+            self._keeper.wait()

@@ -1,0 +1,157 @@
+"""PX4 as it is started for our aircraft: by its own start-up script, with two of its hooks."""
+
+import fcntl
+import math
+import os
+import shlex
+from pathlib import Path
+
+from flightdyn.airframe.parameters import Airframe
+from flightdyn.config import LimitsConfig
+from flightdyn.plant import Plant
+from sitl.errors import LinkError
+from sitl.firmware.errors import FirmwareSilentError
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
+from sitl.firmware.process import check_binary
+from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
+
+# A PX4 is known on a machine by its instance; the lower ones are for people who start it by hand.
+INSTANCES = range(40, 240)
+_LOCK = "/tmp/px4_lock-{}"
+_MODEL = "none_iris"  # PX4's airframe for a simulator that it is not told about
+_STREAMS_HZ = {
+    "HEARTBEAT": 1, "SYS_STATUS": 2, "STATUSTEXT": 20, "ATTITUDE": 10, "ATTITUDE_QUATERNION": 10,
+    "GLOBAL_POSITION_INT": 20, "GPS_RAW_INT": 2, "HOME_POSITION": 1, "EXTENDED_SYS_STATE": 5,
+    "BATTERY_STATUS": 1, "ESTIMATOR_STATUS": 1, "VFR_HUD": 4,
+}  # fmt: skip
+
+
+def px4_launch(order: Order, plant: Plant) -> Launch:
+    """Open a bridge under a free instance.
+
+    Raises:
+        LinkError: no instance is free.
+        FirmwareSilentError: there is no binary, or no etc folder beside its own.
+    """
+    binary = order.vehicle.firmware.path
+    assert binary is not None
+    check_binary(binary)
+    etc = binary.resolve().parent.parent / "etc"
+    if not (etc / "init.d-posix" / "rcS").is_file():
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {binary}: no PX4: {etc}/init.d-posix/rcS is missing, which "
+            "PX4's build puts beside the folder of its binary"
+        )
+    instance, bridge = _free_instance(plant)
+    argv = (
+        str(binary.resolve()), "-d", "-i", str(instance), str(etc), "-w", ".",
+        *order.vehicle.firmware.arguments,
+    )  # fmt: skip
+    return Launch(
+        bridge,
+        argv,
+        files={"px4-rc.params": _parameters(order, plant), "px4-rc.mavlink": _mavlink(order)},
+        env={"PX4_SIM_MODEL": _MODEL},
+        own_scripts=True,
+    )
+
+
+def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:
+    """An instance nobody uses: whoever listens on its port has it."""
+    for instance in INSTANCES:
+        if _locked(Path(_LOCK.format(instance))):
+            continue
+        bridge = Px4Bridge(plant, port=DEFAULT_PORT + instance)
+        try:
+            bridge.open()
+        except LinkError:
+            continue
+        return instance, bridge
+    first, last = INSTANCES[0] + DEFAULT_PORT, INSTANCES[-1] + DEFAULT_PORT
+    raise LinkError(f"no TCP port from {first} to {last} is free for another PX4")
+
+
+def _locked(path: Path) -> bool:
+    """Whether a PX4 holds this lock."""
+    try:
+        lock = os.open(path, os.O_RDWR)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True  # somebody else's
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(lock)
+    return False
+
+
+def _mavlink(order: Order) -> str:
+    port = order.ports.firmware
+    start = f"mavlink start -x -u {port} -r 4000000 -f -m custom -o {order.ports.ours}"
+    streams = (f"mavlink stream -u {port} -s {k} -r {v}" for k, v in _STREAMS_HZ.items())
+    return "\n".join(("#!/bin/sh", start, *streams, ""))
+
+
+def _parameters(order: Order, plant: Plant) -> str:
+    vehicle = order.vehicle
+    values: dict[str, float] = {"MAV_SYS_ID": vehicle.system_id, **fitting(order, plant)}
+    values |= vehicle.firmware.parameters
+    return "\n".join(
+        ("#!/bin/sh", *(f"param set {shlex.quote(k)} {_number(v)}" for k, v in values.items()), "")
+    )
+
+
+def _number(value: float) -> str:
+    """As `param set` reads it, which takes no decimal point for an integer's parameter."""
+    return str(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def fitting(order: Order, plant: Plant) -> dict[str, float]:
+    """PX4's parameters that say what it flies: the airframe, its sensors and the limits."""
+    aircraft = order.vehicle.aircraft
+    limits, gnss = aircraft.limits, aircraft.sensors.gnss
+    fast = min(20.0, max(limits.speed_mps, order.speed_mps))  # PX4 takes 20 m/s at most
+    return {
+        **_geometry(plant.vehicle.airframe),
+        "THR_MDL_FAC": THRUST_CURVE,
+        "EKF2_GPS_DELAY": round(gnss.delay_s * 1e3),
+        # The receiver's error drifts more at rest than PX4 lets pass before take-off; the checks
+        # of satellites, accuracy and speed stay.
+        "EKF2_GPS_CHECK": 0b0000011111,
+        "MPC_XY_VEL_MAX": fast,
+        "MPC_XY_CRUISE": min(fast, order.speed_mps),
+        "MPC_ACC_HOR": min(max(limits.acceleration_mps2, 2.0), 15.0),
+        "MPC_JERK_AUTO": _jerk(limits),
+        "MPC_TILTMAX_AIR": min(max(limits.tilt_deg, 20.0), 89.0),
+        "MPC_Z_VEL_MAX_UP": limits.climb_mps,
+        "MPC_Z_V_AUTO_UP": limits.climb_mps,
+        "MPC_Z_VEL_MAX_DN": min(limits.descent_mps, 4.0),
+        "MPC_Z_V_AUTO_DN": min(limits.descent_mps, 4.0),
+        "MPC_THR_HOVER": HOVER_THRUST,
+        "SIM_BAT_ENABLE": 0,  # the aircraft's own battery is reported to it
+        # A battery that is reported says nothing of the flight time left, which PX4 takes for none.
+        "COM_FLTT_LOW_ACT": 0,
+        "SDLOG_MODE": -1,  # the run's own log holds the flight
+    }
+
+
+def _jerk(limits: LimitsConfig) -> float:
+    """By what acceleration may change along a mission, in the range that PX4 takes."""
+    return min(max(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 1.0), 80.0)
+
+
+def _geometry(airframe: Airframe) -> dict[str, float]:
+    """Rotors in PX4's order, which is the airframe's: arms at 45 degrees."""
+    arm = airframe.arm_m / math.sqrt(2)
+    places = ((arm, arm, 1), (-arm, -arm, 1), (arm, -arm, -1), (-arm, arm, -1))
+    values: dict[str, float] = {}
+    for rotor, (x, y, turns) in enumerate(places):
+        values |= {
+            f"CA_ROTOR{rotor}_PX": x,
+            f"CA_ROTOR{rotor}_PY": y,
+            f"CA_ROTOR{rotor}_KM": turns * airframe.torque_per_thrust_m,
+        }
+    return values

@@ -1,0 +1,169 @@
+"""Our aircraft under a firmware: its process, the bridge, simulated time and the relay together."""
+
+import asyncio
+import socket
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from flightdyn.plant import Plant
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from sitl.config import VehicleConfig
+from sitl.firmware.clockwork import Clockwork
+from sitl.firmware.errors import FirmwareError, FirmwareSilentError
+from sitl.firmware.frames import Writer
+from sitl.firmware.launch import Order, Ports, plant_rate_hz, prepare
+from sitl.firmware.process import FirmwareProcess
+from sitl.firmware.relay import Hear, Relay
+from sitl.firmware.sockets import bound
+from sitl.links import Link
+
+_LOOK_S = 0.05  # wall time between looks whether all is well
+_GNSS_SWITCH = "SIM_GPS1_ENABLE"  # ArduPilot's; its JSON interface cannot leave positions out
+
+
+def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams) -> Plant:
+    """The configured aircraft on the ground at `home`, at the rate that its firmware asks for.
+
+    Raises:
+        FlightInputError: an interval of the configuration is no whole number of ticks.
+    """
+    rate = {"physics_hz": plant_rate_hz(vehicle)}
+    return Plant(vehicle.aircraft.model_copy(update=rate), home=home, streams=streams)
+
+
+class FirmwareVehicle:
+    """A firmware that flies a plant: an asynchronous context manager.
+
+    Time stands still in it until `clock.run`. Whatever goes wrong with the firmware ends the
+    block: it is cancelled, and leaving it raises what was wrong.
+    """
+
+    clock: Clockwork
+    relay: Relay
+    process: FirmwareProcess
+
+    def __init__(
+        self,
+        vehicle: VehicleConfig,
+        plant: Plant,
+        folder: Path,
+        links: Sequence[Link],
+        *,
+        mission_speed_mps: float,
+        speed: float,
+        hear: Hear,
+        heard: frozenset[int],
+    ) -> None:
+        """Nothing is opened yet.
+
+        `folder` is made for the firmware to live in. Ground stations are behind `links`;
+        `hear` gets the vehicle's messages whose numbers are in `heard`. `speed` is in simulated
+        seconds per second at most; infinite: as fast as it goes.
+        """
+        self.plant = plant
+        self._vehicle = vehicle
+        self._folder = folder
+        self._links = links
+        self._mission_speed_mps = mission_speed_mps
+        self._speed = speed
+        self._hear, self._heard = hear, heard
+        self._writer = Writer(vehicle.system_id)
+        self._gnss_on = True
+        self._open = AsyncExitStack()
+        self._body: asyncio.Task[object] | None = None
+        self._error: BaseException | None = None
+
+    async def __aenter__(self) -> Self:
+        """Open bridge, links and relay and start the firmware.
+
+        Raises:
+            LinkError: a port or link cannot be had.
+            FirmwareSilentError: the firmware cannot be started.
+        """
+        async with AsyncExitStack() as opened:
+            sock = bound(socket.SOCK_DGRAM, 0)
+            opened.callback(sock.close)
+            order = Order(self._vehicle, Ports.to(sock), self._mission_speed_mps)
+            launch = prepare(order, self.plant)
+            self.clock = Clockwork(launch.bridge, speed=self._speed)
+            opened.callback(self.clock.stop)
+            self.relay = Relay(
+                sock,
+                self._links,
+                asked=self.clock.at_wall_pace,
+                each_second=self._battery,
+                hear=self._hear,
+                heard=self._heard,
+            )
+            await opened.enter_async_context(self.relay)
+            self.process = launch.start(self._folder)
+            opened.callback(self.process.stop)
+            self.clock.start()
+            self._body = asyncio.current_task()
+            watch = asyncio.create_task(self._watch(), name="firmware watch")
+            opened.push_async_callback(_ended, watch)
+            self._open = opened.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        body, self._body = self._body, None
+        await self._open.aclose()
+        if self._error is not None:
+            if body is not None:
+                body.uncancel()
+            raise self._error
+
+    async def _watch(self) -> None:
+        """See that all is well, and switch ArduPilot's receiver off and on with ours."""
+        while self._error is None:
+            await asyncio.sleep(_LOOK_S)
+            self._error = self._failure()
+            if self._vehicle.autopilot == "ardupilot":
+                self._switch_gnss()
+        if self._body is not None:
+            self._body.cancel()
+
+    def _battery(self) -> bytes:
+        """PX4 takes the battery of another component for its own; ArduPilot takes none."""
+        if self._vehicle.autopilot == "ardupilot":
+            return b""
+        return self._writer.battery(self.clock.now.battery)
+
+    def _switch_gnss(self) -> None:
+        sensors = self.plant.sensors
+        if sensors is not None and sensors.receiver.on != self._gnss_on:
+            self._gnss_on = sensors.receiver.on
+            self.relay.to_firmware(self._writer.parameter(_GNSS_SWITCH, float(self._gnss_on)))
+
+    def _failure(self) -> BaseException | None:
+        """What has gone wrong; the console's last lines go with it."""
+        error, died = self.clock.error, self.process.died
+        if error is not None and not isinstance(error, FirmwareError):
+            return error
+        if self.plant.impact_mps is not None:
+            return FirmwareError(
+                f"the aircraft is lost: it hit the ground at {self.plant.impact_mps:.1f} m/s"
+            )
+        if died:
+            return FirmwareSilentError(self._with_last_words(died))
+        if error is not None:
+            return type(error)(self._with_last_words(str(error)))
+        return None
+
+    def _with_last_words(self, text: str) -> str:
+        said = self.process.last_words()
+        return f"{text}; its console ended with: {said}" if said else text
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

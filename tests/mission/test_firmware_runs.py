@@ -1,0 +1,172 @@
+"""Runs flown by a firmware: what is refused, what a bad firmware ends in, and real ones.
+
+Real binaries fly where AEROFED_PX4 or AEROFED_ARDUCOPTER names one.
+"""
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.cli import call
+
+SMALL = (
+    "--set", "mission.steps=6",
+    "--set", "mission.path_budget_m=300",
+    "--set", "communities.0.devices=3",
+    "--set", "communities.1.devices=3",
+    "--set", "learning.local_epochs=1",
+    "--quiet",
+)  # fmt: skip
+REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
+
+
+def fly(out: Path, autopilot: str, binary: Path, *more: str) -> int:
+    firmware = (f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={binary}")
+    keys = [word for key in firmware for word in ("--set", key)]
+    return call(["run", "--out", str(out), *SMALL, *keys, *more])
+
+
+def stand_in(folder: Path, text: str) -> Path:
+    """A shell script that is taken for PX4's binary."""
+    (folder / "bin").mkdir()
+    rcs = folder / "etc" / "init.d-posix" / "rcS"
+    rcs.parent.mkdir(parents=True)
+    rcs.write_text("")
+    binary = folder / "bin" / "px4"
+    binary.write_text(f"#!/bin/sh\n{text}\n")
+    binary.chmod(0o755)
+    return binary
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (("vehicle.autopilot=px4",), "needs firmware.path"),
+        (("vehicle.firmware.path=px4",), "autopilot = 'built-in' flies"),
+        (
+            ("vehicle.autopilot=px4", "vehicle.firmware.path=px4",
+             "vehicle.parameters.NAV_ACC_RAD=3"),
+            "under firmware.parameters",
+        ),
+        (
+            ("vehicle.autopilot=px4", "vehicle.firmware.path=px4",
+             "vehicle.aircraft.sensors.kind=perfect"),
+            "must be 'realistic'",
+        ),
+        (("vehicle.autopilot=betaflight",), "must be one of 'built-in', 'px4', 'ardupilot'"),
+    ],
+)  # fmt: skip
+def test_settings_that_do_not_fit_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: tuple[str, ...], said: str
+) -> None:
+    words = [word for key in keys for word in ("--set", key)]
+    assert call(["run", "--out", str(tmp_path / "out"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [["sitl"], ["fly", "survey.plan"]])
+def test_commands_of_the_built_in_autopilot_take_no_firmware(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    plan = tmp_path / "survey.waypoints"
+    plan.write_text("QGC WPL 110\n0\t1\t3\t16\t0\t5\t0\t0\t47.4\t8.5\t30\t1\n")
+    words = [str(plan) if word == "survey.plan" else word for word in command]
+    keys = ("--set", "vehicle.autopilot=px4", "--set", "vehicle.firmware.path=px4")
+    assert call([*words, *keys]) == 2
+    assert "the built-in autopilot flies" in capsys.readouterr().err
+
+
+def test_a_missing_binary_ends_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fly(tmp_path / "out", "px4", tmp_path / "px4") == 5
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_binary_without_its_scripts_is_no_px4(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    binary = stand_in(tmp_path, "exit 0")
+    (tmp_path / "etc" / "init.d-posix" / "rcS").unlink()
+    assert fly(tmp_path / "out", "px4", binary) == 5
+    assert "rcS is missing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_firmware_that_dies_is_reported_with_its_last_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str
+) -> None:
+    binary = stand_in(tmp_path, "echo cannot find the gyroscope; exit 3")
+    assert fly(tmp_path / "out", autopilot, binary) == 5
+    error = capsys.readouterr().err
+    assert "px4 has ended with exit code 3" in error
+    assert "its console ended with: cannot find the gyroscope" in error
+    assert error.count("\n") == 1
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert (tmp_path / "out" / "firmware" / "console.log").is_file()
+
+
+def test_a_program_that_never_speaks_ends_the_run_in_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    binary = stand_in(tmp_path, "exec sleep 900")
+    short = ("--set", "link.connect_timeout_s=1")
+    assert fly(tmp_path / "out", "px4", binary, *short) == 5
+    assert "no vehicle answered" in capsys.readouterr().err
+
+
+def real(autopilot: str) -> Path:
+    named = os.environ.get(REAL[autopilot])
+    if not named:
+        pytest.skip(f"needs a real {autopilot} binary in {REAL[autopilot]}")
+    return Path(named)
+
+
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_flies_rounds(tmp_path: Path, autopilot: str) -> None:
+    out = tmp_path / "out"
+    assert fly(out, autopilot, real(autopilot), "--rounds", "2") == 0
+    with (out / "uplinks.csv").open(newline="") as file:
+        uplinks = list(csv.DictReader(file))
+    assert uplinks
+    places = {
+        kind: np.array([[float(u[f"{kind}_x_m"]), float(u[f"{kind}_y_m"])] for u in uplinks])
+        for kind in ("plan", "est", "true")
+    }
+    apart = np.linalg.norm(places["true"] - places["est"], axis=1)
+    assert 0.01 < apart.mean() < 5.0  # belief is not the truth, and not far from it
+    assert np.linalg.norm(places["true"] - places["plan"], axis=1).max() < 15.0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "finished"
+    assert not [p for p in Path("/proc").glob("[0-9]*") if str(out) in _cwd(p)]
+
+
+def _cwd(process: Path) -> str:
+    try:
+        return str((process / "cwd").readlink())
+    except OSError:
+        return ""
+
+
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_that_does_not_know_a_parameter_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str
+) -> None:
+    unknown = ("--set", "vehicle.firmware.parameters.NO_SUCH=1")
+    assert fly(tmp_path / "out", autopilot, real(autopilot), *unknown) == 4
+    assert "NO_SUCH = 1: the firmware did not take it" in capsys.readouterr().err
+
+
+def test_another_autopilot_than_was_asked_for_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = fly(tmp_path / "out", "ardupilot", real("px4"))
+    assert code in (4, 5)
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,102 @@
+"""What the C code must not be given is refused before it is."""
+
+import numpy as np
+import pytest
+
+from fl.native import library as learning
+from mission.planner.native import library as planner
+from native.loading import address
+
+NET = learning.Network((6, 6, 1), (2,), (3,), (1,), (4,), 2 * 10 + 4 * 19)
+WEIGHTS = np.zeros(NET.parameters, np.float32)
+
+
+def images(count=5, **changes):
+    given = {
+        "pixels": np.zeros((count, 6, 6, 1), np.uint8),
+        "labels": np.zeros(count, np.int64),
+        "scale": np.ones(1, np.float32),
+        "shift": np.zeros(1, np.float32),
+    }
+    return learning.Images(**{**given, **changes})
+
+
+@pytest.mark.parametrize(
+    ("array", "dtype", "shape", "written"),
+    [
+        (np.zeros(3, np.float32), np.float64, (3,), False),
+        (np.zeros(3), np.float64, (4,), False),
+        (np.zeros(6)[::2], np.float64, (3,), False),
+        (np.zeros((3, 2)).T, np.float64, (2, 3), False),
+        (np.frombuffer(bytes(24)), np.float64, (3,), True),
+    ],
+)
+def test_an_array_that_is_not_what_it_should_be(array, dtype, shape, written):
+    with pytest.raises(ValueError, match="the native code takes a contiguous array of"):
+        address(array, dtype, shape, written=written)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pixels": np.zeros((5, 6, 7, 1), np.uint8)},
+        {"pixels": np.zeros((5, 6, 6, 1))},
+        {"labels": np.array([0, 1, 2, 3, 4])},
+        {"labels": np.array([0, 1, 2, 3, -1])},
+        {"labels": np.zeros(4, np.int64)},
+        {"scale": np.ones(2, np.float32)},
+    ],
+)
+def test_images_that_do_not_fit(changes):
+    with pytest.raises(ValueError, match=r"labels must be|the native code takes"):
+        learning.count_correct(NET, images(**changes), WEIGHTS)
+
+
+@pytest.mark.parametrize("order", [[[5]], [[-1]], np.empty((0, 1))])
+def test_an_order_of_images_that_are_not_there(order):
+    with pytest.raises(ValueError, match="every step needs images"):
+        learning.train(
+            NET, images(), np.array(order, np.int64), WEIGHTS, correction=None,
+            rates=(0.1, 0.9, 0.0),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        ((6, 6, 1), (2,), (4,), (1,), (4,)),
+        ((6, 6, 1), (2,), (3,), (3,), (4,)),
+        ((6, 6, 1), (2, 2), (3,), (1,), (4,)),
+        ((6, 6, 1), (2,) * 9, (3,) * 9, (1,) * 9, (4,)),
+        ((6, 6, 1), (2,), (3,), (1,), ()),
+        ((2, 2, 1), (2,), (5,), (0,), (4,)),
+    ],
+)
+def test_a_network_that_the_code_cannot_do(sizes):
+    with pytest.raises(ValueError, match=r"blocks and|each block|not a network"):
+        learning.Network(*sizes, 100)
+
+
+def test_a_network_counts_its_parameters_right():
+    with pytest.raises(ValueError, match="96 parameters, not 100"):
+        learning.Network((6, 6, 1), (2,), (3,), (1,), (4,), 100)
+
+
+def devices(count):
+    return planner.Devices(np.zeros((count, 2)), np.ones(count), np.zeros((3, 3)))
+
+
+def test_problems_that_the_search_cannot_take():
+    limits = planner.Limits(3, 1, 100.0)
+    plan = {"way": np.zeros((3, 2)), "assigned": np.zeros(41, np.int64)}
+    with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
+        planner.search(
+            devices(41), limits, None, gap=0.1, max_nodes=1, max_open=1, value=1.0, **plan
+        )
+    for bad in (planner.Limits(1, 1, 1.0), planner.Limits(2, 0, 1.0), planner.Limits(2, 1, 0.0)):
+        with pytest.raises(ValueError, match="nothing to move for"):
+            planner.explore(devices(2), bad, starts=1, tries=1)
+    with pytest.raises(ValueError, match="no device"):
+        planner.explore(devices(0), limits, starts=1, tries=1)
+    with pytest.raises(ValueError, match="must be finite"):
+        planner.assign(np.array([[np.nan]]), 1)

@@ -1,0 +1,105 @@
+"""Libraries are built where there is a compiler, anew where sources change, and asked for else."""
+
+import importlib.util
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from native import building, loading
+from native.building import BuildError
+from native.errors import LibraryError
+
+
+@pytest.fixture
+def library(tmp_path):
+    """A copy of the planner's sources, without a library."""
+    original = building.LIBRARIES[1]
+    folder = tmp_path / "native"
+    shutil.copytree(original.folder, folder, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    return replace(original, folder=folder)
+
+
+@pytest.fixture
+def no_compiler(monkeypatch, tmp_path):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+
+
+def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
+    loading.load(library)
+    first = library.built
+    assert len(first) == 1
+    loading.load(library)
+    assert library.built == first
+    with (library.folder / "rewards.h").open("a") as file:
+        file.write("/* changed */\n")
+    changed = replace(library)
+    loading.load(changed)
+    assert changed.built != first
+    assert len(changed.built) == 1
+
+
+def test_without_sources_the_library_is_taken_as_it_is(library):
+    path = building.build(library)
+    for source in (*library.folder.glob("*.c"), *library.folder.glob("*.h")):
+        source.unlink()
+    installed = replace(library)
+    assert not installed.has_sources
+    loading.load(installed)
+    path.unlink()
+    with pytest.raises(LibraryError, match="holds no library; install aerofed anew"):
+        loading.load(installed)
+
+
+@pytest.mark.usefixtures("no_compiler")
+def test_without_a_compiler_one_line_says_what_helps(library):
+    with pytest.raises(
+        LibraryError, match=r"no C compiler .*: install one .* or `pip install"
+    ) as e:
+        loading.load(library)
+    assert "\n" not in str(e.value)
+    assert list(library.folder.glob(".build-*")) == []
+
+
+def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(library):
+    (library.folder / "rewards.h").write_text("no C\n")
+    with pytest.raises(BuildError, match=r"rewards\.h:1:1: error: "):
+        building.build(library)
+    assert library.built == []
+
+
+def test_cc_names_the_compiler(monkeypatch):
+    monkeypatch.setenv("CC", "/no/such/compiler -m64")
+    assert list(building.compilers()) == []
+
+
+class _Hook:
+    def __init__(self, *_):
+        pass
+
+
+def build_hook(monkeypatch):
+    """`hatch_build.py`, whose base class need not be installed."""
+    interface = type(sys)("hatchling.builders.hooks.plugin.interface")
+    interface.BuildHookInterface = _Hook
+    parts = interface.__name__.split(".")
+    for end in range(1, len(parts)):
+        name = ".".join(parts[:end])
+        monkeypatch.setitem(sys.modules, name, type(sys)(name))
+    monkeypatch.setitem(sys.modules, interface.__name__, interface)
+    path = building.ROOT / "hatch_build.py"
+    spec = importlib.util.spec_from_file_location("hatch_build", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.NativeBuildHook(Path())
+
+
+def test_the_build_asks_for_a_compiler_only_where_there_is_none(monkeypatch, tmp_path):
+    hook = build_hook(monkeypatch)
+    assert hook.dependencies() == []
+    monkeypatch.setenv("CC", str(tmp_path / "none"))
+    assert hook.dependencies() == [building.ZIG]

@@ -1,0 +1,129 @@
+"""The bridge to ArduPilot, against what its JSON backend sends and reads."""
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from firmware_stand_ins import ArduPilotStandIn, plant
+
+from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
+from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+
+
+@pytest.fixture
+def bridge() -> Iterator[ArduPilotBridge]:
+    bridge = ArduPilotBridge(plant(RATE_HZ), port=0)
+    bridge.open()
+    yield bridge
+    bridge.close()
+
+
+@pytest.fixture
+def ardupilot(bridge: ArduPilotBridge) -> Iterator[ArduPilotStandIn]:
+    stand_in = ArduPilotStandIn(bridge.port)
+    yield stand_in
+    stand_in.close()
+
+
+def test_a_request_is_one_tick_and_one_answer(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    for count in range(5):
+        ardupilot.ask(count)
+        assert bridge.tick()
+        answer = ardupilot.answer()
+        assert answer["timestamp"] == pytest.approx((count + 1) / RATE_HZ)
+    assert answer["imu"]["accel_body"] == pytest.approx([0, 0, -9.8], abs=1.0)
+    assert answer["velocity"] == pytest.approx([0, 0, 0], abs=1.0)
+    assert answer["attitude"][:2] == pytest.approx([0.0, 0.0], abs=0.02)
+    assert math.cos(answer["attitude"][2]) == pytest.approx(1.0)
+    assert answer["no_time_sync"] == 1
+    assert ardupilot.lines() == []
+
+
+def test_nothing_is_stepped_without_a_request(bridge: ArduPilotBridge) -> None:
+    assert not bridge.tick()
+    assert bridge.plant.clock.tick == 0
+
+
+def test_a_repeated_request_is_answered_again_without_a_step(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    ardupilot.ask(7)
+    bridge.tick()
+    ardupilot.ask(7)
+    assert not bridge.tick()
+    first, again = ardupilot.lines()
+    assert first == again
+    assert bridge.plant.clock.tick == 1
+
+
+def test_requests_repeated_while_time_stands_still_are_answered_once(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    ardupilot.ask(1)
+    bridge.tick()
+    ardupilot.answer()
+    for _ in range(3):
+        ardupilot.ask(2)
+        bridge.rest()
+    assert ardupilot.lines() == []
+    assert bridge.tick()
+    assert ardupilot.answer()["timestamp"] == pytest.approx(2 / RATE_HZ)
+
+
+def test_positions_have_the_errors_of_receiver_and_barometer(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    for count in range(RATE_HZ):
+        ardupilot.ask(count)
+        bridge.tick()
+        answer = ardupilot.answer()
+    sensors, vehicle = bridge.plant.sensors, bridge.plant.vehicle
+    assert sensors is not None
+    n, e, d = vehicle.position_ned()
+    en, ee, _ = sensors.receiver.error_ned_m
+    assert answer["position"][:2] == pytest.approx([n + en, e + ee], abs=1e-4)
+    assert 0.0 < abs(answer["position"][2] - d) < 1.0
+    vn, ve, vd = vehicle.velocity_ned()
+    un, ue, ud = sensors.receiver.velocity_error_ned_mps
+    assert answer["velocity"] == pytest.approx([vn + un, ve + ue, vd + ud], abs=1e-4)
+
+
+@pytest.mark.parametrize("magic", [18458, 29569])
+def test_pulses_turn_the_motors_in_its_order(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn, magic: int
+) -> None:
+    for count in range(160):
+        ardupilot.ask(count, (1000, 1200, 1400, 1600), magic=magic)
+        bridge.tick()
+    rotors = bridge.plant.vehicle.rotor_speeds_radps()
+    assert rotors[0] == pytest.approx(0.0, abs=1.0)
+    assert 0 < rotors[1] < rotors[2] < rotors[3]
+
+
+@pytest.mark.parametrize(
+    ("request_", "said"),
+    [
+        (b"", "0 bytes"),
+        (b"hello", "5 bytes"),
+        (b"\x00" * 40, "magic number 0"),
+        (b"\x1a\x48" + b"\x00" * 50, "52 bytes with the magic number 18458"),
+    ],
+)
+def test_another_program_on_the_port_is_named(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn, request_: bytes, said: str
+) -> None:
+    ardupilot.send_bytes(request_)
+    with pytest.raises(FirmwareError, match=said):
+        bridge.tick()
+
+
+def test_a_count_that_falls_back_is_a_restart(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    ardupilot.ask(1000)
+    bridge.tick()
+    ardupilot.ask(0)
+    with pytest.raises(FirmwareRestartedError, match="anew"):
+        bridge.tick()

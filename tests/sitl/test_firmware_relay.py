@@ -1,0 +1,148 @@
+"""The relay between a firmware's time and a ground station's."""
+
+import asyncio
+import socket
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.firmware.frames import Frame, Writer, frames
+from sitl.firmware.relay import Relay
+from sitl.firmware.sockets import bound
+from sitl.links import RawLink
+
+
+class Ends:
+    """A firmware's UDP end and a ground station's raw end, with the relay between."""
+
+    def __init__(self) -> None:
+        self.firmware = bound(socket.SOCK_DGRAM, 0)
+        self.firmware.setblocking(False)
+        self.link = RawLink()
+        self.station: list[Frame] = []
+        self.asked: list[float] = []
+        self.heard: list[tuple[str, dict[str, Any]]] = []
+        ours = bound(socket.SOCK_DGRAM, 0)
+        self._to = ours.getsockname()
+        self.relay = Relay(
+            ours,
+            [self.link],
+            asked=self.asked.append,
+            each_second=lambda: b"tick",
+            hear=lambda name, fields: self.heard.append((name, fields)),
+            heard=frozenset({33}),
+        )
+        self._vehicle = mav.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._ground = mav.MAVLink(None, srcSystem=245, srcComponent=190)
+
+    def say(self, *messages: Any) -> None:
+        """From the firmware, in one datagram."""
+        data = b"".join(bytes(message.pack(self._vehicle)) for message in messages)
+        self.firmware.sendto(data, self._to)
+
+    def order(self, message: Any) -> None:
+        """From the ground station."""
+        self.link.feed(bytes(message.pack(self._ground)))
+
+    def at_firmware(self) -> bytes:
+        """What the firmware has been sent since this was asked last."""
+        data = b""
+        while True:
+            try:
+                data += self.firmware.recv(65536)
+            except BlockingIOError:
+                return data
+
+    def numbers(self) -> list[int]:
+        return [frame.number for frame in self.station]
+
+
+HEARTBEAT = mav.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3)
+
+
+def position(ms: int) -> Any:
+    return mav.MAVLink_global_position_int_message(ms, 1, 2, 3, 4, 5, 6, 7, 8)
+
+
+async def until(met: Callable[[], bool]) -> None:
+    while not met():  # noqa: ASYNC110
+        await asyncio.sleep(0.005)
+
+
+def relayed(body: Callable[[Ends], Coroutine[Any, Any, None]]) -> None:
+    async def run() -> None:
+        ends = Ends()
+        ends.link.attach(lambda data: ends.station.extend(frames(data)))
+        async with asyncio.timeout(60), ends.relay:
+            await body(ends)
+        ends.firmware.close()
+
+    asyncio.run(run())
+
+
+def test_the_vehicle_is_heard_while_its_time_stands_still() -> None:
+    async def body(ends: Ends) -> None:
+        ends.say(HEARTBEAT)
+        await until(lambda: ends.numbers().count(0) >= 3)  # and nothing more was said
+        assert len({frame.data for frame in ends.station}) == 1
+
+    relayed(body)
+
+
+def test_a_station_gets_the_newest_of_telemetry_and_all_of_the_rest() -> None:
+    async def body(ends: Ends) -> None:
+        texts = [mav.MAVLink_statustext_message(6, f"line {n}".encode()) for n in range(5)]
+        ends.say(*(position(ms) for ms in range(100)), *texts, position(100))
+        await until(lambda: 33 in ends.numbers())
+        assert ends.numbers().count(253) == 5
+        assert ends.numbers().count(33) == 1
+        assert [fields["time_boot_ms"] for _, fields in ends.heard] == list(range(101))
+
+    relayed(body)
+
+
+def test_the_firmware_hears_the_station_once_a_second_of_its_own() -> None:
+    async def body(ends: Ends) -> None:
+        ends.say(HEARTBEAT)
+        await until(lambda: bool(ends.at_firmware()))
+        ends.order(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+        await until(lambda: len(ends.at_firmware()) > 4)
+        for _ in range(3):
+            ends.say(HEARTBEAT)
+            await until(lambda: ends.at_firmware().count(b"tick") == 1)
+
+    relayed(body)
+
+
+def test_a_station_that_asks_is_noticed_and_its_chatter_is_not() -> None:
+    async def body(ends: Ends) -> None:
+        ends.say(HEARTBEAT)
+        await until(lambda: bool(ends.at_firmware()))
+        ends.order(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+        ends.order(mav.MAVLink_ping_message(0, 0, 0, 0))
+        await until(lambda: len(ends.at_firmware()) > 0)
+        assert ends.asked == []
+        ends.order(mav.MAVLink_mission_count_message(1, 1, 10))
+        await until(lambda: bool(ends.asked))
+
+    relayed(body)
+
+
+def test_junk_between_frames_is_dropped() -> None:
+    out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
+    whole = bytes(HEARTBEAT.pack(out))
+    assert [frame.number for frame in frames(whole + b"junk")] == [0]
+    assert list(frames(b"\xfd")) == []
+    assert list(frames(whole[:-1])) == []
+
+
+def test_the_battery_is_said_as_a_part_of_the_vehicle() -> None:
+    from flightdyn.state import BatteryState
+
+    data = Writer(7).battery(BatteryState(15.2, 11.0, 1234.0, 0.61))
+    (message,) = mav.MAVLink(None).parse_buffer(data)
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (7, 180)
+    assert message.voltages[:5] == [3800] * 4 + [65535]
+    assert (message.current_battery, message.current_consumed) == (1100, 1234)
+    assert message.battery_remaining == 61
