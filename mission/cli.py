@@ -72,12 +72,12 @@ def call(tokens: Sequence[str] | None = None) -> int:
         for line in str(error).splitlines():
             errors.print(f"aerofed: {line}")
         return error.exit_code
-    except LibraryError as error:
-        errors.print(f"aerofed: {error}")
-        return InputError.exit_code
     except MemoryError:
         errors.print("aerofed: out of memory")
         return AerofedError.exit_code
+    except LibraryError as error:
+        errors.print(f"aerofed: {error}")
+        return InputError.exit_code
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED

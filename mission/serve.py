@@ -14,7 +14,7 @@ import numpy as np
 from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
 from mission.area import Area
-from mission.config import RunConfig
+from mission.config import LinkConfig, RunConfig
 from mission.errors import FlightError, InputError, LinkLostError
 from mission.gcs import station_links
 from sitl.errors import LinkError, SitlInputError
@@ -53,8 +53,9 @@ class Served:
     """One vehicle, where it speaks, and what writes its flights."""
 
     vehicle: Vehicle
-    links: tuple[UdpLink, ...]
+    urls: tuple[str, ...]
     logs: "FlightLogs | None"
+    link: LinkConfig
 
 
 def make_vehicles(
@@ -109,7 +110,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
-    return Served(vehicle, tuple(station_links(config.link, urls)), recorder)
+    return Served(vehicle, tuple(urls), recorder, config.link)
 
 
 def _recorder(folder: Path, area: Area) -> "FlightLogs":
@@ -125,7 +126,7 @@ def _counted_up(text: str, i: int) -> str:
 
 
 def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
-    """Serve the vehicles on their URLs until the process gets SIGINT or SIGTERM.
+    """Serve the vehicles on their URLs until the process gets SIGINT, SIGTERM or SIGHUP.
 
     `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets a line
     for each vehicle once all links are open.
@@ -156,17 +157,17 @@ async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str],
     try:
         async with AsyncExitStack() as running:
             for one in served:
+                links = station_links(one.link, one.urls)
                 await running.enter_async_context(
-                    Simulation(one.vehicle, *one.links, speed=speed, free_running=True)
+                    Simulation(one.vehicle, *links, speed=speed, free_running=True)
                 )
             for i, one in enumerate(served):
                 home = one.vehicle.aircraft.frame.origin
                 name = "vehicle" if len(served) == 1 else f"vehicle {i + 1}"
-                where = ", ".join(link.url for link in one.links)
                 end = "; Ctrl-C ends" if one is served[-1] else ""
                 say(
                     f"{name} at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
-                    f"{home.alt_msl_m:g} m, {pace}, MAVLink on {where}{end}"
+                    f"{home.alt_msl_m:g} m, {pace}, MAVLink on {', '.join(one.urls)}{end}"
                 )
             await stop.wait()
     finally:

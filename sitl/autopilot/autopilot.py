@@ -172,8 +172,8 @@ class Autopilot:
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
         report = self._report
-        with report.contain("the transfers"):
-            for server in self._servers:
+        for server in self._servers:
+            with report.contain(type(server).__name__):
                 server.poll(now)
         with report.contain("the failsafes"):
             self.guard.poll(now)

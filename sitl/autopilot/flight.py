@@ -135,7 +135,7 @@ class Flight:
         return "" if self._aircraft.on_ground else "in the air"
 
     def too_far(self, pos_ned_m: Vector) -> str:
-        """Why a place is farther away than anything may be; empty if it is not."""
+        """How a place is farther away than anything may be; empty if it is not."""
         return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
     def tick(self) -> bool:

@@ -77,7 +77,7 @@ def _place(item: MissionItem) -> MissionResult | None:
 
 
 def _altitudes(item: MissionItem) -> ranges.Range:
-    """What the altitude of an item may be, in its frame."""
+    """The altitudes that an item may have, in its frame."""
     return ranges.HEIGHT if item.frame in RELATIVE_FRAMES else ranges.ALTITUDE
 
 

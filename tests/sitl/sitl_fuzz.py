@@ -197,7 +197,10 @@ class Attack:
         if self.sent % 7 == 0:
             desk.now += 0.05
             for _ in range(10):
+                unarmed, down_m = not desk.mass.armed, float(desk.mass._pos[2])
                 desk.vehicle.step()
+                if unarmed and desk.mass._pos[2] < down_m - 1e-9:
+                    raise BrokenError("it climbs unarmed")
             desk.exchange()
         self.check()
 
@@ -226,8 +229,6 @@ class Attack:
             raise BrokenError(f"home is {home}")
         if not -1000 <= home.alt_msl_m <= 20_000:
             raise BrokenError(f"home is {home}")
-        if not mass.armed and mass._vel[2] < -1e-9:
-            raise BrokenError("it climbs unarmed")
         for name, value in vehicle.autopilot.parameters.as_dict().items():
             if not math.isfinite(value):
                 raise BrokenError(f"{name} = {value}")
