@@ -9,6 +9,7 @@ uint8 or nothing.
 """
 
 import pickletools
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +55,9 @@ def load_batch(content: bytes) -> dict[str, Any]:
         BatchPickleError: anything else.
     """
     try:
-        found = _Machine().run(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of odd escapes, which are the file's
+            found = _Machine().run(content)
     except BatchPickleError:
         raise
     # What pickletools and a stack that runs empty raise on damage.

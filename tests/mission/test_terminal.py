@@ -56,10 +56,11 @@ def test_a_polite_kill_is_an_interruption(
 
 LOADING = """
 import os, signal, sys
+module = sys.argv[1]
 
 class Interrupts:
     def find_spec(self, name, *_):
-        if name == sys.argv[1]:
+        if name == module:
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupts())
