@@ -19,6 +19,7 @@ from mission.pilot.connection import connect
 from mission.pilot.url import checked_url
 from mission.rundata import load_run
 
+QUICKSTART = str(Path(__file__).parents[2] / "configs" / "quickstart.toml")  # where a run flies
 SMALL = (
     "--set", "mission.steps=5",
     "--set", "mission.path_budget_m=300",
@@ -38,7 +39,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
     port, out = free_port(), tmp_path / "out"
     url = f"udpin://127.0.0.1:{port}"
-    with served("--udp", str(port), "--speed", "8"):
+    with served(QUICKSTART, "--udp", str(port), "--speed", "8"):
         assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "2", *SMALL]) == 0
     rounds, uplinks = rows(out / "rounds.csv"), rows(out / "uplinks.csv")
     assert [row["round"] for row in rounds] == ["1", "2"]
@@ -81,7 +82,7 @@ def test_what_the_vehicle_cannot_do_is_said_and_timed(
     url = f"udpin://127.0.0.1:{port}"
     slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
     talking = [word for word in SMALL if word != "--quiet"]
-    with served("--udp", str(port), "--speed", "8", *slow):
+    with served(QUICKSTART, "--udp", str(port), "--speed", "8", *slow):
         assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "1", *talking]) == 0
     said = [line for line in capsys.readouterr().out.splitlines() if "will not fly" in line]
     assert len(said) == 1
@@ -97,9 +98,11 @@ def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
     slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
     may = ("--set", "link.set_parameters=true")
     command = [sys.executable, "-m", "mission", "run", "--vehicle", url, "--out", str(out)]
-    with served("--udp", str(port), "--speed", "2", *slow):
+    with served(QUICKSTART, "--udp", str(port), "--speed", "2", *slow):
         process = subprocess.Popen([*command, *SMALL, *may])
-        until(lambda: (out / "plans" / "round-001.plan").exists(), "no round began")
+        plan = out / "plans" / "round-001.plan"
+        until(lambda: plan.exists() or process.poll() is not None, "no round began")
+        assert plan.exists()
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=HANG_S) == 130
         assert asyncio.run(_parameter(url, "MPC_XY_VEL_MAX")) == 8.0
@@ -117,7 +120,7 @@ def test_an_autopilot_elsewhere_is_named(
 ) -> None:
     port, out = free_port(), tmp_path / "out"
     url = f"udpin://127.0.0.1:{port}"
-    with served("--udp", str(port), "--set", "area.home_lat_deg=47.4"):
+    with served(QUICKSTART, "--udp", str(port), "--set", "area.home_lat_deg=47.4"):
         assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
     error = capsys.readouterr().err
     assert "421 km" in error
