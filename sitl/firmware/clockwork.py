@@ -1,6 +1,7 @@
 """Simulated time under a firmware: a thread that steps the plant whenever it may and is asked."""
 
 import math
+import os
 import threading
 import time
 from bisect import bisect_left
@@ -24,14 +25,23 @@ class Clockwork:
     at any time from any thread.
     """
 
-    def __init__(self, bridge: Bridge, *, speed: float, patience_s: float = STALL_S) -> None:
+    def __init__(
+        self,
+        bridge: Bridge,
+        *,
+        speed: float,
+        patience_s: float = STALL_S,
+        processor: int | None = None,
+    ) -> None:
         """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks.
 
         A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
+        The thread keeps to one `processor`, if told.
         """
         self.plant: Plant = bridge.plant
         self._bridge = bridge
         self._speed, self._patience_s = speed, patience_s
+        self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._moments: deque[Moment] = deque(maxlen=_KEPT)
         self._may_run = threading.Event()
@@ -112,6 +122,8 @@ class Clockwork:
 
     def _turn(self) -> None:
         try:
+            if self._processor is not None:
+                os.sched_setaffinity(0, {self._processor})
             self._run_until_stopped()
         except BaseException as error:  # handed over to whoever waits for the vehicle
             self.error = error

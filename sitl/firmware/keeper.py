@@ -14,8 +14,10 @@ from contextlib import suppress
 GRACE_S = 3.0
 
 
-def main(argv: list[str]) -> int:
-    """Run `argv`; its exit code, or 128 + signal."""
+def main(processor: str, argv: list[str]) -> int:
+    """Run `argv` on one processor, if it names one; its exit code, or 128 + signal."""
+    if processor:
+        os.sched_setaffinity(0, {int(processor)})
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # meant for the parent, whose end ends this too
     program = subprocess.Popen(argv, stdin=subprocess.DEVNULL, start_new_session=True)
@@ -39,4 +41,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(sys.argv[1], sys.argv[2:]))

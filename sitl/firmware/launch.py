@@ -51,7 +51,7 @@ class Launch:
     env: Mapping[str, str] = field(default_factory=dict)
     own_scripts: bool = False  # found in its folder before the firmware's own
 
-    def start(self, folder: Path) -> FirmwareProcess:
+    def start(self, folder: Path, *, processor: int | None = None) -> FirmwareProcess:
         """Make `folder` with the files in it, and start the firmware there.
 
         Raises:
@@ -64,7 +64,7 @@ class Launch:
         env = dict(self.env)
         if self.own_scripts:
             env["PATH"] = f"{folder}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
-        return FirmwareProcess(self.argv, folder, env)
+        return FirmwareProcess(self.argv, folder, env, processor=processor)
 
 
 def plant_rate_hz(vehicle: VehicleConfig) -> int:

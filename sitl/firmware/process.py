@@ -31,15 +31,23 @@ def check_binary(path: Path) -> None:
 class FirmwareProcess:
     """A running firmware. It ends with this process, however that ends."""
 
-    def __init__(self, argv: Sequence[str], folder: Path, env: Mapping[str, str]) -> None:
-        """Start `argv` in `folder`, with `env` added to the environment.
+    def __init__(
+        self,
+        argv: Sequence[str],
+        folder: Path,
+        env: Mapping[str, str],
+        *,
+        processor: int | None = None,
+    ) -> None:
+        """Start `argv` in `folder`, with `env` added to the environment, on one processor if told.
 
         Raises:
             FirmwareSilentError: it cannot be started.
         """
         self.console = folder / CONSOLE
         self._name = Path(argv[0]).name
-        command = [sys.executable, "-I", "-S", keeper.__file__, *argv]
+        on = "" if processor is None else str(processor)
+        command = [sys.executable, "-I", "-S", keeper.__file__, on, *argv]
         try:
             with self.console.open("wb") as console:
                 self._keeper = subprocess.Popen(

@@ -1,6 +1,7 @@
 """Our aircraft under a firmware: its process, the bridge, simulated time and the relay together."""
 
 import asyncio
+import os
 import socket
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
@@ -89,7 +90,8 @@ class FirmwareVehicle:
             opened.callback(sock.close)
             order = Order(self._vehicle, Ports.to(sock), self._mission_speed_mps)
             launch = prepare(order, self.plant)
-            self.clock = Clockwork(launch.bridge, speed=self._speed)
+            processor = _shared_processor()
+            self.clock = Clockwork(launch.bridge, speed=self._speed, processor=processor)
             opened.callback(self.clock.stop)
             self.relay = Relay(
                 sock,
@@ -100,7 +102,7 @@ class FirmwareVehicle:
                 heard=self._heard,
             )
             await opened.enter_async_context(self.relay)
-            self.process = launch.start(self._folder)
+            self.process = launch.start(self._folder, processor=processor)
             opened.callback(self.process.stop)
             self.clock.start()
             self._body = asyncio.current_task()
@@ -162,6 +164,16 @@ class FirmwareVehicle:
     def _with_last_words(self, text: str) -> str:
         said = self.process.last_words()
         return f"{text}; its console ended with: {said}" if said else text
+
+
+def _shared_processor() -> int | None:
+    """One for firmware and bridge, which take turns: to wake a sleeping processor for each turn
+    takes longer than the turn. None where the system does not let us choose.
+    """
+    if not hasattr(os, "sched_getaffinity"):
+        return None
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[os.getpid() % len(allowed)]
 
 
 async def _ended(task: asyncio.Task[None]) -> None:
