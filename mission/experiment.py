@@ -18,7 +18,7 @@ from mission.flightplan import stops_of
 from mission.flyer import Flyer, Tap
 from mission.gate import slots, uplinks
 from mission.importing import users_code
-from mission.lessons import learn
+from mission.lessons import learn, recorded
 from mission.pilot.items import stop_sequence
 from mission.planner.flyable import acceptance_radius
 from mission.planner.problem import RoundProblem
@@ -66,6 +66,7 @@ class Experiment:
             FlightError, LinkLostError: see `Pilot`.
             PlanError: see the planner.
         """
+        self._untrained()
         if self.world.strategy is None:
             while not self.finished:
                 await self._ideal_round()
@@ -76,6 +77,12 @@ class Experiment:
             if not self._stage:
                 raise
             raise type(error)(f"{self._stage}, t {self.tally.sim_s:.1f} s: {error}") from error
+
+    def _untrained(self) -> None:
+        federation = self.world.federation
+        # A resumed run has the last round's models, and records the first ones again.
+        state = self.state if self.state.rounds == 0 else learning.init(federation)
+        self.recorder.learnt(0, recorded(federation, learning.untrained(federation, state)))
 
     async def _fly(self, strategy: Strategy) -> None:
         flyers = self.world.flyers

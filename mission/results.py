@@ -7,7 +7,7 @@ from fl.federation import FederationState
 from mission.checkpoint import RoundMemory
 from mission.flightplan import FlightPlan
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.records import RoundRecord, UplinkRecord
+from mission.records import Learnt, RoundRecord, UplinkRecord
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,10 @@ class Recorder(Protocol):
         flight_plan: FlightPlan,
     ) -> None:
         """A round is about to be flown."""
+        ...
+
+    def learnt(self, round_number: int, learnt: Learnt) -> None:
+        """What the models know after a round, or, as round 0, untrained."""
         ...
 
     def finished(self, result: RoundResult) -> None:
