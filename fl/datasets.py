@@ -120,7 +120,8 @@ def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tupl
 
 def held_out_of_each(samples: NDArray[np.int64], share: float) -> NDArray[np.int64]:
     """How many of each class are held out, of `samples` (classes,): one at least of what is."""
-    return np.minimum(samples, np.maximum(1, np.rint(share * samples))).astype(np.int64)
+    wanted = np.maximum(1, np.rint(share * samples)).astype(np.int64)
+    return np.asarray(np.minimum(samples, wanted), dtype=np.int64)
 
 
 def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> Dataset:

@@ -280,9 +280,7 @@ def _learn(
 
 def _measured(community: Community, model: Vector) -> _Measured:
     def correct(split: Split) -> Indices:
-        return _frozen(
-            community.network.correct_per_class(split, model, scaling=community.scaling)
-        )
+        return _frozen(community.network.correct_per_class(split, model, scaling=community.scaling))
 
     validation = correct(community.validation)
     same = community.reporting is community.validation

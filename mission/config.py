@@ -81,7 +81,9 @@ class MissionConfig(BaseModel):
         description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
         "battery and comes back to where it was, outside the rounds",
     )
-    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
+    hover_s: float = Field(
+        5.0, ge=1, le=600, description="barycenter, rectangular: hover of a round"
+    )
     hover_cost_m: float = Field(
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
     )
@@ -91,6 +93,13 @@ class MissionConfig(BaseModel):
         lt=0.5,
         description="rectangular: the tour's distance from the area's edge, "
         "as a fraction of its size",
+    )
+    tour_hover_points: int = Field(
+        0,
+        ge=0,
+        le=1000,
+        description="rectangular: 0: a round is the next L_max metres along the tour; else that "
+        "many points are spread over it, and a round flies to the next and hovers there hover_s",
     )
 
     @field_validator("strategy")

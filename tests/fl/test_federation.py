@@ -210,7 +210,7 @@ def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) 
         name="few", task="npz", data_file="few.npz", devices=2, labels_per_device=1
     )
     streams = RandomStreams(1)
-    with pytest.raises(SettingError, match="learning.report_on = 'test': must be 'validation'"):
+    with pytest.raises(SettingError, match=r"learning\.report_on = 'test': must be 'validation'"):
         fed.build([few], FAST, data_dir=tmp_path, stream=streams.generator)
     alone = FAST.model_copy(update={"report_on": "validation"})
     fed.build([few], alone, data_dir=tmp_path, stream=streams.generator)
