@@ -55,6 +55,11 @@ class MissionConfig(BaseModel):
         description="who is served where, round by round: one of cov, no_cov, barycenter, "
         "rectangular, ideal, or one of your own as 'package.module:factory'",
     )
+    flight: Literal["flown", "none"] = Field(
+        "flown",
+        description="'none': nothing is flown, every waypoint is met exactly at the planned speed, "
+        "as in the paper; an hour of rounds takes seconds",
+    )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
@@ -222,6 +227,18 @@ class RunConfig(BaseModel):
         names = [community.name for community in self.communities]
         if len(set(names)) < len(names):
             raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_flyer(self) -> Self:
+        other = (
+            "link.kind = 'external'" if self.link.kind == "external"
+            else f"vehicle.autopilot = '{self.vehicle.autopilot}'"
+            if self.vehicle.autopilot != "built-in"
+            else None
+        )  # fmt: skip
+        if self.mission.flight == "none" and other is not None:
+            raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
         return self
 
     def to_toml(self) -> str:

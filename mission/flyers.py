@@ -23,6 +23,7 @@ from mission.interrupts import run_flight
 from mission.log.values import Zone
 from mission.pilot.limits import Demand
 from mission.simulated import simulated_vehicle
+from mission.unflown import PLANNED_POSITIONS, open_unflown
 from sitl.errors import SitlInputError
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
@@ -208,6 +209,38 @@ class ExternalFlyers(Flyers):
         )
 
 
+@dataclass(frozen=True)
+class NoFlyers(Flyers):
+    """Nobody: the plan is met exactly."""
+
+    ground: Ground
+    position_source = PLANNED_POSITIONS
+    no_resume = ""
+
+    def check(self) -> None:
+        """Nothing is needed."""
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """Nobody is waited for."""
+
+    def fence(self) -> tuple[Zone, ...]:
+        """None."""
+        return ()
+
+    def open(
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,  # noqa: ARG002
+        tap: Tap | None,  # noqa: ARG002
+        say: Say,  # noqa: ARG002
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """What meets every waypoint."""
+        return open_unflown(
+            self.ground.config.mission, area=self.ground.area, observers=observers
+        )
+
+
 def flyers_for(ground: Ground) -> Flyers:
     """Who flies over the ground, as its configuration says.
 
@@ -215,6 +248,8 @@ def flyers_for(ground: Ground) -> Flyers:
         InputError: a setting of the vehicle is refused.
     """
     config = ground.config
+    if config.mission.flight == "none":
+        return NoFlyers(ground)
     if config.link.kind == "external":
         return ExternalFlyers(ground)
     home, streams = ground.area.home, ground.streams
