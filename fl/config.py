@@ -6,12 +6,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fl.fairness import Missed, Unheard
-from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan")
 
 Positive = Annotated[float, Field(gt=0.0)]
+Unheard = Literal["left-out", "zero"]
+Missed = Literal["lost-too", "unscheduled"]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
 
 

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from sitl.autopilot import messages as m
-from sitl.autopilot.enums import Message, Severity
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import Message, Severity
 from sitl.observer import EventKind
 
 logger = logging.getLogger(__name__)

@@ -1,0 +1,301 @@
+"""The rounds of a federation: a state and one pure function per round.
+
+Rounds count from 1. theta_j is the global model after round j, theta_0 the initial one, so
+theta_{m-1} is what comes down in round m: the paper's theta_m, which it numbers by that round.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.data.dataset import Split
+from fl.errors import DivergedError
+from fl.federation import fairness as fair
+from fl.federation.algorithms import AlgorithmState, Update
+from fl.federation.community import Community, Federation, build
+from fl.training.local import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
+
+__all__ = [
+    "Community",
+    "Federation",
+    "FederationState",
+    "RoundLearning",
+    "accuracy",
+    "build",
+    "first_importance",
+    "importance",
+    "init",
+    "play_round",
+    "untrained",
+]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, eq=False)
+class FederationState:
+    """All that changes from round to round."""
+
+    rounds: int  # played so far
+    models: tuple[Vector, ...]  # theta of each community
+    algorithm: tuple[AlgorithmState, ...]
+    eps_history: Floats  # (<= l + 1, K) eps_k of the last models, newest last: it goes down next
+    eps_received: Floats  # (K,) last eps_k that reached the UAV; NaN: none yet
+    cov: Floats  # (C,) psi
+    missed: Bools  # (K,) in the last round, as `learning.missed` has it
+    correct: tuple[Indices, ...]  # validation images each model gets right, (classes,)
+    reported: tuple[Indices, ...]  # the same of the images that accuracy is reported on
+
+
+@dataclass(frozen=True, eq=False)
+class RoundLearning:
+    """What one round taught."""
+
+    round: int
+    accuracy: dict[str, float]  # on the images to report on, after the round
+    cov: dict[str, float]  # psi in force for the next round
+    device_accuracy: Floats  # (K,) eps_k(theta) of the new models, on each device's validation set
+    received_accuracy: Floats  # (K,) the last eps_k that reached the UAV; NaN: none yet
+    local_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
+
+
+def init(federation: Federation) -> FederationState:
+    """The state before the first round: initial models, psi_c = 1, every device missed."""
+    models = []
+    for community in federation.communities:
+        model = community.network.initial(federation.stream(f"fl/{community.name}/model"))
+        model.setflags(write=False)
+        models.append(model)
+    devices = federation.p.size
+    measured = [_measured(c, m) for c, m in zip(federation.communities, models, strict=True)]
+    correct = [each.validation for each in measured]
+    return FederationState(
+        rounds=0,
+        models=tuple(models),
+        algorithm=tuple(
+            federation.algorithm.init(model, len(community.shares))
+            for community, model in zip(federation.communities, models, strict=True)
+        ),
+        eps_history=_frozen(_device_accuracy(federation, correct)[np.newaxis]),
+        eps_received=_frozen(np.full(devices, np.nan)),
+        cov=_frozen(np.full(len(federation.communities), fair.INITIAL_COV)),
+        missed=_frozen(np.ones(devices, dtype=np.bool_)),
+        correct=tuple(correct),
+        reported=tuple(each.reporting for each in measured),
+    )
+
+
+def untrained(federation: Federation, state: FederationState) -> RoundLearning:
+    """Round 0: what the initial models know; nothing was trained or received."""
+    return _round_learning(federation, state, np.full(federation.p.size, np.nan))
+
+
+def first_importance(federation: Federation) -> Floats:
+    """delta (K,) for the first round, with or without fairness; no model is needed for it."""
+    devices = federation.p.size
+    return _importance(federation, np.full(devices, fair.INITIAL_COV), np.ones(devices, np.bool_))
+
+
+def importance(federation: Federation, state: FederationState, *, fairness: bool) -> Floats:
+    """delta (K,) for the next round; without `fairness` psi counts as 1 (No-CoV)."""
+    cov = state.cov[federation.community_of] if fairness else np.ones(federation.p.size)
+    return _importance(federation, cov, state.missed)
+
+
+def _importance(federation: Federation, cov: Floats, missed: Bools) -> Floats:
+    return fair.importance(
+        federation.p,
+        cov,
+        missed,
+        boost=federation.learning.importance_boost,
+        floor=federation.learning.cov_floor,
+    )
+
+
+def play_round(
+    federation: Federation,
+    state: FederationState,
+    *,
+    scheduled: Bools,
+    delivered: Bools,
+    workers: int = 1,
+) -> tuple[FederationState, RoundLearning]:
+    """One communication round, given who was scheduled and whose update arrives, both (K,).
+
+    Only devices whose update arrives are trained: nobody would ever see the others', and every
+    device draws from its own stream, so the result is the same. Up to `workers` devices train at
+    a time, one thread each, with the same result for any number; on a GPU a community's train
+    together, the same within rounding whoever they are. Raises `DivergedError` naming round,
+    community and device.
+    """
+    if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
+        raise ValueError(f"scheduled and delivered must be of shape {federation.p.shape}")
+    if np.any(delivered & ~scheduled):
+        raise ValueError("a device that was not scheduled cannot deliver")
+    number = state.rounds + 1
+    period = federation.learning.cov_period_rounds
+    # Along with its update a device sends its mean accuracy over the models that came down in the
+    # l rounds before.
+    sent = fair.windowed_accuracy(state.eps_history, period=period)
+    eps_received = np.where(delivered, sent, state.eps_received)
+    workers = workers if all(c.network.parallel for c in federation.communities) else 1
+    parts: list[tuple[int, list[int]]] = []  # a community, and devices that it trains in one call
+    for index, community in enumerate(federation.communities):
+        arrived = np.flatnonzero(delivered[federation.members(index)]).tolist()
+        if community.network.parallel:
+            parts += [(index, [device]) for device in arrived]
+        elif arrived:
+            parts.append((index, arrived))
+    results = in_parallel(
+        [partial(_train, federation, state, index, devices) for index, devices in parts],
+        workers=workers,
+    )
+    trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
+    for (index, devices), result in zip(parts, results, strict=True):
+        trained[index].update(zip(devices, result, strict=True))
+    lessons = in_parallel(
+        [partial(_learn, federation, state, *each) for each in enumerate(trained)],
+        workers=workers,
+    )
+    correct = [lesson.measured.validation for lesson in lessons]
+    losses = np.concatenate([lesson.losses for lesson in lessons])
+    cov = state.cov.copy()
+    if number % period == 0:
+        for index, community in enumerate(federation.communities):
+            cov[index] = fair.coefficient_of_variation(
+                community.p,
+                eps_received[federation.members(index)],
+                unheard=federation.learning.cov_unheard,
+            )
+    eps = _device_accuracy(federation, correct)
+    after = FederationState(
+        rounds=number,
+        models=tuple(lesson.model for lesson in lessons),
+        algorithm=tuple(lesson.algorithm for lesson in lessons),
+        eps_history=_frozen(np.vstack([state.eps_history, eps])[-(period + 1) :]),
+        eps_received=_frozen(eps_received),
+        cov=_frozen(cov),
+        missed=_frozen(~(delivered if federation.learning.missed == "lost-too" else scheduled)),
+        correct=tuple(correct),
+        reported=tuple(lesson.measured.reporting for lesson in lessons),
+    )
+    return after, _round_learning(federation, after, losses)
+
+
+def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
+    """Accuracy of each community's model on the images that it is reported on."""
+    return {
+        community.name: float(right.sum() / len(community.reporting.labels))
+        for community, right in zip(federation.communities, state.reported, strict=True)
+    }
+
+
+def _round_learning(
+    federation: Federation, after: FederationState, losses: Floats
+) -> RoundLearning:
+    return RoundLearning(
+        round=after.rounds,
+        accuracy=accuracy(federation, after),
+        cov=dict(zip(federation.names, map(float, after.cov), strict=True)),
+        device_accuracy=after.eps_history[-1],
+        received_accuracy=after.eps_received,
+        local_loss=_frozen(losses),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """How many images of each class, (classes,), a model gets right."""
+
+    validation: Indices
+    reporting: Indices
+
+
+@dataclass(frozen=True, eq=False)
+class _Lesson:
+    """What a round made of one community."""
+
+    model: Vector
+    algorithm: AlgorithmState
+    losses: Floats  # (K_c,)
+    measured: _Measured
+
+
+def _train(
+    federation: Federation, state: FederationState, index: int, devices: Sequence[int]
+) -> list[LocalResult]:
+    """Local training of devices, which count within their community."""
+    community, learning = federation.communities[index], federation.learning
+    algorithm, number = federation.algorithm, state.rounds + 1
+    results = community.network.train(
+        community.dataset.train,
+        state.models[index],
+        [
+            LocalTask(
+                samples=community.shares[device],
+                rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
+                correction=algorithm.correction(state.algorithm[index], device),
+            )
+            for device in devices
+        ],
+        scaling=community.scaling,
+        settings=LocalSettings(
+            learning_rate=learning.learning_rate,
+            momentum=algorithm.momentum,
+            mu=algorithm.mu,
+            batch_size=learning.batch_size,
+            epochs=learning.local_epochs,
+        ),
+    )
+    for device, result in zip(devices, results, strict=True):
+        if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
+            raise DivergedError(number, community.name, device, result.loss)
+    return results
+
+
+def _learn(
+    federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
+) -> _Lesson:
+    """Aggregate what arrived from one community's devices, and measure."""
+    community = federation.communities[index]
+    model, algorithm_state = state.models[index], state.algorithm[index]
+    losses = np.full(len(community.shares), np.nan)
+    updates = []
+    for device, result in trained.items():
+        losses[device] = result.loss
+        updates.append(Update(device, float(community.p[device]), result.model, result.steps))
+    if not updates:
+        measured = _Measured(state.correct[index], state.reported[index])
+        return _Lesson(model, algorithm_state, losses, measured)
+    model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
+    return _Lesson(model, algorithm_state, losses, _measured(community, model))
+
+
+def _measured(community: Community, model: Vector) -> _Measured:
+    def correct(split: Split) -> Indices:
+        return _frozen(community.network.correct_per_class(split, model, scaling=community.scaling))
+
+    validation = correct(community.validation)
+    same = community.reporting is community.validation
+    return _Measured(validation, validation if same else correct(community.reporting))
+
+
+def _device_accuracy(federation: Federation, correct: Sequence[Indices]) -> Floats:
+    return np.concatenate(
+        [
+            fair.device_accuracy(right, community.validation_counts, community.counts)
+            for community, right in zip(federation.communities, correct, strict=True)
+        ]
+    )
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

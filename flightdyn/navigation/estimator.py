@@ -1,0 +1,375 @@
+"""What the autopilot believes: an error-state INS/GNSS filter. The one home of filterpy.
+
+The nominal state is carried by the IMU outside the filter; filterpy's KalmanFilter holds the error
+of it (zero after every correction) and its covariance. Everything is fused in order at a horizon
+that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
+forward by the IMU increments since (the arrangement of PX4's EKF2).
+
+Its states and matrices are those of `error_model`.
+"""
+
+import math
+from collections import Counter, deque
+from itertools import takewhile
+from typing import NamedTuple
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from scipy.linalg.lapack import dgesv
+
+from flightdyn.config import SensorsConfig
+from flightdyn.frames import (
+    Triple,
+    frozen,
+    quaternion_multiply,
+    rotation_matrix,
+    rotation_quaternion,
+    wrap_pi,
+)
+from flightdyn.inertial import EARTH_RADIUS_M, Earth, ImuIncrement, NavState, propagate
+from flightdyn.navigation.airspeed import DragAirspeed
+from flightdyn.navigation.error_model import (
+    ATT,
+    BA,
+    BARO,
+    BG,
+    BMAG,
+    HEADING,
+    POS,
+    STATES,
+    VEL,
+    Alignment,
+    gnss_correlation,
+    initial_covariance,
+    level,
+    magnetometer_row,
+    measurement_matrix,
+    measurement_noise,
+    process_noise,
+    squared_norm,
+    transition,
+)
+from flightdyn.physics.airframe.parameters import QUAD_X
+from flightdyn.physics.atmosphere import altitude_m, pressure_slope
+from flightdyn.physics.sensors import BaroSample, MagSample
+from flightdyn.state import GnssFix, Innovation, Vector
+
+# Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
+_DOUBTS = 3
+_DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
+_UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, nothing is learnt of the wind
+_ADRIFT_NS = 10_000_000_000  # and for so long, the velocity by drag is better than the inertial one
+_AIR_STD_MPS = 2.0  # of it: its errors last, and are not those of one sample
+_CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
+
+# 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
+GATE_3 = 21.1
+GATE_1 = 15.1
+
+
+class Biases(NamedTuple):
+    """What the filter takes off the sensors."""
+
+    gyro: Triple = (0.0, 0.0, 0.0)
+    accel: Triple = (0.0, 0.0, 0.0)
+    gnss: Triple = (0.0, 0.0, 0.0)
+    mag: Triple = (0.0, 0.0, 0.0)
+    baro: float = 0.0
+
+
+def _inverse(matrix: Vector) -> Vector:
+    """What numpy computes, without the quarter of an update that its checks take."""
+    _, _, inverse, singular = dgesv(matrix, np.eye(len(matrix)))
+    if singular:
+        raise np.linalg.LinAlgError("singular innovation covariance")
+    return np.asarray(inverse)
+
+
+class Estimator:
+    """Filter at the delayed horizon, prediction to now."""
+
+    def __init__(
+        self,
+        config: SensorsConfig,
+        *,
+        align: Alignment,
+        fix: GnssFix,
+        t_ns: int,
+        earth: Earth,
+        step_s: float,
+    ) -> None:
+        """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
+        self._config = config
+        self._earth = earth
+        self._step_ns = round(step_s * 1e9)
+        self._delay_ns = round(config.gnss.delay_s * 1e9)
+        mag = config.mag
+        self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
+        self._ground_m = altitude_m(align.pressure_pa)
+        pa_per_m = pressure_slope(align.pressure_pa)
+        # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
+        self._biases = Biases(
+            gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
+        )
+        self.horizon = NavState(
+            t_ns,
+            (float(fix.pos_ned_m[0]), float(fix.pos_ned_m[1]), 0.0),
+            (0.0, 0.0, 0.0),
+            level(align, declination_rad=self._declination),
+        )
+        self.now = self.horizon
+        self._increments: deque[ImuIncrement] = deque()
+        self._batch: list[ImuIncrement] = []
+        self._baro: deque[BaroSample] = deque()
+        self._downs: dict[int, float] = {}  # along the horizon since the last correction
+        self._mag: deque[MagSample] = deque()
+        self._fixes: deque[GnssFix] = deque()
+        self._corrected_ns = t_ns
+        self._refused: Counter[str] = Counter()  # in a row
+        self.innovations: deque[Innovation] = deque(maxlen=64)
+        # When each kind was last believed; the first fix is where the filter starts.
+        self.fused_ns: dict[str, int] = dict.fromkeys(("gnss position", "gnss velocity"), fix.t_ns)
+        self._air = DragAirspeed(QUAD_X.drag, pressure_pa=align.pressure_pa)
+        self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
+        self._kf.inv = _inverse
+        self._kf.x = np.zeros((STATES, 1))
+        self._kf.Q = process_noise(config, step_s=step_s, pa_per_m=pa_per_m)
+        self._kf.F = transition(config, step_s=step_s)
+        self._keep = gnss_correlation(config, step_s=step_s)
+        self._H = measurement_matrix(config)
+        self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._baro_var = float(self._R[BARO, BARO])
+        self._kf.P = initial_covariance(
+            config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
+        )
+
+    @property
+    def biases(self) -> Biases:
+        """Present bias estimates."""
+        return self._biases
+
+    @property
+    def covariance(self) -> Vector:
+        """Covariance (22, 22) of the error state at the horizon; a copy."""
+        return frozen(self._kf.P)
+
+    def std(self, part: slice) -> Vector:
+        """Standard deviations of one part of the error state."""
+        return np.sqrt(np.diag(self._kf.P)[part])
+
+    def step(self, increment: ImuIncrement, fix: GnssFix | None) -> None:
+        """One IMU increment, and a GNSS solution if one arrived with it."""
+        self._increments.append(increment)
+        if fix is not None:
+            self._fixes.append(fix)
+        b = self._biases
+        self.now, _ = propagate(
+            self.now, increment, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+        )
+        horizon_ns = increment.t_ns - self._delay_ns
+        increments, batch = self._increments, self._batch
+        while increments and increments[0].t_ns <= horizon_ns:
+            part = increments.popleft()
+            batch.append(part)
+            if part.t_ns - self.horizon.t_ns >= self._step_ns:
+                self._predict()
+                if self._correct():
+                    self._replay()
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
+        return found[::-1]
+
+    def observe_baro(self, sample: BaroSample) -> None:
+        """A barometer sample of now; used when the horizon comes to it."""
+        self._baro.append(sample)
+
+    def observe_mag(self, sample: MagSample) -> None:
+        """A magnetometer sample of now; used when the horizon comes to it."""
+        self._mag.append(sample)
+
+    def _predict(self) -> None:
+        """Carry the horizon over one filter step."""
+        b = self._biases
+        dn = de = dd = 0.0
+        R = np.array(rotation_matrix(self.horizon.q)).reshape(3, 3)
+        state = self.horizon
+        dt = sum(part.dt_s for part in self._batch)
+        for part in self._batch:
+            state, (n, e, d) = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
+            dn, de, dd = dn + n, de + e, dd + d
+            self._downs[state.t_ns] = state.p[2]
+        self.horizon = state
+        self._batch.clear()
+        force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
+        self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
+        if self._unaided_ns < _UNAIDED_NS:
+            self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
+        F = self._kf.F
+        S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
+        turned, half = R * -dt, dt / 2
+        F[VEL, ATT] = S
+        F[POS, ATT] = S * half
+        F[VEL, BA] = F[ATT, BG] = turned
+        F[POS, BA] = turned * half
+        F[VEL, BG] = S @ turned * 0.5
+        self._kf.predict()
+        keep, g = self._keep, b.gnss
+        self._biases = b._replace(gnss=(g[0] * keep, g[1] * keep, g[2] * keep))
+
+    def _correct(self) -> bool:
+        """Fuse what was measured up to the horizon, with the receiver or without it in time."""
+        t_ns = self.horizon.t_ns
+        fix: GnssFix | None = None
+        while self._fixes and self._fixes[0].t_ns <= t_ns:
+            fix = self._fixes.popleft()
+        if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
+            return False
+        self._corrected_ns = t_ns
+        z = np.zeros(8)
+        R = self._R
+        rows: list[tuple[str, slice, float]] = []
+        if fix is not None:
+            self._residual_gnss(z, fix)
+            rows.append(("gnss position", slice(0, 3), GATE_3))
+            rows.append(("gnss velocity", slice(3, 6), GATE_3))
+        if self._baro and self._baro[0].t_ns <= t_ns:
+            R[BARO, BARO] = self._residual_baro(z)
+            rows.append(("baro", slice(BARO, BARO + 1), GATE_1))
+        mag: MagSample | None = None
+        while self._mag and self._mag[0].t_ns <= t_ns:
+            mag = self._mag.popleft()
+        # A heading of another instant would be wrong by what the aircraft turned since.
+        if mag is not None and mag.t_ns == t_ns:
+            z[HEADING] = self._residual_heading(mag)
+            rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
+        extra: list[int] = []
+        if fix is None and self._unaided_ns > _ADRIFT_NS:
+            # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
+            extra = [3, 4]
+            z[3:5] = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
+        return self._fuse(z, rows, extra)
+
+    @property
+    def _unaided_ns(self) -> int:
+        """How long no velocity of GNSS has been believed."""
+        return self.horizon.t_ns - self.fused_ns["gnss velocity"]
+
+    def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
+        (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v
+        bn, be, bd = self._biases.gnss
+        age = (self.horizon.t_ns - fix.t_ns) * 1e-9  # below one filter step
+        n, e, d = fix.pos_ned_m.tolist()
+        un, ue, ud = fix.vel_ned_mps.tolist()
+        z[:6] = (
+            n + vn * age - pn - bn,
+            e + ve * age - pe - be,
+            d + vd * age - pd - bd,
+            un - vn,
+            ue - ve,
+            ud - vd,
+        )
+
+    def _residual_baro(self, z: Vector) -> float:
+        """Mean residual of the waiting samples, each against the height of its own instant.
+
+        Returns the variance of the mean.
+        """
+        north, east, down = self.horizon.p
+        t_ns = self.horizon.t_ns
+        total, count = 0.0, 0
+        while self._baro and self._baro[0].t_ns <= t_ns:
+            sample = self._baro.popleft()
+            then = self._downs.get(sample.t_ns, down)  # `down` where it fell between increments
+            total += altitude_m(sample.pressure_pa) - self._ground_m + then
+            count += 1
+        self._downs.clear()
+        # The air follows the curved Earth, positions the plane that touches it at home.
+        curve = (north * north + east * east) / (2 * EARTH_RADIUS_M)
+        z[BARO] = total / count - curve - self._biases.baro
+        return self._baro_var / count
+
+    def _residual_heading(self, sample: MagSample) -> float:
+        (x, y, z), b = sample.field_frd_gauss, self._biases.mag
+        x, y, z = x - b[0], y - b[1], z - b[2]
+        r = rotation_matrix(self.horizon.q)
+        self._H[HEADING, BMAG] = magnetometer_row(self._config.mag, r)
+        north = r[0] * x + r[1] * y + r[2] * z
+        east = r[3] * x + r[4] * y + r[5] * z
+        return wrap_pi(self._declination - math.atan2(east, north))
+
+    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
+        """Use the measurements whose innovations are believable, and `extra`, all at once."""
+        kf, H, R = self._kf, self._H, self._R
+        S = H @ kf.P @ H.T + R
+        stds = np.sqrt(S.diagonal())
+        use = list(extra)
+        t_ns = self.horizon.t_ns
+        for kind, part, gate in rows:
+            y = z[part]
+            nis = squared_norm(S[part, part], y)
+            innovation = Innovation(
+                t_ns, kind, tuple(y.tolist()), tuple(stds[part].tolist()), nis, gate
+            )
+            self.innovations.append(innovation)
+            self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1
+            if innovation.accepted:
+                use.extend(range(part.start, part.stop))
+                self.fused_ns[kind] = t_ns
+        for kind in ("gnss velocity", "baro"):
+            if self._refused[kind] >= _DOUBTS:
+                self._doubt()
+        if not use:
+            return False
+        if len(use) < 8:
+            use.sort()
+            z, H, R = z[use], H[use], R[np.ix_(use, use)]
+            for row, number in enumerate(use):
+                if number in extra:
+                    R[row, row] = _AIR_STD_MPS**2
+        kf.update(z[:, None], R=R, H=H)
+        self._fold()
+        return True
+
+    def _doubt(self) -> None:
+        """Open the filter up again: an IMU that changes its bias at once is not in its model."""
+        P = self._kf.P
+        for part, std in _DOUBT_STD:
+            P[part, part] += np.eye(3) * std**2
+        self._refused.clear()
+
+    def _fold(self) -> None:
+        """Move the estimated error into the nominal state."""
+        kf = self._kf
+        x = kf.x[:, 0].tolist()
+        kf.x = np.zeros((STATES, 1))
+        h, b = self.horizon, self._biases
+        self.horizon = NavState(
+            h.t_ns,
+            (h.p[0] + x[0], h.p[1] + x[1], h.p[2] + x[2]),
+            (h.v[0] + x[3], h.v[1] + x[4], h.v[2] + x[5]),
+            quaternion_multiply(rotation_quaternion(x[6], x[7], x[8]), h.q),
+        )
+        self._biases = Biases(
+            (b.gyro[0] + x[9], b.gyro[1] + x[10], b.gyro[2] + x[11]),
+            (b.accel[0] + x[12], b.accel[1] + x[13], b.accel[2] + x[14]),
+            (b.gnss[0] + x[15], b.gnss[1] + x[16], b.gnss[2] + x[17]),
+            (b.mag[0] + x[18], b.mag[1] + x[19], b.mag[2] + x[20]),
+            b.baro + x[21],
+        )
+
+    def _replay(self) -> None:
+        """Carry the corrected horizon to now."""
+        state, b = self.horizon, self._biases
+        for part in self._batch:
+            state, _ = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
+        for part in self._increments:
+            state, _ = propagate(
+                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+            )
+        self.now = state

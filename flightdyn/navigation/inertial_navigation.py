@@ -1,0 +1,195 @@
+"""The filter, fed by the sensors, as the source of what the aircraft flies on."""
+
+import math
+from statistics import pstdev
+
+from flightdyn.clock import SimClock
+from flightdyn.errors import FlightInputError
+from flightdyn.frames import Triple, frozen
+from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
+from flightdyn.instruments import Readings
+from flightdyn.navigation.error_model import Alignment
+from flightdyn.navigation.estimator import Estimator
+from flightdyn.physics.multirotor import Multirotor
+from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.state import GnssFix, Innovation, Kinematics
+
+FILTER_STEP_S = 0.1
+_GNSS_LOST_NS = 1_500_000_000
+
+
+class InertialNavigation:
+    """The filter, and the sensors that feed it, sampled tick by tick."""
+
+    def __init__(
+        self,
+        sensors: SensorSuite,
+        vehicle: Multirotor,
+        inner: InnerLoops,
+        clock: SimClock,
+        *,
+        earth: Earth,
+        guidance_ticks: int,
+    ) -> None:
+        """Aligned at rest: the clock is run from before zero up to zero."""
+        self.sensors = sensors
+        self._config = config = sensors.config
+        self._vehicle = vehicle
+        self._inner = inner
+        self._clock = clock
+        filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
+        if filter_ticks % guidance_ticks:
+            raise FlightInputError(
+                f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
+            )
+        if clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s") % filter_ticks:
+            raise FlightInputError(
+                f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
+                f"filter steps of {FILTER_STEP_S:g} s"
+            )
+        self._samples: list[ImuSample] = []
+        self._interval: list[ImuSample] = []  # of the guidance interval before
+        self._gyro_bias: Triple = (0.0, 0.0, 0.0)
+        self.gnss: GnssFix | None = None
+        self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
+        self._earth = earth
+        self.estimator = self._align()
+
+    def _align(self) -> Estimator:
+        clock, sensors = self._clock, self.sensors
+        count = clock.ticks(self._config.alignment_s, what="sensors.alignment_s")
+        clock.tick = -count
+        sums = [0.0] * 10
+        pressures = fields = 0
+        for _ in range(count):
+            self._vehicle.run()
+            clock.advance()
+            for i, value in enumerate(sensors.imu()):
+                sums[i] += value / count
+            pressure, field = sensors.slow()
+            if pressure is not None:
+                sums[9] += pressure.pressure_pa
+                pressures += 1
+            if field is not None:
+                for i, value in enumerate(field.field_frd_gauss):
+                    sums[6 + i] += value
+                fields += 1
+            self.gnss = sensors.fix() or self.gnss
+        if self.gnss is None:
+            raise FlightInputError("the alignment is too short for a GNSS solution")
+        align = Alignment(
+            rates=(sums[0], sums[1], sums[2]),
+            specific_force=(sums[3], sums[4], sums[5]),
+            field_frd_gauss=(sums[6] / fields, sums[7] / fields, sums[8] / fields),
+            pressure_pa=sums[9] / pressures,
+            duration_s=self._config.alignment_s,
+        )
+        self._gyro_bias = align.rates
+        return Estimator(
+            self._config,
+            align=align,
+            fix=self.gnss,
+            t_ns=clock.t_ns,
+            earth=self._earth,
+            step_s=FILTER_STEP_S,
+        )
+
+    def tick(self) -> None:
+        """Sample the sensors that are due; believed body rates to the inner loops."""
+        sensors = self.sensors
+        self._samples.append(sensors.imu())
+        p, q, r = sensors.rates
+        bp, bq, br = self._gyro_bias
+        self._inner.feed(p - bp, q - bq, r - br)
+        if self._clock.tick >= sensors.due:
+            pressure, field = sensors.slow()
+            if pressure is not None:
+                self.estimator.observe_baro(pressure)
+            if field is not None:
+                self.estimator.observe_mag(field)
+
+    def update(self) -> NavState:
+        """Bring the filter up to this tick."""
+        t_ns = self._clock.t_ns
+        fix = self.sensors.fix()
+        if fix is not None:
+            self.gnss = fix
+        step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
+        self._interval, self._samples = self._samples, self._interval
+        self._samples.clear()
+        estimator = self.estimator
+        estimator.step(step, fix)
+        biases = estimator.biases
+        self._gyro_bias = biases.gyro
+        k, (x, y, z), b = 1 / step.dt_s, step.velocity, biases.accel
+        self.specific_force = (x * k - b[0], y * k - b[1], z * k - b[2])
+        return estimator.now
+
+    def state(self) -> NavState:
+        """Believed state of this tick."""
+        if not self._samples:
+            return self.estimator.now
+        step = integrate(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
+        b = self.estimator.biases
+        return propagate(
+            self.estimator.now, step, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
+        )[0]
+
+    def position(self) -> Triple:
+        """Believed position of this tick (m, NED)."""
+        return self.state().p
+
+    def belief(self) -> Kinematics:
+        """Believed state of this tick."""
+        here = self.state()
+        return Kinematics(
+            t_ns=self._clock.t_ns,
+            pos_ned_m=frozen(here.p),
+            vel_ned_mps=frozen(here.v),
+            q_frd_to_ned=frozen(here.q),
+            omega_frd_radps=frozen(self._believed_rates()),
+        )
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """What the filter was given after an instant, against what it expected."""
+        return self.estimator.innovations_after(t_ns)
+
+    def readings(self) -> Readings:
+        """Of this tick's IMU sample, and of the other sensors' last ones."""
+        sensors, b = self.sensors, self.estimator.biases
+        x, y, z = self._samples[-1][3:] if self._samples else self.specific_force
+        bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
+        assert sensors.pressure is not None  # aligned by it
+        return Readings(
+            self._believed_rates(),
+            (x - bx, y - by, z - bz),
+            sensors.pressure.pressure_pa,
+            None if sensors.field is None else sensors.field.field_frd_gauss,
+            self._vibration(),
+            self.estimator.std(slice(0, 9)),
+        )
+
+    def _vibration(self) -> Triple:
+        if not self._interval:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (pstdev(sample[axis] for sample in self._interval) for axis in (3, 4, 5))
+        return x, y, z
+
+    def _believed_rates(self) -> Triple:
+        (p, q, r), b = self.sensors.rates, self._gyro_bias
+        return (p - b[0], q - b[1], r - b[2])
+
+    def why_not_ready(self) -> str:
+        """Empty once the filter may be flown on."""
+        estimator = self.estimator
+        # The receiver's positions count where they are believed.
+        if self._clock.t_ns - estimator.fused_ns["gnss position"] >= _GNSS_LOST_NS:
+            return "no GNSS"
+        if float(max(estimator.std(slice(0, 2)))) > 5.0:
+            return "position uncertain"
+        if float(max(estimator.std(slice(6, 8)))) > math.radians(5):
+            return "attitude uncertain"
+        if float(estimator.std(slice(8, 9))[0]) > math.radians(15):
+            return "heading uncertain"
+        return ""
