@@ -236,9 +236,7 @@ class NoFlyers(Flyers):
         say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
         """What meets every waypoint."""
-        return open_unflown(
-            self.ground.config.mission, area=self.ground.area, observers=observers
-        )
+        return open_unflown(self.ground.config.mission, area=self.ground.area, observers=observers)
 
 
 def flyers_for(ground: Ground) -> Flyers:
