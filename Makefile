@@ -28,7 +28,7 @@ check: $(READY)
 # The documentation as a site, in build/site.
 docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[docs]'
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)

@@ -14,8 +14,8 @@ _TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def faults(root: Path) -> Iterator[str]:
-    """What is wrong with the README and the pages in docs/, a line each."""
-    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+    """What is wrong with the pages beside the README and in docs/, a line each."""
+    for page in (*sorted(root.glob("*.md")), *sorted((root / "docs").glob("*.md"))):
         text, name = page.read_text(encoding="utf-8"), page.relative_to(root)
         for link in _LINK.findall(text):
             if not link.startswith(("http://", "https://")):
