@@ -2,8 +2,8 @@
 
 from dataclasses import fields
 
-from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, average_per
-from mission.planner.commands import served_radius
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, average_per
+from mission.commands.planning import served_radius
 
 HEAD = """# Channels
 
@@ -60,7 +60,7 @@ hover above the middle of the area then loses most packets, and a tour of 800 m 
 The model: a device at horizontal distance r sees the aircraft at the elevation
 theta = arctan(H / r). It is in line of sight with probability rho = 1 / (1 + exp(-a1 theta + a2)).
 The received power falls with the distance d to the power alpha, times a log-normal shadowing. The
-packet is lost where the signal-to-noise ratio stays below the threshold. `fl.radio` has the
+packet is lost where the signal-to-noise ratio stays below the threshold. `fl.radio.channel` has the
 formulas, and [learning](learning.md#radio) says how a packet's fate is drawn.
 """
 
