@@ -252,6 +252,7 @@ def test_rounds_in_lockstep_are_those_of_the_compiled_network(
     np.testing.assert_array_equal(together.models[0], play(torchs, *rounds).models[0])
 
 
+@pytest.mark.real
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 @pytest.mark.parametrize("name", ["lenet", "mcmahan"])
 def test_on_a_gpu_the_built_in_networks_train_in_lockstep(split: Split, name: str) -> None:

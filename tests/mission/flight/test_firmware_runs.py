@@ -129,6 +129,7 @@ def real(autopilot: str) -> Path:
     return Path(named)
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("autopilot", sorted(REAL))
 def test_a_real_firmware_flies_rounds(tmp_path: Path, autopilot: str) -> None:
     out = tmp_path / "out"
@@ -155,6 +156,7 @@ def _cwd(process: Path) -> str:
         return ""
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("autopilot", sorted(REAL))
 def test_a_real_firmware_that_does_not_know_a_parameter_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str

@@ -334,6 +334,7 @@ def test_what_others_finished_is_told_before_a_bug(
     engine.close()
 
 
+@pytest.mark.real
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 @pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of processes")
 def test_ray_finds_the_same_though_a_worker_is_killed(swept: Path, tmp_path: Path) -> None:
