@@ -87,7 +87,7 @@ class _Hook:
 def build_hook(monkeypatch):
     """`hatch_build.py`, whose base class need not be installed."""
     interface = type(sys)("hatchling.builders.hooks.plugin.interface")
-    interface.BuildHookInterface = _Hook
+    vars(interface)["BuildHookInterface"] = _Hook
     parts = interface.__name__.split(".")
     for end in range(1, len(parts)):
         name = ".".join(parts[:end])
@@ -95,6 +95,8 @@ def build_hook(monkeypatch):
     monkeypatch.setitem(sys.modules, interface.__name__, interface)
     path = building.ROOT / "hatch_build.py"
     spec = importlib.util.spec_from_file_location("hatch_build", path)
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.NativeBuildHook(Path())
@@ -104,5 +106,5 @@ def test_the_build_asks_for_a_compiler_where_there_is_none(monkeypatch, tmp_path
     hook = build_hook(monkeypatch)
     assert hook.dependencies() == []
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(building.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert [*hook.dependencies()] == [building.ZIG]

@@ -1,6 +1,7 @@
 """A minute's share of the attack; `python benchmarks/fuzz.py` goes on for as long as wanted."""
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -69,7 +70,9 @@ class Station(RuleBasedStateMachine):
         ),
     )
     def upload(
-        self, kind: int, drawn: list[tuple[int, tuple[float, ...], tuple[float, ...], int]]
+        self,
+        kind: int,
+        drawn: list[tuple[int, tuple[float, ...], Any, int]],
     ) -> None:
         commands = LISTS[kind]
         items = [

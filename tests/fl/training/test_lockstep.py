@@ -29,7 +29,7 @@ SHAPE = (16, 16, 3)
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
 ONE_EPOCH = replace(SETTINGS, epochs=1)
 # float32 sums in another order, over tens of steps
-TOLERANCE = {"rtol": 1e-4, "atol": 1e-6}
+TOLERANCE: dict[str, Any] = {"rtol": 1e-4, "atol": 1e-6}
 # Whole batches, one not whole, less than one; a device that trains long after the others.
 SHARES = (np.arange(0, 64), np.arange(64, 97), np.arange(97, 102), np.arange(102, 300))
 
@@ -155,7 +155,7 @@ def test_the_built_in_networks_start_and_train_alike_in_torch(split: Split, devi
     counts = [
         n.correct_per_class(split, one.model, scaling=scaling_of(split)) for n in (compiled, torchs)
     ]
-    np.testing.assert_array_equal(*counts)
+    np.testing.assert_array_equal(counts[0], counts[1])
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -242,7 +242,7 @@ def test_rounds_in_lockstep_are_those_of_the_compiled_network(
         assert isinstance(net, ConvNet)
         return BuiltInNetwork(net, name=name, device=device, devices=4, lockstep=True)
 
-    rounds = ([0, 2], [], [1, 2, 3])
+    rounds: tuple[list[int], ...] = ([0, 2], [], [1, 2, 3])
     compiled = play(build(), *rounds)
     monkeypatch.setattr("fl.federation.community.make_network", in_torch)
     torchs = build()

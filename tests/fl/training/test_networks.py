@@ -139,7 +139,7 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     counts = [
         network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
     ]
-    np.testing.assert_array_equal(*counts)
+    np.testing.assert_array_equal(counts[0], counts[1])
 
 
 @pytest.mark.parametrize(
@@ -188,6 +188,7 @@ def test_images_too_small_for_the_built_in_networks() -> None:
         split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):
             net = make_network(name, image_shape=(size, size, 1), classes=10)
+            assert isinstance(net, ConvNet)
             plain = PlainNet(net)
             expected = tuple(tuple(value.shape) for value in plain.parameters())
             assert net.shapes == expected

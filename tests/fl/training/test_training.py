@@ -7,6 +7,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from fl.training.modules.builtin import PlainNet
 
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
 # float32 sums in another order, over tens of steps; a larger rate would amplify it chaotically
-TOLERANCE = {"rtol": 2e-3, "atol": 2e-4}
+TOLERANCE: dict[str, Any] = {"rtol": 2e-3, "atol": 2e-4}
 
 
 def rng(seed: int) -> np.random.Generator:

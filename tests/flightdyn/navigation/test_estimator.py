@@ -199,14 +199,14 @@ def observe(seed: int, seconds: float) -> Errors:
         belief, truth = estimator.now, past[aircraft.t_ns]
         now = [*np.subtract(truth[0], belief.p), *np.subtract(truth[1], belief.v)]
         covariance = estimator.covariance[:9, :9]
-        rows.append(
-            (np.array(e), covariance, np.array(now), navigation.sensors.receiver.error_ned_m)
-        )
+        wander = np.array(navigation.sensors.receiver.error_ned_m)
+        rows.append((np.array(e), covariance, np.array(now), wander))
         for innovation in estimator.innovations:
             assert innovation.accepted or innovation.nis < 40
             nis[innovation.kind].append(innovation.nis / len(innovation.values))
         estimator.innovations.clear()
-    return Errors(*(np.array(column) for column in zip(*rows, strict=True)), nis=nis)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return Errors(columns[0], columns[1], columns[2], columns[3], nis=nis)
 
 
 @pytest.fixture(scope="module")

@@ -174,7 +174,21 @@ def test_refused_in_words_that_help(write, text: str, words: list[str]) -> None:
 
 
 # A value of every type that TOML has, and numbers beyond all limits.
-STRANGE = ("?", "", True, 7, -1e300, 1e300, math.nan, math.inf, [], [1], ["?"], [{}], {"q": 1})
+STRANGE: tuple[Any, ...] = (
+    "?",
+    "",
+    True,
+    7,
+    -1e300,
+    1e300,
+    math.nan,
+    math.inf,
+    [],
+    [1],
+    ["?"],
+    [{}],
+    {"q": 1},
+)
 
 
 @pytest.mark.parametrize("key", [key.path for key in every(top(RunConfig))])

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
 from synthetic_flight import AREA, devices, fly
 
 from mission.analysis.compare import compare_run
@@ -18,6 +19,10 @@ from mission.figures.maps import overview, round_maps
 from mission.figures.run import comparison_figure, draw_comparison, draw_run, learning_curves
 from mission.log.tables import RoundTable, UplinkTable
 from mission.log.write.writer import FlightLog
+
+
+def heights(line: Line2D) -> np.ndarray:
+    return np.asarray(line.get_ydata(), dtype=np.float64)
 
 
 def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
@@ -70,9 +75,9 @@ def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=3)
     accuracy, cov, _ = learning_curves(made.rounds).axes
     for name, line in zip(made.rounds[0].accuracy, accuracy.lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [100 * r.accuracy[name] for r in made.rounds])
+        np.testing.assert_allclose(heights(line), [100 * r.accuracy[name] for r in made.rounds])
     for name, line in zip(made.rounds[0].cov, cov.lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [r.cov[name] for r in made.rounds])
+        np.testing.assert_allclose(heights(line), [r.cov[name] for r in made.rounds])
 
 
 def test_runs_side_by_side(tmp_path: Path) -> None:
@@ -83,7 +88,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
         runs.append(compare_run(load_run(tmp_path / name)))
     figure = comparison_figure(runs)
     for run, line in zip(runs, figure.axes[2].lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [r.true_objective for r in run.rounds])
+        np.testing.assert_allclose(heights(line), [r.true_objective for r in run.rounds])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
     assert draw_comparison(runs, tmp_path / "c.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="not a kind of picture"):
