@@ -24,6 +24,7 @@ def test_links_lead_somewhere_and_examples_are_configurations() -> None:
     assert [line for line in faults(ROOT) if line] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [

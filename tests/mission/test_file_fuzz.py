@@ -64,6 +64,7 @@ def answered(capsys: pytest.CaptureFixture[str], code: int, what: str) -> None:
     assert code in (0, 6) or printed.err.startswith("aerofed: "), what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -92,6 +93,7 @@ def test_readers_of_a_run(
         path.write_bytes(before)
 
 
+@pytest.mark.slow
 def test_resuming(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is resumed ends as it would have; what is not is refused before anything is touched."""
     stopped = tmp_path / "stopped"

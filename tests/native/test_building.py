@@ -29,6 +29,7 @@ def no_compiler(monkeypatch, tmp_path):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
 
 
+@pytest.mark.slow
 def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
     loading.load(library)
     first = library.built
@@ -43,6 +44,7 @@ def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
     assert len(changed.built) == 1
 
 
+@pytest.mark.slow
 def test_without_sources_the_library_is_taken_as_it_is(library):
     path = building.build(library)
     for source in (*library.folder.glob("*.c"), *library.folder.glob("*.h")):

@@ -22,12 +22,14 @@ def expected():
     return ended.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", POSSIBLE)
 def test_every_level_gives_the_same_bytes(expected, level):
     ended = exercised(AEROFED_LEVEL=level)
     assert ended.stdout == expected, ended.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", compilers())
 def test_every_compiler_gives_the_same_bytes(expected, name, tmp_path):
     compile_all(tmp_path, compilers()[name])
@@ -60,6 +62,7 @@ void fused_all(long count, const float *a, const float *b, const float *c, float
 """
 
 
+@pytest.mark.slow
 def test_products_are_fused_alike_whatever_the_numbers(tmp_path):
     (tmp_path / "fused.c").write_text(FUSED)
     rng = np.random.default_rng(5)

@@ -24,6 +24,7 @@ LISTS = {
 COMMANDS = sorted(Desk(ready=False).vehicle.autopilot._commands.known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_frames_of_any_kind(seed: int) -> None:
     Attack(seed).run(1500)
@@ -39,6 +40,7 @@ def test_the_same_seed_is_the_same_attack() -> None:
     assert first.desk.texts() == second.desk.texts()
 
 
+@pytest.mark.slow
 def test_frames_cover_the_dialect() -> None:
     """Every kind is drawn, in both versions of the protocol, signed and not."""
     ears, kinds, versions, signed = mav.MAVLink(None), set(), set(), set()

@@ -138,6 +138,7 @@ def zeros(path: Path, head: bytes, mebibytes: int) -> None:
             file.write(bytes(1 << 20))
 
 
+@pytest.mark.slow
 def test_a_gzip_bomb_is_not_unpacked(tmp_path: Path) -> None:
     """600 MB behind a header that promises 30 images."""
     zeros(tmp_path / f"{idx.NAMES[0]}.gz", struct.pack(">BBBBIII", 0, 0, 8, 3, 30, 28, 28), 600)

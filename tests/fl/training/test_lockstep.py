@@ -79,6 +79,7 @@ def train(
     return network.train(split, model, tasks, scaling=scaling_of(split), settings=settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("slots", [1, 3, 4, 7])
 @pytest.mark.parametrize("factory", [None, Grouped])
@@ -106,6 +107,7 @@ def test_in_lockstep_devices_become_what_they_do_alone(
         np.testing.assert_allclose(other.model, one.model, **TOLERANCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 def test_who_trains_beside_a_device_does_not_matter(split: Split, device: str) -> None:
     network = built_in(device=device, lockstep=True)
@@ -119,6 +121,7 @@ def test_who_trains_beside_a_device_does_not_matter(split: Split, device: str) -
                 np.testing.assert_allclose(result.model, everybody[k].model, **TOLERANCE)
 
 
+@pytest.mark.slow
 def test_a_device_that_diverges_takes_no_other_with_it(split: Split) -> None:
     network = built_in(lockstep=True)
     infinite = np.full_like(network.initial(rng(3)), np.inf)
@@ -130,6 +133,7 @@ def test_a_device_that_diverges_takes_no_other_with_it(split: Split) -> None:
         np.testing.assert_array_equal(ill[k].model, well[k].model)
 
 
+@pytest.mark.slow
 def test_other_settings_images_and_batches_find_no_stale_step(split: Split) -> None:
     used = built_in(lockstep=True)
     other = Split(255 - split.images, split.labels.copy())

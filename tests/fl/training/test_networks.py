@@ -181,6 +181,7 @@ def test_unknown_networks_are_refused(name: str) -> None:
         make_network(name, image_shape=SHAPE, classes=10)
 
 
+@pytest.mark.slow
 def test_images_too_small_for_the_built_in_networks() -> None:
     with pytest.raises(NetworkError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)

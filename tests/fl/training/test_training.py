@@ -73,6 +73,7 @@ def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
     return net
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch_size", [5, 16, 40])
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_training_is_textbook_fedprox(
@@ -191,6 +192,7 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     assert got.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names an x86 processor")
 def test_an_old_processor_computes_the_same_bytes(tmp_path: Path) -> None:
     """Without wide vectors and fused multiply-add, which are then imitated, it is only slow."""

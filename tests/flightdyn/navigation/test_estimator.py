@@ -214,6 +214,7 @@ def flights() -> list[Errors]:
     return [observe(seed, 40.0) for seed in range(20)]
 
 
+@pytest.mark.slow
 def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
     """Mean NEES over the seeds, at instants far apart, in its two-sided 95 % band."""
     for part, dof in ((slice(0, 9), 9), (slice(3, 6), 3), (slice(6, 9), 3)):
@@ -306,6 +307,7 @@ def test_a_jump_of_fifty_metres_is_not_believed() -> None:
     assert worst_error(aircraft, 5.0)[0] < 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [ImuBias(gyro_radps=(0.01, -0.01, 0.01)), ImuBias(accel_mps2=(0.5, -0.3, 0.3))],
@@ -328,6 +330,7 @@ def test_an_imu_that_changes_its_bias_is_found_out(fault: ImuBias) -> None:
     assert np.subtract(after.accel, before.accel) == pytest.approx(fault.accel_mps2, abs=0.15)
 
 
+@pytest.mark.slow
 def test_height_stays_right_far_from_home() -> None:
     """At 3 km the ground has fallen 0.7 m below the plane that touches it at home."""
     aircraft = make(seed=2, sensors=SensorsConfig(), wind=BREEZE)

@@ -191,6 +191,7 @@ STRANGE: tuple[Any, ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", [key.path for key in every(top(RunConfig))])
 def test_no_key_is_refused_in_the_words_of_a_library(write, key: tuple[str | int, ...]) -> None:
     for value in STRANGE:

@@ -69,6 +69,7 @@ def test_settings_that_do_not_fit_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [["sitl"], ["fly", "survey.plan"]])
 def test_commands_of_the_built_in_autopilot_take_no_firmware(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]

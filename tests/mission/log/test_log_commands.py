@@ -188,6 +188,7 @@ def test_an_export_that_cannot_be_finished_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
     made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

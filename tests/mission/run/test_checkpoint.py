@@ -44,6 +44,7 @@ def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
 
 
 # 20 of these were killed at random moments by hand; CI has time for a few.
+@pytest.mark.slow
 @pytest.mark.parametrize("after_rounds", [0, 1, 2])
 def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_rounds: int) -> None:
     out = tmp_path / "killed"
@@ -69,6 +70,7 @@ main(sys.argv[2:])
 
 
 # The configuration, the learning's state and the first checkpoint are what is written first.
+@pytest.mark.slow
 @pytest.mark.parametrize("nth", [1, 2, 3])
 def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
@@ -192,6 +194,7 @@ def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixt
     refused(capsys, "versions of libraries differ: jsbsim was 0.9, is ")
 
 
+@pytest.mark.slow
 def test_resume_says_when_a_round_cannot_be_flown_again_alike(
     stopped: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

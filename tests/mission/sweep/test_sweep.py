@@ -76,6 +76,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
     runs, rounds = rows(swept / "runs.csv"), rows(swept / "rounds.csv")
     assert [(run["strategy"], run["seed"]) for run in runs] == [
@@ -101,6 +102,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
     config = swept / "runs" / "cov-seed2" / "config.toml"
     assert call(["run", str(config), "--out", str(tmp_path / "alone"), "--quiet"]) == 0
@@ -109,6 +111,7 @@ def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> Non
         assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
 
 
+@pytest.mark.slow
 def test_a_finished_sweep_flies_nothing_again(
     swept: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,6 +132,7 @@ def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[
     assert "mission.rounds was 2, is 5" in errors
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of child processes")
 def test_a_killed_worker_s_run_is_repeated(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -163,6 +167,7 @@ def writer_of(file: Path) -> int:
     raise AssertionError(f"nobody writes {file}")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
     out = tmp_path / "cut"
     tokens = command(out, "--jobs", "1", seeds=1)
@@ -236,6 +241,7 @@ def test_a_run_whose_worker_always_dies_is_given_up(
     assert "run ideal-seed1 failed" in printed.err
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_named_and_the_others_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +257,7 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(
     assert "<td>failed: learning diverged" in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

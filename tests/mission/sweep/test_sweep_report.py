@@ -146,6 +146,7 @@ def test_a_sweep_that_goes_on_says_how_far_it_is_and_what_is_missing() -> None:
     assert "Not done" not in sweep_html(state())
 
 
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium in the PATH")
 @pytest.mark.parametrize("width", [390, 1280])

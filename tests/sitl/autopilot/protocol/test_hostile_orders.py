@@ -206,6 +206,7 @@ def fence_items(corners: int, radius_m: float) -> list[object]:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_largest_fence_and_the_largest_mission_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

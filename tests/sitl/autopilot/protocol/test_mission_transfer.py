@@ -326,6 +326,7 @@ UPLOAD_BEST = (1 - LOSS**5) ** (1 + ITEMS)
 DOWNLOAD_BEST = (1 - (1 - (1 - LOSS) ** 2) ** 5) * (1 - LOSS**5) ** ITEMS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "best"), [(MavsdkUpload, UPLOAD_BEST), (MavsdkDownload, DOWNLOAD_BEST)]
 )
