@@ -118,6 +118,7 @@ def test_resuming(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
             shutil.rmtree(run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".waypoints", ".plan"])
 def test_plans(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
@@ -134,6 +135,7 @@ def test_plans(
         assert code == 2
 
 
+@pytest.mark.slow
 def test_configurations(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = (whole / "config.toml").read_bytes()
     r = random.Random(9)

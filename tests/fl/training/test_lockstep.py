@@ -147,6 +147,7 @@ def test_other_settings_images_and_batches_find_no_stale_step(split: Split) -> N
                 np.testing.assert_array_equal(one.model, two.model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 def test_the_built_in_networks_start_and_train_alike_in_torch(split: Split, device: str) -> None:
     compiled, torchs = convnet(), built_in(device=device, lockstep=True)

@@ -235,6 +235,7 @@ def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
         assert nees.mean() == pytest.approx(dof, rel=0.25)
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
     """Normalised innovations of one kind are nearly independent: their mean is one."""
     for kind, dof in (("gnss position", 3), ("gnss velocity", 3), ("baro", 1), ("heading", 1)):
@@ -244,6 +245,7 @@ def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
         assert low - 0.03 <= values.mean() <= high + 0.03, kind
 
 
+@pytest.mark.slow
 def test_default_sensors_give_the_accuracy_promised(flights: list[Errors]) -> None:
     now = np.concatenate([f.now for f in flights])
     gnss = np.concatenate([f.gnss for f in flights])

@@ -100,6 +100,7 @@ def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(
     assert (tmp_path / "config.toml").read_text() == "mine = true"
 
 
+@pytest.mark.slow
 def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["run", "--out", str(stopped)]) == 2
     refused(
@@ -109,6 +110,7 @@ def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFi
     )
 
 
+@pytest.mark.slow
 def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = digests(whole)
     assert call(["run", "--resume", str(whole)]) == 0

@@ -85,6 +85,7 @@ def test_a_run_leaves_what_it_promises(run: Path) -> None:
     assert {"setup", "plan", "fly", "learn"} <= summary["wall_s"].keys()
 
 
+@pytest.mark.slow
 def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
     for uplink in rows(run / "uplinks.csv"):
         plan, true, est = (
@@ -97,6 +98,7 @@ def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
         assert abs(float(uplink["true_alt_m"]) - 60.0) < 2.0
 
 
+@pytest.mark.slow
 def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
     with (run / "flight.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -112,6 +114,7 @@ def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
     assert counts["/tf"] > 100
 
 
+@pytest.mark.slow
 def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["compare", str(run), "--as-json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -252,6 +255,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_used_folder_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = digests(run)
     assert fly(run) == 2

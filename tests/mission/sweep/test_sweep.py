@@ -125,6 +125,7 @@ def test_a_finished_sweep_flies_nothing_again(
     assert "digits" in printed
 
 
+@pytest.mark.slow
 def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(command(swept, rounds=5)) == 2
     errors = capsys.readouterr().err
@@ -192,6 +193,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path
         assert rows(out / name) == [row for row in rows(swept / name) if row["seed"] == "1"]
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_not_over_tells_what_is_missing(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -293,6 +295,7 @@ def test_a_full_disk_is_the_end_of_a_run_and_not_of_the_sweep(
         assert f"run {name} failed: {out}/runs/{name}: No space left on device" in errors
 
 
+@pytest.mark.slow
 def test_the_engine_is_closed_where_the_sweep_cannot_begin(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -341,6 +344,7 @@ def test_what_others_finished_is_told_before_a_bug(
     engine.close()
 
 
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 @pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of processes")
