@@ -144,4 +144,5 @@ class Station(RuleBasedStateMachine):
 
 
 TestStation = Station.TestCase
+pytest.mark.slow(TestStation)
 TestStation.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
