@@ -17,7 +17,7 @@ Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "
 
 
 class _Frozen(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class ChannelConfig(_Frozen):

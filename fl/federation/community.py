@@ -118,7 +118,7 @@ class Federation:
             digest.update(repr((community.name, community.config.task)).encode())
             digest.update(repr(community.network.shapes).encode())
             digest.update(repr(community.dataset.provenance.files).encode())
-            digest.update(community.dataset.train.labels.tobytes())
+            digest.update(community.dataset.labels.tobytes())
             for share in community.shares:
                 digest.update(share.tobytes() + b"|")
         return digest.hexdigest()
@@ -163,7 +163,7 @@ def _community(
     device: str,
     test_share: float | None,
 ) -> Community:
-    labels, classes = dataset.train.labels, dataset.classes
+    labels, classes = dataset.labels, dataset.classes
     try:
         if config.partition == "labels":
             owns = partition.draw_owners(
