@@ -194,6 +194,7 @@ def _community(
         config.network,
         image_shape=dataset.image_shape,
         classes=classes,
+        convnet=config.convnet,
         device=device,
         devices=config.devices,
     )

@@ -13,6 +13,7 @@ import pytest
 import torch
 from reference_net import train_plainly
 
+from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.training.convnet import ConvNet
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
@@ -63,11 +64,18 @@ CASES = [
     ("lenet", (19, 26, 2)),  # nothing of it divides by two
     ("mcmahan", (8, 8, 1)),
     ("mcmahan", (9, 14, 3)),
+    (ConvNetConfig(), (12, 13, 3)),
+    (ConvNetConfig(channels=(5, 9, 12), kernel=3, hidden=(20, 11)), (9, 14, 2)),
+    (ConvNetConfig(channels=(7,), kernel=5, hidden=()), (8, 8, 1)),
+    (ConvNetConfig(channels=(), hidden=(30,)), (8, 8, 1)),
 ]
 
 
-def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
-    net = make_network(name, image_shape=shape, classes=10)
+def conv_net(name: str | ConvNetConfig, shape: tuple[int, int, int]) -> ConvNet:
+    if isinstance(name, ConvNetConfig):
+        net = make_network("convnet", convnet=name, image_shape=shape, classes=10)
+    else:
+        net = make_network(name, image_shape=shape, classes=10)
     assert isinstance(net, ConvNet)
     return net
 
@@ -75,7 +83,7 @@ def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
 @pytest.mark.parametrize("batch_size", [5, 16, 40])
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_training_is_textbook_fedprox(
-    name: str, shape: tuple[int, int, int], batch_size: int
+    name: str | ConvNetConfig, shape: tuple[int, int, int], batch_size: int
 ) -> None:
     split = random_split(shape, 150)
     net = conv_net(name, shape)
@@ -100,9 +108,10 @@ def test_training_is_textbook_fedprox(
         np.testing.assert_allclose(result.model, plain.flat(), **TOLERANCE)
 
 
-def test_one_step_follows_the_gradient_to_rounding() -> None:
+@pytest.mark.parametrize("name", ["lenet", ConvNetConfig(channels=(8, 16, 32), hidden=(64, 32))])
+def test_one_step_follows_the_gradient_to_rounding(name: str | ConvNetConfig) -> None:
     split = random_split((32, 32, 3), 16)
-    net = conv_net("lenet", (32, 32, 3))
+    net = conv_net(name, (32, 32, 3))
     model, scaling = net.initial(rng(1)), scaling_of(split)
     step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
     (moved,) = net.train(
