@@ -1,12 +1,7 @@
 """Local training against torch's own modules, autograd and optimiser."""
 
-import os
-import platform
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,31 +192,3 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     got = net.correct_per_class(split, model, scaling=scaling)
     assert got.tolist() == expected
     assert got.sum() > 0
-
-
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names an x86 processor")
-def test_an_old_processor_computes_the_same_bytes(tmp_path: Path) -> None:
-    """Without wide vectors and fused multiply-add, which are then imitated, it is only slow."""
-    script = (
-        "import hashlib; import numpy as np; from test_training import *;"
-        "net = conv_net('lenet', (8, 8, 1));"
-        "split = random_split((8, 8, 1), 40); model = net.initial(rng(2));"
-        "task = LocalTask(np.arange(40), rng(1)); scaling = scaling_of(split);"
-        "done, = net.train(split, model, [task], scaling=scaling, settings=SETTINGS);"
-        "print(hashlib.sha256(done.model.tobytes()).hexdigest(), done.loss)"
-    )
-    old = {
-        "NUMBA_CPU_NAME": "nehalem",
-        "NUMBA_CPU_FEATURES": "+sse4.2",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-    }
-    results = [
-        subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=Path(__file__).parent, capture_output=True, text=True, check=True,
-            env=os.environ | change | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        ).stdout
-        for change in ({}, old)
-    ]  # fmt: skip
-    assert results[0] == results[1]
-    assert len(results[0]) > 64
