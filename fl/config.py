@@ -194,5 +194,5 @@ class LearningConfig(_Frozen):
     )
     device: Literal["cpu", "cuda"] = Field(
         "cpu",
-        description="where networks train: the processor, or a GPU by way of torch",
+        description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )
