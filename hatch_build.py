@@ -9,7 +9,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 sys.path.insert(0, str(Path(__file__).parent))  # in a build, nothing of the project is on the path
-from native import building  # noqa: E402
+from native import building
 
 
 class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
