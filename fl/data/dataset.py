@@ -52,6 +52,7 @@ class Dataset:
 
     task: str
     labels: Labels  # of the training images
+    held_out: Labels  # (classes,) validation images of each class
     image_shape: tuple[int, int, int]  # height, width, channels
     classes: int
     provenance: Provenance
@@ -99,8 +100,8 @@ def checked(
         )
     _, height, width, channels = train.images.shape
     return Dataset(
-        task, train.labels, (height, width, channels), classes, provenance,
-        lambda: (train, validation),
+        task, train.labels, np.bincount(validation.labels, minlength=classes),
+        (height, width, channels), classes, provenance, lambda: (train, validation),
     )  # fmt: skip
 
 

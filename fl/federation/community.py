@@ -203,7 +203,7 @@ def _community(
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
     community = Community(config, dataset, network, tuple(shares), counts, test_share)
     if test_share is not None:
-        held_out = _per_class(dataset.validation, classes)
+        held_out = dataset.held_out
         if held_out.sum() == held_out_of_each(held_out, test_share).sum():
             raise SettingError(
                 "learning.report_on", "test",
