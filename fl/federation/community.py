@@ -77,7 +77,7 @@ class Community:
     @cached_property
     def validation_counts(self) -> Indices:
         """Validation images of each class, (classes,)."""
-        return _per_class(self.validation, self.dataset.classes)
+        return np.bincount(self.validation.labels, minlength=self.dataset.classes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,3 @@ def _community(
                 f"images of {config.task} that do not train, none would be left to validate",
             )  # fmt: skip
     return community
-
-
-def _per_class(split: Split, classes: int) -> Indices:
-    return np.bincount(split.labels, minlength=classes).astype(np.int64)
