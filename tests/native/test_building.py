@@ -5,6 +5,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -105,7 +106,8 @@ def build_hook(monkeypatch):
 
 
 def test_a_wheel_is_for_every_python_of_its_platform(monkeypatch):
-    hook, data = build_hook(monkeypatch), {"force_include": {}}
+    hook = build_hook(monkeypatch)
+    data: dict[str, Any] = {"force_include": {}}
     hook.root = building.ROOT
     hook.initialize("standard", data)
     assert data["tag"].startswith("py3-none-")
