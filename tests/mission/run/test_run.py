@@ -369,3 +369,41 @@ def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
     assert changes >= 1
     assert left[2] > left[1]
     assert all(float(u["slot_t_s"]) > 0 for u in rows(out / "uplinks.csv"))
+
+
+# The process has what it has, and of that only pieces below 64 kB are left when figures are drawn.
+DRAWS_WITHOUT_MEMORY = """
+import resource, sys
+from contextlib import suppress
+from pathlib import Path
+from mission.cli import call
+from mission.figures import run as figures
+
+draw, taken = figures.draw_run, []
+
+def starved(folder):
+    room = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (room, resource.RLIM_INFINITY))
+    for size in (2**24, 2**20, 2**16):
+        with suppress(MemoryError):
+            while True:
+                taken.append(bytearray(size))
+    draw(folder)
+
+figures.draw_run = starved
+sys.exit(call(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by way of /proc")
+def test_figures_without_memory_end_in_one_line_and_lose_nothing(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "starved"
+    ended = subprocess.run(
+        [sys.executable, "-c", DRAWS_WITHOUT_MEMORY, "run", "--out", str(out), "--rounds", "2",
+         *SMALL],
+        capture_output=True, text=True, check=False, timeout=HANG_S,
+    )  # fmt: skip
+    assert ended.returncode == 1, ended.stderr
+    assert ended.stderr == f"aerofed: figures: out of memory; what was flown is in {out}\n"
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+    assert digests(out) == digests(run)
