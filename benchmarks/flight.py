@@ -71,15 +71,15 @@ def stepped(step: Callable[[], object], seconds: float) -> Cost:
 
 def physics(aircraft: Aircraft, seconds: float) -> Cost:
     """What of a guided flight is JSBSim's: half of the time by CPU, half by wall."""
-    objects: Any = aircraft
-    run, spent = aircraft.vehicle.run, []
+    plant: Any = aircraft.plant
+    run, spent = plant._run, []
     for clock in (time.thread_time, time.perf_counter):
         watch = Stopwatch(clock)
-        objects._run = watch.wrap("physics", run)
+        plant._run = watch.wrap("physics", run)
         for _ in range(round(seconds * HZ / 2)):
             aircraft.step()
         spent.append(watch.spent["physics"])
-    objects._run = run
+    plant._run = run
     return Cost(seconds / 2, *spent)
 
 
@@ -167,13 +167,14 @@ def aircraft_table(seconds: float) -> None:
     aircraft = cruising("realistic")
     watch = Stopwatch()
     objects: Any = aircraft
-    objects._run = watch.wrap("physics", aircraft._run)
+    plant: Any = aircraft.plant
+    plant._run = watch.wrap("physics", plant._run)
     navigation: Any = aircraft.navigation
     navigation.tick = watch.wrap("sensors: IMU every tick, others when due", navigation.tick)
     navigation.update = watch.wrap("estimator: increments, filter, replay", navigation.update)
     guidance: Any = objects._guidance
     guidance.step = watch.wrap("guidance and outer loop, 50 Hz", guidance.step)
-    objects._housekeep = watch.wrap("battery, faults, ground", objects._housekeep)
+    plant._look_around = watch.wrap("battery, faults, ground", plant._look_around)
     for _ in range(round(seconds * HZ)):
         aircraft.step()
     print("\ninside the aircraft, by timers (their own time taken off)")
