@@ -49,16 +49,9 @@ class Aircraft:
         inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
         self.navigation: Navigation
         if plant.sensors is None:
-            self.navigation = TrueNavigation(self.vehicle, inner, clock)
+            self.navigation = TrueNavigation(plant, inner)
         else:
-            self.navigation = InertialNavigation(
-                plant.sensors,
-                self.vehicle,
-                inner,
-                clock,
-                earth=earth,
-                guidance_ticks=plant.interval,
-            )
+            self.navigation = InertialNavigation(plant, plant.sensors, inner, earth=earth)
         self._nav = self.navigation.state()
         dt_s = config.guidance_interval_s
         self.controller = Controller(
@@ -72,15 +65,29 @@ class Aircraft:
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
-        plant = self.plant
-        plant.step()
+        self.advance(1)
+
+    def advance(self, most: int) -> int:
+        """The ticks up to the next guidance step, `most` at most; one where each of them matters,
+        near the ground and at a corner. Returns how many.
+        """
+        plant, navigation, tick = self.plant, self.navigation, self._clock.tick
+        if self._near or plant.low:
+            ticks = 1
+        else:
+            ticks = min(most, self._interval - tick % self._interval, navigation.due - tick)
+        navigation.run(ticks)
+        plant.passed(ticks)
+        tick += ticks
         if plant.impact_mps is not None and self.armed:
             self.disarm()
-        self.navigation.tick()
-        if self._clock.tick % self._interval == 0:
+        if tick >= navigation.due:
+            navigation.sense()
+        if tick % self._interval == 0:
             self._guide()
         elif self._near:
-            self._guidance.pass_corners(self.navigation.position(), self._nav.v)
+            self._guidance.pass_corners(navigation.position(), self._nav.v)
+        return ticks
 
     def _guide(self) -> None:
         nav = self._nav = self.navigation.update()

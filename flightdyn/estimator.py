@@ -10,6 +10,7 @@ Its states and matrices are those of `error_model`.
 
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -50,7 +51,8 @@ from flightdyn.frames import (
     rotation_quaternion,
     wrap_pi,
 )
-from flightdyn.inertial import EARTH_RADIUS_M, Earth, ImuIncrement, NavState, propagate
+from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
+from flightdyn.native.library import Increments, Strapdown
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Innovation, Vector
 
@@ -97,11 +99,16 @@ class Estimator:
         t_ns: int,
         earth: Earth,
         step_s: float,
+        increments: int,
     ) -> None:
-        """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
+        """Start at rest at height zero; `step_s` is the time between predictions of the filter, in
+        which there are so many `increments` of the IMU.
+        """
         self._config = config
-        self._earth = earth
         self._step_ns = round(step_s * 1e9)
+        self._step_s = step_s
+        self._per_step = increments
+        self._increment_ns = self._step_ns // increments
         self._delay_ns = round(config.gnss.delay_s * 1e9)
         mag = config.mag
         self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
@@ -117,9 +124,14 @@ class Estimator:
             (0.0, 0.0, 0.0),
             level(align, declination_rad=self._declination),
         )
+        # Those since the horizon, from which the state of now is carried.
+        most = increments + math.ceil(self._delay_ns / self._increment_ns) + 1
+        self._increments = Increments(most)
+        self._from_horizon = Strapdown(earth, most=most)
+        self._to_now = Strapdown(earth, most=most)
+        self._ahead = Strapdown(earth, most=1)
+        self._take_over()
         self.now = self.horizon
-        self._increments: deque[ImuIncrement] = deque()
-        self._batch: list[ImuIncrement] = []
         self._baro: deque[BaroSample] = deque()
         self._downs: dict[int, float] = {}  # along the horizon since the last correction
         self._mag: deque[MagSample] = deque()
@@ -157,24 +169,33 @@ class Estimator:
         """Standard deviations of one part of the error state."""
         return np.sqrt(np.diag(self._kf.P)[part])
 
-    def step(self, increment: ImuIncrement, fix: GnssFix | None) -> None:
-        """One IMU increment, and a GNSS solution if one arrived with it."""
-        self._increments.append(increment)
+    def step(self, samples: Sequence[float], t_ns: int, fix: GnssFix | None, *, dt_s: float) -> None:
+        """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
+        increments = self._increments
+        increments.add(samples, dt_s=dt_s)
         if fix is not None:
             self._fixes.append(fix)
-        b = self._biases
-        self.now, _ = propagate(
-            self.now, increment, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-        )
-        horizon_ns = increment.t_ns - self._delay_ns
-        increments, batch = self._increments, self._batch
-        while increments and increments[0].t_ns <= horizon_ns:
-            part = increments.popleft()
-            batch.append(part)
-            if part.t_ns - self.horizon.t_ns >= self._step_ns:
-                self._predict()
-                if self._correct():
-                    self._replay()
+        self._to_now.carry(increments, increments.count - 1, 1)
+        while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
+            self._predict()
+            if self._correct():
+                self._to_now.carry(increments, 0, increments.count)
+        self.now = NavState.of(t_ns, self._to_now)
+
+    def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
+        """The state after a few samples more."""
+        few = Increments(1)
+        few.add(samples, dt_s=dt_s)
+        ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
+        ahead.place(p, v, q)
+        ahead.correct(b.gyro, b.accel)
+        ahead.carry(few, 0, 1)
+        return NavState.of(t_ns, ahead)
+
+    def mean_force(self) -> Triple:
+        """Mean specific force (m/s2, body axes) of the last samples, biases taken off."""
+        (x, y, z), (bx, by, bz) = self._increments.mean_force(), self._biases.accel
+        return x - bx, y - by, z - bz
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
@@ -191,19 +212,15 @@ class Estimator:
 
     def _predict(self) -> None:
         """Carry the horizon over one filter step."""
-        b = self._biases
-        dn = de = dd = 0.0
+        b, dt, count = self._biases, self._step_s, self._per_step
         R = np.array(rotation_matrix(self.horizon.q)).reshape(3, 3)
-        state = self.horizon
-        dt = sum(part.dt_s for part in self._batch)
-        for part in self._batch:
-            state, (n, e, d) = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-            dn, de, dd = dn + n, de + e, dd + d
-            self._downs[state.t_ns] = state.p[2]
-        self.horizon = state
-        self._batch.clear()
+        carried = self._from_horizon
+        carried.carry(self._increments, 0, count)
+        self._increments.drop(count)
+        dn, de, dd = carried.gained
+        for i, down in enumerate(carried.downs[:count], 1):
+            self._downs[self.horizon.t_ns + i * self._increment_ns] = down
+        self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
         self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
         if self._unaided_ns < _UNAIDED_NS:
@@ -360,16 +377,11 @@ class Estimator:
             (b.mag[0] + x[18], b.mag[1] + x[19], b.mag[2] + x[20]),
             b.baro + x[21],
         )
+        self._take_over()
 
-    def _replay(self) -> None:
-        """Carry the corrected horizon to now."""
-        state, b = self.horizon, self._biases
-        for part in self._batch:
-            state, _ = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-        for part in self._increments:
-            state, _ = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-        self.now = state
+    def _take_over(self) -> None:
+        """Carry on from the corrected horizon, with the corrected biases."""
+        _, p, v, q = self.horizon
+        for carried in (self._from_horizon, self._to_now):
+            carried.place(p, v, q)
+            carried.correct(self._biases.gyro, self._biases.accel)

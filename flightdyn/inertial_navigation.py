@@ -3,15 +3,14 @@
 import math
 from statistics import pstdev
 
-from flightdyn.clock import SimClock
 from flightdyn.error_model import Alignment
 from flightdyn.errors import FlightInputError
 from flightdyn.estimator import Estimator
 from flightdyn.frames import Triple, frozen
-from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
+from flightdyn.inertial import Earth, NavState
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.instruments import Readings
-from flightdyn.multirotor import Multirotor
+from flightdyn.plant import Plant
 from flightdyn.sensor_suite import SensorSuite
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -24,22 +23,20 @@ class InertialNavigation:
 
     def __init__(
         self,
+        plant: Plant,
         sensors: SensorSuite,
-        vehicle: Multirotor,
         inner: InnerLoops,
-        clock: SimClock,
         *,
         earth: Earth,
-        guidance_ticks: int,
     ) -> None:
         """Aligned at rest: the clock is run from before zero up to zero."""
         self.sensors = sensors
         self._config = config = sensors.config
-        self._vehicle = vehicle
+        self._plant = plant
         self._inner = inner
-        self._clock = clock
+        self._clock = clock = plant.clock
         filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
-        if filter_ticks % guidance_ticks:
+        if filter_ticks % plant.interval:
             raise FlightInputError(
                 f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
             )
@@ -48,8 +45,10 @@ class InertialNavigation:
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
-        self._samples: list[ImuSample] = []
-        self._interval: list[ImuSample] = []  # of the guidance interval before
+        # Six numbers a tick, as `SensorSuite.imu` reads them.
+        self._samples: list[float] = []
+        self._interval: list[float] = []  # of the guidance interval before
+        self._increments = filter_ticks // plant.interval
         self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
@@ -63,7 +62,7 @@ class InertialNavigation:
         sums = [0.0] * 10
         pressures = fields = 0
         for _ in range(count):
-            self._vehicle.run()
+            self._plant.vehicle.run()
             clock.advance()
             for i, value in enumerate(sensors.imu()):
                 sums[i] += value / count
@@ -93,48 +92,52 @@ class InertialNavigation:
             t_ns=clock.t_ns,
             earth=self._earth,
             step_s=FILTER_STEP_S,
+            increments=self._increments,
         )
 
-    def tick(self) -> None:
-        """Sample the sensors that are due; believed body rates to the inner loops."""
-        sensors = self.sensors
-        self._samples.append(sensors.imu())
-        p, q, r = sensors.rates
+    @property
+    def due(self) -> int:
+        """The tick at which a sensor other than the IMU is read next."""
+        return self.sensors.due
+
+    def run(self, ticks: int) -> None:
+        """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
+        run, sensors, feed, keep = (
+            self._plant.run, self.sensors, self._inner.feed, self._samples.extend
+        )  # fmt: skip
+        imu = sensors.imu
         bp, bq, br = self._gyro_bias
-        self._inner.feed(p - bp, q - bq, r - br)
-        if self._clock.tick >= sensors.due:
-            pressure, field = sensors.slow()
-            if pressure is not None:
-                self.estimator.observe_baro(pressure)
-            if field is not None:
-                self.estimator.observe_mag(field)
+        for _ in range(ticks):
+            run()
+            keep(imu())
+            p, q, r = sensors.rates
+            feed(p - bp, q - bq, r - br)
+
+    def sense(self) -> None:
+        """Read the other sensors that are due."""
+        pressure, field = self.sensors.slow()
+        if pressure is not None:
+            self.estimator.observe_baro(pressure)
+        if field is not None:
+            self.estimator.observe_mag(field)
 
     def update(self) -> NavState:
         """Bring the filter up to this tick."""
-        t_ns = self._clock.t_ns
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
-        step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
-        self._interval, self._samples = self._samples, self._interval
-        self._samples.clear()
-        estimator = self.estimator
-        estimator.step(step, fix)
-        biases = estimator.biases
-        self._gyro_bias = biases.gyro
-        k, (x, y, z), b = 1 / step.dt_s, step.velocity, biases.accel
-        self.specific_force = (x * k - b[0], y * k - b[1], z * k - b[2])
+        estimator, samples = self.estimator, self._samples
+        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
+        self._interval, self._samples = samples, []
+        self._gyro_bias = estimator.biases.gyro
+        self.specific_force = estimator.mean_force()
         return estimator.now
 
     def state(self) -> NavState:
         """Believed state of this tick."""
         if not self._samples:
             return self.estimator.now
-        step = integrate(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
-        b = self.estimator.biases
-        return propagate(
-            self.estimator.now, step, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-        )[0]
+        return self.estimator.ahead(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -158,7 +161,7 @@ class InertialNavigation:
     def readings(self) -> Readings:
         """Of this tick's IMU sample, and of the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
-        x, y, z = self._samples[-1][3:] if self._samples else self.specific_force
+        x, y, z = self._samples[-3:] if self._samples else self.specific_force
         bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
         assert sensors.pressure is not None  # aligned by it
         return Readings(
@@ -173,7 +176,7 @@ class InertialNavigation:
     def _vibration(self) -> Triple:
         if not self._interval:
             return (0.0, 0.0, 0.0)
-        x, y, z = (pstdev(sample[axis] for sample in self._interval) for axis in (3, 4, 5))
+        x, y, z = (pstdev(self._interval[axis::6]) for axis in (3, 4, 5))
         return x, y, z
 
     def _believed_rates(self) -> Triple:

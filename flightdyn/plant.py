@@ -52,8 +52,7 @@ class Plant:
         )
         self._battery = Battery(config.battery)
         self._gusty = bool(config.wind.gusts or config.faults)
-        self._run = self.vehicle.run
-        self._low = True  # so near the ground that it may be touched before the next look
+        self.run = self._feel_ground  # a tick of physics
         self._slow = 0
         self.impact_mps: float | None = None  # with which it crashed
 
@@ -63,26 +62,37 @@ class Plant:
         Raises:
             ModelDivergedError: the physics has left the numbers.
         """
-        self._run()
-        self.clock.tick += 1
-        if self._low:
-            self._feel_ground()
+        self.run()
+        self.passed(1)
+
+    def passed(self, ticks: int) -> None:
+        """Count ticks that were run, and look after gusts, battery, ground and faults when it is
+        time. Raises ModelDivergedError where the physics has left the numbers.
+        """
+        self.clock.tick += ticks
         if self.clock.tick % self.interval == 0:
             self._look_around()
 
-    def _feel_ground(self) -> None:
-        """A wreck from the tick on at which the ground is met faster than the legs can take."""
+    @property
+    def low(self) -> bool:
+        """So near the ground that it may be touched at any tick."""
+        return self.run == self._feel_ground
+
+    def _feel_ground(self) -> bool:
+        """A tick near the ground: a wreck from the one on at which it is met faster than the legs
+        can take.
+        """
+        self.vehicle.run()
         speed = self.vehicle.impact_mps()
         if speed > self.vehicle.airframe.impact_limit_mps:
             self.impact_mps = speed
             self.vehicle.arm(False)
             self.vehicle.wreck()
-            self._run = self.vehicle.run
-            self._low = False
+            self.run = self.vehicle.run
+        return True
 
     def _look_around(self) -> None:
         """Gusts of this instant; battery, ground and faults every few times."""
-        self.vehicle.check()
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
             burst = self._faults.burst_ned_mps
@@ -90,11 +100,13 @@ class Plant:
         self._slow += 1
         if self._slow == _SLOW:
             self._slow = 0
+            self.vehicle.check()
             volts = self._battery.draw(
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
             )
             self.vehicle.set_battery_voltage(volts)
-            self._low = self.vehicle.watch_ground() and not self.crashed
+            near = self.vehicle.watch_ground() and not self.crashed
+            self.run = self._feel_ground if near else self.vehicle.run
             self._faults.update(self.clock.t_ns)
 
     @property

@@ -1,0 +1,130 @@
+"""The C interface of strapdown navigation (`flight.h`); what it works on lies here.
+
+The calls take well under a microsecond, so they keep Python's lock.
+"""
+
+import ctypes
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+
+from native.building import LIBRARIES
+from native.loading import address, functions, load
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
+
+_Triple = tuple[float, float, float]
+
+
+class _Functions(ctypes.Structure):
+    _fields_ = (
+        ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER)),
+        ("carry", ctypes.PYFUNCTYPE(
+            None, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
+    )  # fmt: skip
+
+
+_FUNCTIONS = functions(load(LIBRARIES[2]), _Functions)
+_INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
+
+
+class Increments:
+    """Sums of IMU samples, one after another: the oldest first, `most` at a time."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.count = 0
+        self._rows = np.zeros((most, INCREMENT))
+        self._at = address(self._rows, np.float64, (most, INCREMENT), written=True)
+        self._size = self._rows.itemsize * INCREMENT
+
+    def add(self, samples: Sequence[float], *, dt_s: float) -> None:
+        """Sum samples, each held for `dt_s`: rates (rad/s) and specific force (m/s2), six numbers
+        each, end to end. Biases are left in.
+
+        Raises:
+            ValueError: not six numbers each, or too many increments.
+        """
+        numbers = array("d", samples)
+        where, count = numbers.buffer_info()
+        if count % SAMPLE or self.count >= self.most:
+            raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
+        _INTEGRATE(where, count // SAMPLE, dt_s, self._at + self.count * self._size)
+        self.count += 1
+
+    def drop(self, count: int) -> None:
+        """Forget the oldest ones."""
+        self.count -= count
+        self._rows[: self.count] = self._rows[count : count + self.count]
+
+    def mean_force(self) -> _Triple:
+        """Of the newest one: velocity gained over time (m/s2)."""
+        dt, _, _, _, x, y, z = self._rows[self.count - 1].tolist()
+        return x / dt, y / dt, z / dt
+
+    def rows(self, first: int, count: int) -> int:
+        """Where some of them lie.
+
+        Raises:
+            ValueError: there are no such.
+        """
+        if not 0 <= first <= first + count <= self.count:
+            raise ValueError(f"increments {first} to {first + count} of {self.count}")
+        return self._at + first * self._size
+
+
+class Strapdown:
+    """Position, velocity (NED) and attitude, carried from increment to increment."""
+
+    def __init__(self, earth: Sequence[float], *, most: int) -> None:
+        """`earth`: gravity (m/s2), its rate north and down (rad/s); `most` increments at a time."""
+        self._state = np.zeros(STATE)
+        self._bias = np.zeros(BIAS)
+        self._earth = np.array(earth, dtype=np.float64)
+        self._gained = np.zeros(3)
+        self._downs = np.zeros(most)
+        self._at = address(self._state, np.float64, (STATE,), written=True)
+        self._rest = (
+            address(self._bias, np.float64, (BIAS,)),
+            address(self._earth, np.float64, (EARTH,)),
+            address(self._gained, np.float64, (3,), written=True),
+            address(self._downs, np.float64, (most,), written=True),
+        )
+
+    def place(self, p: _Triple, v: _Triple, q: tuple[float, float, float, float]) -> None:
+        """Begin there."""
+        self._state[:] = (*p, *v, *q)
+
+    def correct(self, gyro: _Triple, accel: _Triple) -> None:
+        """Biases to take off the increments from now on (rad/s, m/s2)."""
+        self._bias[:] = (*gyro, *accel)
+
+    def carry(self, increments: Increments, first: int, count: int) -> None:
+        """Go on by some of the increments.
+
+        Raises:
+            ValueError: there are no such, or they are too many.
+        """
+        if count > len(self._downs):
+            raise ValueError(f"{count} increments at once, {len(self._downs)} at most")
+        _CARRY(self._at, increments.rows(first, count), count, *self._rest)
+
+    @property
+    def numbers(self) -> list[float]:
+        """Position, velocity and attitude: ten numbers."""
+        numbers: list[float] = self._state.tolist()
+        return numbers
+
+    @property
+    def gained(self) -> list[float]:
+        """Velocity (NED) gained without gravity when it was carried last."""
+        gained: list[float] = self._gained.tolist()
+        return gained
+
+    @property
+    def downs(self) -> list[float]:
+        """Position down after each of the increments by which it was carried last."""
+        downs: list[float] = self._downs.tolist()
+        return downs
