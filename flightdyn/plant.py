@@ -5,6 +5,7 @@ autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `s
 """
 
 import math
+from collections.abc import Callable
 
 from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
@@ -52,7 +53,7 @@ class Plant:
         )
         self._battery = Battery(config.battery)
         self._gusty = bool(config.wind.gusts or config.faults)
-        self.run = self._feel_ground  # a tick of physics
+        self._watch_ground(near=True)
         self._slow = 0
         self.impact_mps: float | None = None  # with which it crashed
 
@@ -73,10 +74,10 @@ class Plant:
         if self.clock.tick % self.interval == 0:
             self._look_around()
 
-    @property
-    def low(self) -> bool:
-        """So near the ground that it may be touched at any tick."""
-        return self.run == self._feel_ground
+    def _watch_ground(self, *, near: bool) -> None:
+        """Feel for the ground at every tick or not at all."""
+        self.low = near  # it may be touched before the next look
+        self.run: Callable[[], bool] = self._feel_ground if near else self.vehicle.run
 
     def _feel_ground(self) -> bool:
         """A tick near the ground: a wreck from the one on at which it is met faster than the legs
@@ -88,7 +89,7 @@ class Plant:
             self.impact_mps = speed
             self.vehicle.arm(False)
             self.vehicle.wreck()
-            self.run = self.vehicle.run
+            self._watch_ground(near=False)
         return True
 
     def _look_around(self) -> None:
@@ -105,8 +106,7 @@ class Plant:
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
             )
             self.vehicle.set_battery_voltage(volts)
-            near = self.vehicle.watch_ground() and not self.crashed
-            self.run = self._feel_ground if near else self.vehicle.run
+            self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
             self._faults.update(self.clock.t_ns)
 
     @property
