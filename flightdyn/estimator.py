@@ -40,7 +40,6 @@ from flightdyn.error_model import (
     measurement_matrix,
     measurement_noise,
     process_noise,
-    squared_norm,
     transition,
 )
 from flightdyn.frames import (
@@ -52,7 +51,7 @@ from flightdyn.frames import (
     wrap_pi,
 )
 from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
-from flightdyn.native.library import Increments, Strapdown
+from flightdyn.native.library import Increments, Innovations, Strapdown, Transition
 from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Innovation, Vector
 
@@ -67,6 +66,7 @@ _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
 GATE_3 = 21.1
 GATE_1 = 15.1
+_NUMBER = {"gnss position": 0, "gnss velocity": 1, "baro": 2, "heading": 3}  # in C
 
 
 class Biases(NamedTuple):
@@ -77,6 +77,15 @@ class Biases(NamedTuple):
     gnss: Triple = (0.0, 0.0, 0.0)
     mag: Triple = (0.0, 0.0, 0.0)
     baro: float = 0.0
+
+
+class _Model(NamedTuple):
+    """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
+
+    F: Vector
+    Q: Vector
+    keep: float
+    transition: Transition
 
 
 def _inverse(matrix: Vector) -> Vector:
@@ -132,6 +141,8 @@ class Estimator:
         self._ahead = Strapdown(earth, most=1)
         self._take_over()
         self.now = self.horizon
+        # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
         self._downs: dict[int, float] = {}  # along the horizon since the last correction
         self._mag: deque[MagSample] = deque()
@@ -145,11 +156,11 @@ class Estimator:
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.inv = _inverse
         self._kf.x = np.zeros((STATES, 1))
-        self._kf.Q = process_noise(config, step_s=step_s, pa_per_m=pa_per_m)
-        self._kf.F = transition(config, step_s=step_s)
-        self._keep = gnss_correlation(config, step_s=step_s)
+        self._models: dict[int, _Model] = {}
+        self._pa_per_m = pa_per_m
         self._H = measurement_matrix(config)
         self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._innovations = Innovations(self._H, self._R)
         self._baro_var = float(self._R[BARO, BARO])
         self._kf.P = initial_covariance(
             config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
@@ -177,7 +188,7 @@ class Estimator:
             self._fixes.append(fix)
         self._to_now.carry(increments, increments.count - 1, 1)
         while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
-            self._predict()
+            self._advance()
             if self._correct():
                 self._to_now.carry(increments, 0, increments.count)
         self.now = NavState.of(t_ns, self._to_now)
@@ -210,32 +221,45 @@ class Estimator:
         """A magnetometer sample of now; used when the horizon comes to it."""
         self._mag.append(sample)
 
-    def _predict(self) -> None:
+    def _advance(self) -> None:
         """Carry the horizon over one filter step."""
         b, dt, count = self._biases, self._step_s, self._per_step
-        R = np.array(rotation_matrix(self.horizon.q)).reshape(3, 3)
         carried = self._from_horizon
         carried.carry(self._increments, 0, count)
         self._increments.drop(count)
-        dn, de, dd = carried.gained
+        n, e, d = carried.gained
+        gn, ge, gd = self._gained
+        self._gained = (gn + n, ge + e, gd + d)
+        self._steps += 1
         for i, down in enumerate(carried.downs[:count], 1):
             self._downs[self.horizon.t_ns + i * self._increment_ns] = down
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
-        force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
-        self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
+        force = (n / dt, e / dt, d / dt)
+        self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
         if self._unaided_ns < _UNAIDED_NS:
             self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
-        F = self._kf.F
-        S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
-        turned, half = R * -dt, dt / 2
-        F[VEL, ATT] = S
-        F[POS, ATT] = S * half
-        F[VEL, BA] = F[ATT, BG] = turned
-        F[POS, BA] = turned * half
-        F[VEL, BG] = S @ turned * 0.5
+
+    def _predict(self) -> None:
+        """Bring the covariance from the last correction to the horizon."""
+        model = self._models.get(self._steps) or self._model(self._steps)
+        model.transition.write(self._before, self._gained, self._steps * self._step_s)
+        self._kf.F, self._kf.Q = model.F, model.Q
         self._kf.predict()
-        keep, g = self._keep, b.gnss
-        self._biases = b._replace(gnss=(g[0] * keep, g[1] * keep, g[2] * keep))
+        b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
+        self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
+
+    def _model(self, steps: int) -> _Model:
+        """The model of so many steps at once."""
+        step_s = steps * self._step_s
+        F = transition(self._config, step_s=step_s)
+        made = self._models[steps] = _Model(
+            F,
+            process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m),
+            gnss_correlation(self._config, step_s=step_s),
+            Transition(F),
+        )
+        return made
 
     def _correct(self) -> bool:
         """Fuse what was measured up to the horizon, with the receiver or without it in time."""
@@ -246,8 +270,8 @@ class Estimator:
         if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
             return False
         self._corrected_ns = t_ns
-        z = np.zeros(8)
-        R = self._R
+        self._predict()
+        z, R = self._innovations.residual, self._R
         rows: list[tuple[str, slice, float]] = []
         if fix is not None:
             self._residual_gnss(z, fix)
@@ -321,15 +345,12 @@ class Estimator:
     def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
         """Use the measurements whose innovations are believable, and `extra`, all at once."""
         kf, H, R = self._kf, self._H, self._R
-        S = H @ kf.P @ H.T + R
-        stds = np.sqrt(S.diagonal())
+        stds, squares = self._innovations.measure(kf.P)
         use = list(extra)
-        t_ns = self.horizon.t_ns
+        t_ns, values = self.horizon.t_ns, z.tolist()
         for kind, part, gate in rows:
-            y = z[part]
-            nis = squared_norm(S[part, part], y)
             innovation = Innovation(
-                t_ns, kind, tuple(y.tolist()), tuple(stds[part].tolist()), nis, gate
+                t_ns, kind, tuple(values[part]), tuple(stds[part]), squares[_NUMBER[kind]], gate
             )
             self.innovations.append(innovation)
             self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1
@@ -385,3 +406,4 @@ class Estimator:
         for carried in (self._from_horizon, self._to_now):
             carried.place(p, v, q)
             carried.correct(self._biases.gyro, self._biases.accel)
+        self._before = q

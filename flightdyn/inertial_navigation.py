@@ -6,7 +6,7 @@ from statistics import pstdev
 from flightdyn.error_model import Alignment
 from flightdyn.errors import FlightInputError
 from flightdyn.estimator import Estimator
-from flightdyn.frames import Triple, frozen
+from flightdyn.frames import Triple
 from flightdyn.inertial import Earth, NavState
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.instruments import Readings
@@ -49,7 +49,6 @@ class InertialNavigation:
         self._samples: list[float] = []
         self._interval: list[float] = []  # of the guidance interval before
         self._increments = filter_ticks // plant.interval
-        self._gyro_bias: Triple = (0.0, 0.0, 0.0)
         self.gnss: GnssFix | None = None
         self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
         self._earth = earth
@@ -84,7 +83,7 @@ class InertialNavigation:
             pressure_pa=sums[9] / pressures,
             duration_s=self._config.alignment_s,
         )
-        self._gyro_bias = align.rates
+        self._inner.correct(align.rates)
         return Estimator(
             self._config,
             align=align,
@@ -102,16 +101,9 @@ class InertialNavigation:
 
     def run(self, ticks: int) -> None:
         """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
-        run, sensors, feed, keep = (
-            self._plant.run, self.sensors, self._inner.feed, self._samples.extend
-        )  # fmt: skip
-        imu = sensors.imu
-        bp, bq, br = self._gyro_bias
-        for _ in range(ticks):
-            run()
-            keep(imu())
-            p, q, r = sensors.rates
-            feed(p - bp, q - bq, r - br)
+        self.sensors.imu_while(
+            self._plant.run, ticks, keep=self._samples.extend, feel=self._inner.feed
+        )
 
     def sense(self) -> None:
         """Read the other sensors that are due."""
@@ -129,7 +121,7 @@ class InertialNavigation:
         estimator, samples = self.estimator, self._samples
         estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
         self._interval, self._samples = samples, []
-        self._gyro_bias = estimator.biases.gyro
+        self._inner.correct(estimator.biases.gyro)
         self.specific_force = estimator.mean_force()
         return estimator.now
 
@@ -145,14 +137,8 @@ class InertialNavigation:
 
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
-        here = self.state()
-        return Kinematics(
-            t_ns=self._clock.t_ns,
-            pos_ned_m=frozen(here.p),
-            vel_ned_mps=frozen(here.v),
-            q_frd_to_ned=frozen(here.q),
-            omega_frd_radps=frozen(self._believed_rates()),
-        )
+        t_ns, p, v, q = self.state()
+        return Kinematics.of(t_ns, *p, *v, *q, *self._believed_rates())
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the filter was given after an instant, against what it expected."""
@@ -180,7 +166,7 @@ class InertialNavigation:
         return x, y, z
 
     def _believed_rates(self) -> Triple:
-        (p, q, r), b = self.sensors.rates, self._gyro_bias
+        (p, q, r), b = self.sensors.rates, self.estimator.biases.gyro
         return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:

@@ -28,6 +28,15 @@ class Kinematics:
     q_frd_to_ned: Vector  # (4,) w, x, y, z; rotates body vectors into NED
     omega_frd_radps: Vector  # (3,)
 
+    @classmethod
+    def of(cls, t_ns: int, *numbers: float) -> "Kinematics":
+        """From position, velocity, attitude and rates: thirteen numbers, in that order."""
+        all_of_them = np.array(numbers)
+        all_of_them.flags.writeable = False
+        return cls(
+            t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:]
+        )
+
     @property
     def alt_rel_m(self) -> float:
         """Height above the take-off point."""

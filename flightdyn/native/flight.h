@@ -5,6 +5,12 @@
 
 #include <stdint.h>
 
+/* Error state, by `flightdyn.error_model`: where its parts begin. */
+enum { POS = 0, VEL = 3, ATT = 6, BG = 9, BA = 12, STATES = 22 };
+
+/* Rows of the measurement: GNSS position and velocity, height, heading. */
+enum { ROWS = 8, KINDS = 4 };
+
 /* One tick of the IMU. */
 typedef struct {
     double rate[3], force[3]; /* rad/s, m/s2; body axes */
@@ -35,6 +41,15 @@ typedef struct {
        and p[2] after each increment (count,). */
     void (*carry)(State *, const Increment *, int64_t count, const ImuBias *, const Earth *,
                   double gained[3], double *down);
+    /* Write what of the transition `f` depends on the flight: over `dt` from the attitude `q` on,
+       with the velocity gained. */
+    void (*transition)(double f[STATES][STATES], const double q[4], const double gained[3],
+                       double dt);
+    /* Innovations z of the rows of h, with the covariance p of the error state and r of the
+       measurement: their standard deviations, and the normalised square of each kind's. */
+    void (*innovate)(const double p[STATES][STATES], const double h[ROWS][STATES],
+                     const double r[ROWS][ROWS], const double z[ROWS], double std[ROWS],
+                     double nis[KINDS]);
 } Flight;
 
 extern const Flight flight_baseline, flight_avx2, flight_avx512;

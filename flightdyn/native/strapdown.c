@@ -5,16 +5,10 @@
    axes of its own instant, which is how the physics advances attitude and velocity too: with exact
    sensors the two agree. */
 
+#include "error_state.h"
 #include "flight.h"
 #include "levelled.h"
-
-/* a x b */
-static inline void cross(double out[3], const double a[3], const double b[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
+#include "vectors.h"
 
 static void integrate(const Sample *sample, int64_t count, double dt, Increment *sum)
 {
@@ -89,4 +83,4 @@ static void carry(State *state, const Increment *step, int64_t count, const ImuB
     }
 }
 
-const Flight NAMED(flight) = {integrate, carry};
+const Flight NAMED(flight) = {integrate, carry, transition, innovate};
