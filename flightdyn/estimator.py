@@ -137,10 +137,10 @@ class Estimator:
         most = increments + math.ceil(self._delay_ns / self._increment_ns) + 1
         self._increments = Increments(most)
         self._from_horizon = Strapdown(earth, most=most)
-        self._to_now = Strapdown(earth, most=most)
+        self.to_now = Strapdown(earth, most=most)
         self._ahead = Strapdown(earth, most=1)
         self._take_over()
-        self.now = self.horizon
+        self._t_ns = t_ns
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
@@ -172,6 +172,11 @@ class Estimator:
         return self._biases
 
     @property
+    def now(self) -> NavState:
+        """The state at the end of the last step."""
+        return NavState.of(self._t_ns, self.to_now)
+
+    @property
     def covariance(self) -> Vector:
         """Covariance (22, 22) of the error state at the horizon; a copy."""
         return frozen(self._kf.P)
@@ -186,12 +191,12 @@ class Estimator:
         increments.add(samples, dt_s=dt_s)
         if fix is not None:
             self._fixes.append(fix)
-        self._to_now.carry(increments, increments.count - 1, 1)
+        self.to_now.carry(increments, increments.count - 1, 1)
         while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
             self._advance()
             if self._correct():
-                self._to_now.carry(increments, 0, increments.count)
-        self.now = NavState.of(t_ns, self._to_now)
+                self.to_now.carry(increments, 0, increments.count)
+        self._t_ns = t_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
         """The state after a few samples more."""
@@ -202,11 +207,6 @@ class Estimator:
         ahead.correct(b.gyro, b.accel)
         ahead.carry(few, 0, 1)
         return NavState.of(t_ns, ahead)
-
-    def mean_force(self) -> Triple:
-        """Mean specific force (m/s2, body axes) of the last samples, biases taken off."""
-        (x, y, z), (bx, by, bz) = self._increments.mean_force(), self._biases.accel
-        return x - bx, y - by, z - bz
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
@@ -403,7 +403,7 @@ class Estimator:
     def _take_over(self) -> None:
         """Carry on from the corrected horizon, with the corrected biases."""
         _, p, v, q = self.horizon
-        for carried in (self._from_horizon, self._to_now):
+        for carried in (self._from_horizon, self.to_now):
             carried.place(p, v, q)
             carried.correct(self._biases.gyro, self._biases.accel)
         self._before = q

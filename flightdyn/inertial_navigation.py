@@ -50,9 +50,10 @@ class InertialNavigation:
         self._interval: list[float] = []  # of the guidance interval before
         self._increments = filter_ticks // plant.interval
         self.gnss: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
         self._earth = earth
         self.estimator = self._align()
+        self.carried = self.estimator.to_now
+        self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
 
     def _align(self) -> Estimator:
         clock, sensors = self._clock, self.sensors
@@ -113,7 +114,7 @@ class InertialNavigation:
         if field is not None:
             self.estimator.observe_mag(field)
 
-    def update(self) -> NavState:
+    def update(self) -> None:
         """Bring the filter up to this tick."""
         fix = self.sensors.fix()
         if fix is not None:
@@ -122,8 +123,6 @@ class InertialNavigation:
         estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
         self._interval, self._samples = samples, []
         self._inner.correct(estimator.biases.gyro)
-        self.specific_force = estimator.mean_force()
-        return estimator.now
 
     def state(self) -> NavState:
         """Believed state of this tick."""
@@ -147,7 +146,7 @@ class InertialNavigation:
     def readings(self) -> Readings:
         """Of this tick's IMU sample, and of the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
-        x, y, z = self._samples[-3:] if self._samples else self.specific_force
+        x, y, z = self._samples[-3:] or self.carried.force
         bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
         assert sensors.pressure is not None  # aligned by it
         return Readings(

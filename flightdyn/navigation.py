@@ -10,6 +10,7 @@ from flightdyn.frames import Triple, frozen
 from flightdyn.inertial import NavState
 from flightdyn.inner_loops import InnerLoops
 from flightdyn.instruments import Readings
+from flightdyn.native.library import Strapdown
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -18,14 +19,14 @@ class Navigation(Protocol):
     """What the aircraft flies on."""
 
     gnss: GnssFix | None
-    specific_force: Triple  # mean over the last guidance interval, biases taken off
+    carried: Strapdown  # state and mean specific force of the last guidance interval
     due: int  # the tick at which `sense` has something to do next
 
     def run(self, ticks: int, /) -> None: ...
 
     def sense(self) -> None: ...
 
-    def update(self) -> NavState: ...
+    def update(self) -> None: ...
 
     def state(self) -> NavState: ...
 
@@ -50,7 +51,7 @@ class TrueNavigation:
         self._clock = plant.clock
         self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, 0.0)
+        self.carried = Strapdown((0.0, 0.0, 0.0), most=1)
         self.due = 0
         self.sense()
 
@@ -75,11 +76,11 @@ class TrueNavigation:
             satellites=20,
         )
 
-    def update(self) -> NavState:
+    def update(self) -> None:
         """The truth."""
         v = self._vehicle
-        self.specific_force = v.specific_force()
-        return self.state()
+        self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
+        self.carried.feel(v.specific_force())
 
     def state(self) -> NavState:
         """The truth."""

@@ -76,7 +76,7 @@ class Library:
 LIBRARIES = (
     Library("learning", ROOT / "fl" / "native", "training.c", "learning.c"),
     Library("planner", ROOT / "mission" / "planner" / "native", "planning.c", "planner.c"),
-    Library("flight", ROOT / "flightdyn" / "native", "strapdown.c", "flight.c"),
+    Library("flight", ROOT / "flightdyn" / "native", "core.c", "flight.c"),
 )
 
 

@@ -17,6 +17,9 @@ _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
 
 STATES, ROWS, KINDS = 22, 8, 4  # of the filter
+PIECE, GAINS, OUT = 13, 16, 11  # numbers each
+NOTHING, TRACK, TARGET, ATTITUDE = range(4)
+FINISHED, STALLED, LIMITED = 1, 2, 4
 
 _Triple = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -27,16 +30,20 @@ class _Functions(ctypes.Structure):
     _fields_ = (
         ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER)),
         ("carry", ctypes.PYFUNCTYPE(
-            None, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
+            None, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("transition", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("innovate", ctypes.PYFUNCTYPE(
             None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
+        ("guide", ctypes.PYFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
     )  # fmt: skip
 
 
 _FUNCTIONS = functions(load(LIBRARIES[2]), _Functions)
 _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
+_REFERENCE, _GUIDE = _FUNCTIONS.reference, _FUNCTIONS.guide
 
 
 class Increments:
@@ -68,11 +75,6 @@ class Increments:
         self.count -= count
         self._rows[: self.count] = self._rows[count : count + self.count]
 
-    def mean_force(self) -> _Triple:
-        """Of the newest one: velocity gained over time (m/s2)."""
-        dt, _, _, _, x, y, z = self._rows[self.count - 1].tolist()
-        return x / dt, y / dt, z / dt
-
     def rows(self, first: int, count: int) -> int:
         """Where some of them lie.
 
@@ -92,19 +94,25 @@ class Strapdown:
         self._state = np.zeros(STATE)
         self._bias = np.zeros(BIAS)
         self._earth = np.array(earth, dtype=np.float64)
-        self._gained = np.zeros(3)
+        self._gained, self._force = np.zeros(3), np.zeros(3)
         self._downs = np.zeros(most)
         self._at = address(self._state, np.float64, (STATE,), written=True)
         self._rest = (
             address(self._bias, np.float64, (BIAS,)),
             address(self._earth, np.float64, (EARTH,)),
             address(self._gained, np.float64, (3,), written=True),
+            address(self._force, np.float64, (3,), written=True),
             address(self._downs, np.float64, (most,), written=True),
         )
+        self.places = self._at, self._rest[3]  # of the state and the force, for `Guide`
 
     def place(self, p: _Triple, v: _Triple, q: _Quaternion) -> None:
         """Begin there."""
         self._state[:] = (*p, *v, *q)
+
+    def feel(self, force: _Triple) -> None:
+        """The specific force (m/s2, body) of one that is not carried but placed."""
+        self._force[:] = force
 
     def correct(self, gyro: _Triple, accel: _Triple) -> None:
         """Biases to take off the increments from now on (rad/s, m/s2)."""
@@ -125,6 +133,12 @@ class Strapdown:
         """Position, velocity and attitude: ten numbers."""
         numbers: list[float] = self._state.tolist()
         return numbers
+
+    @property
+    def force(self) -> list[float]:
+        """Mean specific force (m/s2, body) of the increment carried last, bias taken off."""
+        force: list[float] = self._force.tolist()
+        return force
 
     @property
     def gained(self) -> list[float]:
@@ -190,3 +204,97 @@ class Innovations:
         """
         _INNOVATE(address(covariance, np.float64, (STATES, STATES)), *self._at)
         return self._std.tolist(), self._nis.tolist()
+
+
+class _Trajectory(ctypes.Structure):
+    _fields_ = (
+        ("pieces", _POINTER), ("count", _INT), ("half", _DOUBLE), ("start", _DOUBLE),
+        ("end", _DOUBLE),
+    )  # fmt: skip
+
+
+class Pieces:
+    """A trajectory as C reads it."""
+
+    def __init__(self, pieces: _Floats, *, half_s: float, start_s: float, end_s: float) -> None:
+        """`pieces` (n, 13): beginning, position, velocity, acceleration, integral of position.
+
+        Raises:
+            ValueError: none, or another shape.
+        """
+        if not len(pieces):
+            raise ValueError("a trajectory has at least one piece")
+        self._kept = pieces
+        where = address(pieces, np.float64, (len(pieces), PIECE))
+        self._trajectory = _Trajectory(where, len(pieces), half_s, start_s, end_s)
+        self.at = ctypes.addressof(self._trajectory)
+        self._pva = np.zeros(9)
+        self._out = address(self._pva, np.float64, (9,), written=True)
+
+    def reference(self, t: float, lead_s: float) -> list[float]:
+        """Position, velocity and acceleration at `t`, the last of `lead_s` later."""
+        _REFERENCE(self.at, t, lead_s, self._out)
+        found: list[float] = self._pva.tolist()
+        return found
+
+
+_THREE = _DOUBLE * 3
+
+
+class Memory(ctypes.Structure):
+    """The guidance's memory, its orders and what comes of them; see `flight.h`."""
+
+    _fields_ = (
+        ("mode", _DOUBLE), ("armed", _DOUBLE),
+        ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
+        ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
+        ("course", _DOUBLE), ("interested", _DOUBLE), ("interest", _THREE),
+        ("path", _DOUBLE), ("too_fast", _DOUBLE),
+        ("q", _DOUBLE * 4), ("oriented", _DOUBLE), ("rates", _THREE),
+        ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
+        ("p", _THREE), ("v", _THREE), ("a", _THREE), ("pointed", _DOUBLE),
+        ("yaw", _DOUBLE), ("yaw_rate", _DOUBLE),
+        ("t", _DOUBLE), ("rate", _DOUBLE), ("smooth_rate", _DOUBLE), ("room", _DOUBLE),
+        ("along", _THREE), ("waited", _DOUBLE), ("went", _DOUBLE), ("over", _DOUBLE),
+        ("finished", _DOUBLE), ("stalled", _DOUBLE), ("missed", _DOUBLE),
+        ("integral", _THREE), ("drag", _DOUBLE * 2), ("lagged", _DOUBLE),
+        ("effectiveness", _DOUBLE), ("saturated", _DOUBLE), ("thrust", _THREE),
+        ("wanted_yaw", _DOUBLE),
+        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
+        ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
+    )  # fmt: skip
+
+
+class Guide:
+    """Guidance and outer loop, a step at a time."""
+
+    def __init__(self, gains: Sequence[float]) -> None:
+        """`gains`: those of `Gains` in `flight.h`, in its order.
+
+        Raises:
+            ValueError: another number of them.
+        """
+        self.memory = Memory()
+        self._gains = np.array(gains, dtype=np.float64)
+        self._pieces: Pieces | None = None
+        self._out = np.frombuffer(self.memory, dtype=np.float64)[-OUT:]
+        self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
+        self._path: int | None = None
+
+    def track(self, pieces: Pieces | None) -> None:
+        """Track a trajectory, or none."""
+        self._pieces = pieces
+        self._path = None if pieces is None else pieces.at
+
+    def step(self, nav: Strapdown) -> tuple[int, list[float]]:
+        """One guidance step from where the aircraft is: flags, and the last eleven numbers of the
+        memory.
+
+        Raises:
+            ValueError: a trajectory is to be tracked, and there is none.
+        """
+        if self._path is None and self.memory.mode == TRACK:
+            raise ValueError("there is no trajectory to track")
+        flags = _GUIDE(*self._at, self._path, *nav.places)
+        out: list[float] = self._out.tolist()
+        return flags, out

@@ -5,9 +5,10 @@
    axes of its own instant, which is how the physics advances attitude and velocity too: with exact
    sensors the two agree. */
 
-#include "error_state.h"
+#ifndef STRAPDOWN_H
+#define STRAPDOWN_H
+
 #include "flight.h"
-#include "levelled.h"
 #include "vectors.h"
 
 static void integrate(const Sample *sample, int64_t count, double dt, Increment *sum)
@@ -44,7 +45,7 @@ static inline void rotation(double q[4], const double r[3])
 }
 
 static void carry(State *state, const Increment *step, int64_t count, const ImuBias *bias,
-                  const Earth *earth, double gained[3], double *down)
+                  const Earth *earth, double gained[3], double force[3], double *down)
 {
     double *p = state->p, *v = state->v, *q = state->q;
     gained[0] = gained[1] = gained[2] = 0;
@@ -54,6 +55,7 @@ static void carry(State *state, const Increment *step, int64_t count, const ImuB
         for (int i = 0; i < 3; i++) {
             angle[i] = step->angle[i] - bias->gyro[i] * dt;
             body[i] = step->velocity[i] - bias->accel[i] * dt;
+            force[i] = body[i] / dt;
         }
         /* The gained velocity turned by the attitude: b + 2 w (u x b) + 2 u x (u x b). */
         cross(c, q + 1, body);
@@ -83,4 +85,4 @@ static void carry(State *state, const Increment *step, int64_t count, const ImuB
     }
 }
 
-const Flight NAMED(flight) = {integrate, carry, transition, innovate};
+#endif
