@@ -36,7 +36,7 @@ from flight_endurance import long_mission, many_missions
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig
-from flightdyn.path import FlightPath
+from flightdyn.guidance.path import FlightPath
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 

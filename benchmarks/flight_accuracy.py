@@ -18,7 +18,7 @@ import numpy as np
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig
-from flightdyn.path import FlightPath
+from flightdyn.guidance.path import FlightPath
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, Innovation, Vector
 
@@ -194,7 +194,7 @@ class Outage:
 def outage() -> Outage:
     """Fly it."""
     from flightdyn.faults import GnssOff
-    from flightdyn.inertial_navigation import InertialNavigation
+    from flightdyn.navigation.inertial_navigation import InertialNavigation
 
     aircraft = hovering("realistic", windy=True, seed=2)
     navigation = aircraft.navigation

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from flightdyn.random import RandomStreams
-from mission.config import RunConfig
-from mission.configfile import builtin_config, load_config
-from mission.flightplan import FlightPlan, Stop
-from mission.flyer import SimulatedFlyer, open_simulated
+from mission.config.loading import builtin_config, load_config
+from mission.config.models import RunConfig
+from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.flyers.flyer import SimulatedFlyer, open_simulated
+from mission.flight.pilot.items import mission_items
+from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
-from mission.log.writer import FlightLog
-from mission.pilot.items import mission_items
-from mission.track import FlightRecorder
-from sitl.autopilot.messages import MissionItem
+from mission.log.write.writer import FlightLog
+from sitl.autopilot.values.messages import MissionItem
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample
 from sitl.pace import Simulation

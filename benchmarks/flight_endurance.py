@@ -14,9 +14,9 @@ from pathlib import Path
 from flight_chain import Cost, Meter, configuration, hovering, zigzag
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 
-from mission.errors import AerofedError
-from mission.flightplan import FlightPlan, Stop
-from mission.flyer import SimulatedFlyer
+from mission.base.errors import AerofedError
+from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.flyers.flyer import SimulatedFlyer
 from sitl.observer import VehicleEvent, VehicleSample
 
 _MISSION_M = 320.0
@@ -90,7 +90,7 @@ def onward(flyer: SimulatedFlyer, plan: FlightPlan) -> FlightPlan:
 async def many_missions(count: int) -> None:
     """Fly `count` missions in one flight and print what went wrong."""
     complaints = Complaints()
-    logger = logging.getLogger("mission.pilot")
+    logger = logging.getLogger("mission.flight.pilot")
     logger.setLevel(logging.INFO)
     logger.addHandler(complaints)
     failures: list[str] = []

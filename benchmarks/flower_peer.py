@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from plain_loop import arrays_of, load_arrays, random_loader, train_plainly
 
-from fl.convnet import ConvNet
-from fl.modules.builtin import PlainNet
+from fl.training.convnet import ConvNet
+from fl.training.modules.builtin import PlainNet
 
 ROUNDS = 4
 

@@ -26,11 +26,11 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from plain_loop import LEARNING_RATE, MOMENTUM, MU, loader_of, plain_epoch
 
-from fl.convnet import ConvNet
-from fl.datasets import Split
-from fl.models import make_network
-from fl.modules.builtin import BuiltInNetwork, PlainNet
-from fl.training import LocalSettings, LocalTask, Network, scaling_of
+from fl.data.dataset import Split
+from fl.training.convnet import ConvNet
+from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
+from fl.training.models import make_network
+from fl.training.modules.builtin import BuiltInNetwork, PlainNet
 
 BATCH = 16
 SAMPLES_PER_DEVICE = 320

@@ -18,11 +18,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from fl.convnet import ConvNet
-from fl.datasets import Split
-from fl.models import make_network
-from fl.modules.builtin import BuiltInNetwork
-from fl.training import LocalSettings, LocalTask, Network, scaling_of
+from fl.data.dataset import Split
+from fl.training.convnet import ConvNet
+from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
+from fl.training.models import make_network
+from fl.training.modules.builtin import BuiltInNetwork
 
 STEPS = 10  # of each device in a round
 CASES = (

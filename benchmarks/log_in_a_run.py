@@ -26,7 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
-from mission.log.rates import LogRates
+from mission.log.write.rates import LogRates
 from sitl.config import VehicleConfig
 
 REPEATS = 5
@@ -40,11 +40,11 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     """One run in this process; its times in seconds."""
     from rich.console import Console
 
-    from mission import recorder, session
-    from mission.audience import Audience
-    from mission.configfile import builtin_config, load_config
-    from mission.log.writer import FlightLog
-    from mission.stopwatch import Stopwatch
+    from mission.base.console import Audience
+    from mission.base.stopwatch import Stopwatch
+    from mission.config.loading import builtin_config, load_config
+    from mission.log.write.writer import FlightLog
+    from mission.run import recorder, session
     from sitl.observer import VehicleEvent, VehicleSample
 
     class Silent(FlightLog):
@@ -129,7 +129,7 @@ def watch(port: int | None, received: list[int]) -> None:
 def view(port: int) -> None:
     """Subscribe to every channel and print how many bytes have come, now and then."""
     tests = Path(__file__).parents[1] / "tests"
-    sys.path[:0] = [str(tests), str(tests / "log")]
+    sys.path[:0] = [str(tests), str(tests / "mission" / "log")]
     from foxglove_client import FoxgloveClient  # type: ignore[import-not-found]  # of the tests
 
     while True:

@@ -16,8 +16,8 @@ from pfl.metrics import Metrics, Weighted
 from pfl.model.pytorch import PyTorchModel
 from plain_loop import LEARNING_RATE, MOMENTUM, MU, random_loader
 
-from fl.convnet import ConvNet
-from fl.modules.builtin import PlainNet
+from fl.training.convnet import ConvNet
+from fl.training.modules.builtin import PlainNet
 
 ROUNDS = 4
 

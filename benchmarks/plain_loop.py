@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
-from fl.convnet import ConvNet
+from fl.training.convnet import ConvNet
 
 Loader = DataLoader[tuple[torch.Tensor, ...]]
 MU = 0.1

@@ -27,14 +27,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fl.radio import CHANNEL_PRESETS
+from fl.radio.channel import CHANNEL_PRESETS
+from mission.commands.planning import served_radius
+from mission.figures.plan import draw_plan
 from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.commands import served_radius
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
-from mission.planner.figure import draw_plan
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import conjugates, reward_table
 from mission.planner.sqp import SqpPlanner

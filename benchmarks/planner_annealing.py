@@ -15,7 +15,7 @@ import time
 import numpy as np
 from numba import njit
 
-from fl.radio import average_per
+from fl.radio.channel import average_per
 from mission.planner.arrays import instance
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.problem import Floats, RoundPlan, RoundProblem

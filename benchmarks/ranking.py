@@ -25,18 +25,18 @@ import numpy as np
 from joblib.externals.loky import ProcessPoolExecutor
 from numpy.typing import NDArray
 
-from fl import federation as learning
-from fl.uplink import deliver
-from mission.importing import is_import_path
+from fl.federation import rounds as learning
+from fl.radio.uplink import deliver
+from mission.base.user_code import is_import_path
 from mission.planner.problem import RoundProblem
-from mission.strategies import Strategy
+from mission.run.budget import Tally
+from mission.run.setup import World, build_world
+from mission.scenario.strategies import Strategy
+from mission.sweep.execute.worker import ENVIRONMENT
 from mission.sweep.grid import SweepRun, make_grid, parse_axis
-from mission.sweep.reproduction import reproduction
+from mission.sweep.outcome.reproduction import reproduction
 from mission.sweep.results import FINAL_ROUNDS, Row, RunResult
 from mission.sweep.state import SweepState
-from mission.sweep.worker import ENVIRONMENT
-from mission.tally import Tally
-from mission.world import World, build_world
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.custom import Known, Setting
 from mission.planner.evaluate import finish
 from mission.planner.problem import Planner, RoundProblem
-from mission.strategies import Sortie
+from mission.scenario.custom_strategies import Known, Setting
+from mission.scenario.strategies import Sortie
 
 Floats = NDArray[np.float64]
 

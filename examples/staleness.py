@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.custom import Known, Setting
 from mission.planner.problem import Planner, RoundProblem
-from mission.strategies import Sortie
+from mission.scenario.custom_strategies import Known, Setting
+from mission.scenario.strategies import Sortie
 
 Floats = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fl.fairness import Unheard
-from fl.radio import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan")
 
 Positive = Annotated[float, Field(gt=0.0)]
+Unheard = Literal["zero", "left-out"]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
 
 

@@ -2,20 +2,20 @@
 
 import math
 
-from flightdyn.attitude import attitude_along
 from flightdyn.config import AircraftConfig
-from flightdyn.control import AttitudeOrder, Controller
 from flightdyn.faults import Fault
 from flightdyn.frames import Triple, frozen, yaw_of
-from flightdyn.guidance import Guidance
+from flightdyn.guidance.attitude import attitude_along
+from flightdyn.guidance.control import AttitudeOrder, Controller
+from flightdyn.guidance.guidance import Guidance
+from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.guidance.path import FlightPath, PathProgress
+from flightdyn.guidance.pursuit import Target
 from flightdyn.inertial import Earth
-from flightdyn.inertial_navigation import InertialNavigation
-from flightdyn.inner_loops import InnerLoops
 from flightdyn.instruments import Instruments
-from flightdyn.navigation import Navigation, TrueNavigation
-from flightdyn.path import FlightPath, PathProgress
+from flightdyn.navigation.inertial_navigation import InertialNavigation
+from flightdyn.navigation.source import Navigation, TrueNavigation
 from flightdyn.plant import Plant
-from flightdyn.pursuit import Target
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
     BatteryState,
@@ -93,7 +93,7 @@ class Aircraft:
         navigation.update()
         if self._near:
             self._pass_corners()
-        guidance.step(navigation)
+        guidance.step(navigation.carried, navigation.state)
         self._near = guidance.corner_soon and guidance.corner_near(navigation.state())
 
     def _pass_corners(self) -> None:

@@ -6,8 +6,8 @@ Nothing of it is needed to fly; it is put together when it is asked for.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from flightdyn.control import Setpoint
 from flightdyn.frames import Quaternion, Triple
+from flightdyn.guidance.control import Setpoint
 from flightdyn.state import Vector
 
 

@@ -7,18 +7,18 @@ autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `s
 import math
 from collections.abc import Callable
 
-from flightdyn.battery import Battery
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.errors import FlightInputError
-from flightdyn.fault_state import FaultState
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, frozen
-from flightdyn.multirotor import Multirotor
+from flightdyn.physics.battery import Battery
+from flightdyn.physics.fault_state import FaultState
+from flightdyn.physics.multirotor import Multirotor
+from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.physics.wind import gust_ned
 from flightdyn.random import RandomStreams
-from flightdyn.sensor_suite import SensorSuite
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Vector
-from flightdyn.wind import gust_ned
 
 _SLOW = 5  # guidance intervals between looks at battery, ground and faults
 

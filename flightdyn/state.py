@@ -33,9 +33,7 @@ class Kinematics:
         """From position, velocity, attitude and rates: thirteen numbers, in that order."""
         all_of_them = np.array(numbers)
         all_of_them.flags.writeable = False
-        return cls(
-            t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:]
-        )
+        return cls(t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:])
 
     @property
     def alt_rel_m(self) -> float:

@@ -4,8 +4,8 @@ import gc
 import os
 import sys
 
-from mission.errors import INTERRUPTED
-from mission.interrupts import end_deaf
+from mission.base.errors import INTERRUPTED
+from mission.base.interrupts import end_deaf
 
 
 def main() -> None:

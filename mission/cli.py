@@ -7,10 +7,10 @@ from importlib.metadata import version
 from cyclopts import App, CycloptsError
 from rich.console import Console
 
-from mission import helps
-from mission.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
-from mission.interrupts import end_deaf, hear_interruptions
-from mission.terminal import Terminal
+from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
+from mission.base.interrupts import end_deaf, hear_interruptions
+from mission.base.terminal import Terminal
+from mission.commands import helps
 from native.errors import LibraryError
 
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from sitl.autopilot.files import LogFile
+from sitl.autopilot.values.files import LogFile
 
 _PATTERN = "*.mcap"
 

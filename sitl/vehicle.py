@@ -7,9 +7,9 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot, Storage
-from sitl.autopilot.files import LogFolder
-from sitl.autopilot.parameter_file import load_parameters, save_parameters
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.protocol.parameter_file import load_parameters, save_parameters
+from sitl.autopilot.values.files import LogFolder
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample

@@ -5,8 +5,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from mission.configfile import load_config
-from mission.errors import InputError
+from mission.base.errors import InputError
+from mission.config.loading import load_config
 
 _COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")

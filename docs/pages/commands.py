@@ -2,8 +2,8 @@
 
 import re
 
+from mission.base.errors import EXIT_CODES
 from mission.cli import app
-from mission.errors import EXIT_CODES
 
 HEAD = """# Commands
 

@@ -4,8 +4,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from mission.config import RunConfig
-from mission.keys import Key, tag, top
+from mission.base.schema import Key, tag, top
+from mission.config.models import RunConfig
 from pages.examples import EXAMPLES
 
 HEAD = """# Configuration

@@ -277,7 +277,7 @@ class Guide:
         self.memory = Memory()
         self._gains = np.array(gains, dtype=np.float64)
         self._pieces: Pieces | None = None
-        self._out = np.frombuffer(self.memory, dtype=np.float64)[-OUT:]
+        self._out = np.frombuffer(memoryview(self.memory), dtype=np.float64)[-OUT:]
         self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
         self._path: int | None = None
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from mission.errors import InputError
-from mission.terminal import Terminal
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 
 if TYPE_CHECKING:
-    from mission.compare import RunComparison
-    from mission.rundata import LoadedRun
+    from mission.analysis.compare import RunComparison
+    from mission.analysis.load import LoadedRun
 
 
 def compare(
@@ -41,8 +41,8 @@ def compare(
     rounds
         Only the first rounds, up to this number: so that runs of different length compare.
     """
-    from mission.plancompare import is_plan_flight
-    from mission.rundata import load_run
+    from mission.analysis.compare_plan import is_plan_flight
+    from mission.analysis.load import load_run
 
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
@@ -75,13 +75,13 @@ def _runs(
     as_json: bool,
     figure: Path | None,
 ) -> list[dict[str, Any]]:
-    from mission.compare import compare_run
-    from mission.compare_view import side_by_side, tables
+    from mission.analysis.compare import compare_run
+    from mission.analysis.comparison_text import side_by_side, tables
 
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:
-        from mission.figures import draw_comparison
+        from mission.figures.run import draw_comparison
 
         draw_comparison(found, figure)
     if not as_json:
@@ -105,13 +105,13 @@ def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
 def _flights(
     loaded: Sequence["LoadedRun"], *, as_json: bool, figure: Path | None
 ) -> list[dict[str, Any]]:
-    from mission.compare_view import flights_side_by_side
-    from mission.plancompare import plain_numbers, plan_flight
+    from mission.analysis.compare_plan import plain_numbers, plan_flight
+    from mission.analysis.comparison_text import flights_side_by_side
 
     found = [plan_flight(item) for item in loaded]
     if figure is not None:
-        from mission.figure_flight import profiles
-        from mission.figure_style import save_figure
+        from mission.figures.flight import profiles
+        from mission.figures.style import save_figure
 
         save_figure(profiles(found), figure)
     if not as_json:

@@ -7,11 +7,11 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
-from mission.errors import InputError, LinkLostError
-from mission.terminal import Terminal
+from mission.base.errors import InputError, LinkLostError
+from mission.base.terminal import Terminal
 
 if TYPE_CHECKING:
-    from fl.fetch import TaskCheck
+    from fl.data.fetch import TaskCheck
 
 Task = Literal["mnist", "fashion-mnist", "cifar10"]
 Tasks = Annotated[tuple[Task, ...], Parameter(name="--task", negative=(), consume_multiple=True)]
@@ -31,8 +31,8 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
     task
         Which data sets.
     """
+    from fl.data.fetch import fetch as download
     from fl.errors import FetchError, SettingError
-    from fl.fetch import fetch as download
 
     console = _console()
     with Progress(
@@ -70,8 +70,8 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
     task
         Which data sets must be there. Default: those that are, and one at least.
     """
-    from fl.fetch import TASKS
-    from fl.fetch import check as look
+    from fl.data.fetch import TASKS
+    from fl.data.fetch import check as look
 
     if folder.exists() and not folder.is_dir():
         raise InputError(

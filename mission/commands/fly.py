@@ -47,7 +47,7 @@ def fly(
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
-    from mission.folder import free_folder
-    from mission.planflight import fly_plan
+    from mission.base.run_folder import free_folder
+    from mission.planflight.fly import fly_plan
 
     return fly_plan(resolved, plan, out or free_folder(RUNS, plan.stem), audience=watching)

@@ -7,9 +7,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from mission.errors import InputError
-from mission.folder import RunFolder
-from mission.terminal import Terminal
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
+from mission.base.terminal import Terminal
 
 LIMITS_NOT_MET = 6
 
@@ -28,7 +28,7 @@ def recover(log: Path, out: Path | None = None) -> int:
     out
         The new log. Default: beside the old one, named *.recovered.mcap.
     """
-    from mission.log.recover import recover as save
+    from mission.log.read.recover import recover as save
 
     log = _file(log)
     saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
@@ -55,7 +55,7 @@ def info(log: Path) -> int:
     log
         A complete, sound log, or its run's folder; anything else is refused.
     """
-    from mission.log.inspection import info as look
+    from mission.log.read.inspection import info as look
 
     log = _file(log)
     found = look(log)
@@ -91,7 +91,7 @@ def check(log: Path) -> int:
         The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes,
         but gaps.
     """
-    from mission.log.inspection import check as verify
+    from mission.log.read.inspection import check as verify
 
     log = _file(log)
     findings = verify(log)
@@ -136,18 +136,18 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
     folder = out or log.with_name(f"{log.stem}-{to}")
     file = out or log.with_suffix(f".{to}")
     if to == "kml":
-        from mission.log.kml import export_kml
+        from mission.log.export.kml import export_kml
 
         return (export_kml(log, file),)
     if to == "tlog":
-        from mission.log.mavlink import export_tlog
+        from mission.log.export.mavlink import export_tlog
 
         return (export_tlog(log, file),)
     if to == "parquet":
-        from mission.log.parquet import export_parquet
+        from mission.log.export.parquet import export_parquet
 
         return export_parquet(log, folder)
-    from mission.log.export import export_attachments, export_csv
+    from mission.log.export.tables import export_attachments, export_csv
 
     return export_csv(log, folder) if to == "csv" else export_attachments(log, folder)
 
@@ -164,7 +164,7 @@ def diff(first: Path, second: Path) -> int:
     second
         Another. Exit code 0: they say the same; 6: they differ.
     """
-    from mission.log.inspection import diff as compare
+    from mission.log.read.inspection import diff as compare
 
     console = _console()
     lines = compare(_file(first), _file(second))

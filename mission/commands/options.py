@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mission.audience import Audience
-from mission.errors import InputError
-from mission.terminal import Terminal
+from mission.base.console import Audience
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 
 if TYPE_CHECKING:
-    from mission.config import RunConfig
+    from mission.config.models import RunConfig
 
 RUNS = Path("runs")  # of folders that nobody named
 LIVE_PORT = 8765  # that Foxglove proposes
@@ -31,8 +31,8 @@ def load(
         InputError: see `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
-    from mission.configfile import builtin_config, load_config
-    from mission.overrides import parse_override
+    from mission.config.loading import builtin_config, load_config
+    from mission.config.overrides import parse_override
 
     overrides = dict(parse_override(text) for text in set_)
     overrides |= {key: value for key, value in (options or {}).items() if value is not None}

@@ -8,13 +8,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 from mission.commands.options import Overrides, load
-from mission.errors import InputError
-from mission.terminal import Terminal
 
 if TYPE_CHECKING:
-    from mission.ground import Ground
     from mission.planner.files import NamedPlan, NamedProblem
+    from mission.scenario.scenario import Ground
 
 
 def plan(
@@ -52,7 +52,7 @@ def plan(
     set_
         Override any key of the configuration: --set mission.steps=8
     """
-    from mission.planner.commands import plan_problems
+    from mission.commands.planning import plan_problems
     from mission.planner.files import NamedProblem, read_problems
 
     for path in (out, qgc):
@@ -66,7 +66,7 @@ def plan(
     ground = None
     problems: Sequence[NamedProblem]
     if problem is None:
-        from mission.ground import build_ground
+        from mission.scenario.scenario import build_ground
 
         ground = build_ground(resolved, data_dir=data_dir)
         problems = (NamedProblem("round-1", ground.first_problem()),)
@@ -93,7 +93,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
     set_
         Override any key: --set channel.preset=literal
     """
-    from mission.planner.commands import budget_report
+    from mission.commands.planning import budget_report
 
     resolved = load(config, set_)
     report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
@@ -107,8 +107,8 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
 
 
 def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", ground: "Ground") -> None:
-    from mission.flightplan import FlightPlan, stops_of
-    from mission.planfile import write_round_plan
+    from mission.flight.flight_plan import FlightPlan, stops_of
+    from mission.flight.plan_file_writing import write_round_plan
     from mission.planner.flyable import acceptance_radius
 
     mission = ground.config.mission

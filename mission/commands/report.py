@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.terminal import Terminal
+from mission.base.terminal import Terminal
 
 
 def report(run: Path, *, out: Path | None = None) -> int:

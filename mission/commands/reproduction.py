@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.errors import InputError
+from mission.base.errors import InputError
 
 
 def reproduction(sweep: Path, *, out: Path | None = None) -> int:
@@ -20,7 +20,7 @@ def reproduction(sweep: Path, *, out: Path | None = None) -> int:
     out
         A new file for the tables. Default: they are printed.
     """
-    from mission.sweep.reproduction import reproduction as tables
+    from mission.sweep.outcome.reproduction import reproduction as tables
     from mission.sweep.state import read_sweep
 
     text = tables(read_sweep(sweep))

@@ -5,10 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mission.audience import Audience
+from mission.base.console import Audience
+from mission.base.errors import InputError
+from mission.base.stopwatch import Stopwatch
 from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, audience, load
-from mission.errors import InputError
-from mission.stopwatch import Stopwatch
 
 
 def run(
@@ -85,8 +85,8 @@ def run(
         )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
-    from mission.folder import RunFolder, free_folder
-    from mission.precheck import load_data
+    from mission.base.run_folder import RunFolder, free_folder
+    from mission.config.preflight import load_data
 
     folder = out or free_folder(
         RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
@@ -95,16 +95,16 @@ def run(
     with stopwatch("setup"), watching.waiting("loading"):
         load_data(resolved, data_dir)
         # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
-        from mission.session import fly_session
+        from mission.run.session import fly_session
     return fly_session(resolved, folder, data_dir=data_dir, audience=watching, stopwatch=stopwatch)
 
 
 def _resume(path: Path, watching: Audience, stopwatch: Stopwatch) -> int:
-    from mission.folder import RunFolder
-    from mission.resumable import read_checkpoint
+    from mission.base.run_folder import RunFolder
+    from mission.run.resume import read_checkpoint
 
     if RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
-        from mission.session import resume_session
+        from mission.run.session import resume_session
     return resume_session(path, audience=watching, stopwatch=stopwatch)

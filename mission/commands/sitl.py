@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 from mission.commands.options import Overrides, load
-from mission.errors import InputError
-from mission.terminal import Terminal
 
 # Where PX4's simulators stand by default, and with them the places in most tutorials: Zurich.
 PX4_HOME = {
@@ -58,7 +58,7 @@ def sitl(
     usual = [] if config else [f"{key}={value}" for key, value in PX4_HOME.items()]
     resolved = load(config, [*usual, *set_], _home(home))
     # Only now, so that wrong input is answered at once.
-    from mission.serve import make_vehicles, serve
+    from mission.flight.serve.vehicle import make_vehicles, serve
 
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     serve(

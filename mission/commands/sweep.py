@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Literal
 
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 from mission.commands.options import RUNS, Overrides
-from mission.errors import InputError
-from mission.terminal import Terminal
 
 _PIPE_WIDTH = 160  # a file needs no line breaks
 ALL = "cov,no_cov,barycenter,rectangular,ideal"
@@ -55,7 +55,7 @@ def sweep(
         Of the Ray cluster; without one, Ray is started on this machine. With a cluster, OUT and
         the data folder must be visible to all its machines.
     """
-    from mission.sweep.engine import check_options
+    from mission.sweep.execute.choice import check_options
     from mission.sweep.grid import make_grid, parse_axis
 
     check_options(engine, jobs=jobs, address=address)

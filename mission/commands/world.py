@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
+from mission.base.errors import InputError
+from mission.base.terminal import Terminal
 from mission.commands.options import Flag, Overrides, load
-from mission.errors import InputError
-from mission.terminal import Terminal
 
 
 def world(
@@ -52,7 +52,7 @@ def world(
         raise InputError(f"--port {port}: must be from 1 to 65535")
     resolved = load(config, set_, {"vehicle.aircraft.wind.speed_mps": wind})
     # Only now, so that wrong input is answered at once.
-    from mission.serve_world import serve_world
+    from mission.flight.serve.world import serve_world
     from sitl.firmware import ardupilot as json_interface
     from sitl.firmware import px4 as hil
 

@@ -1,8 +1,8 @@
 """Writes MCAP in chunks, the very bytes that `mcap.writer` writes, at a third of its cost.
 
 That one packs a message in ten pieces, and keeps an object of a kilobyte in memory for each chunk
-until the file ends; here a message is two pieces, and the index of chunks waits in a temporary file,
-so that a log's length costs no memory. The format: https://mcap.dev/spec.
+until the file ends; here a message is two pieces, and the index of chunks waits in a temporary
+file, so that a log's length costs no memory. The format: https://mcap.dev/spec.
 """
 
 import struct
@@ -64,10 +64,11 @@ class ChunkedWriter:
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Its id, counted from 1."""
-        schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
+        number = len(self._schemas) + 1
+        schema = Schema(id=number, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._add(_bytes(schema))
-        return schema.id
+        return number
 
     def register_channel(
         self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str]
@@ -94,9 +95,7 @@ class ChunkedWriter:
         elif log_time < self._start_ns:
             self._start_ns = log_time
         length = len(data) + _MESSAGE_REST
-        self._add(
-            _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, log_time, publish_time)
-        )
+        self._add(_MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, log_time, publish_time))
         self._add(data)
         if self._size > self._chunk_bytes:
             self._end_chunk()
@@ -217,4 +216,5 @@ def _bytes(record: McapRecord) -> bytes:
     """A record as it lies in the file."""
     builder = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    whole: bytes = builder.end()
+    return whole

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.errors import InputError
+from mission.base.errors import InputError
 
 
 class LogError(InputError):

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
-from mission.area import Area
-from mission.records import RoundRecord, UplinkRecord
+from mission.base.area import Area
+from mission.log.records import RoundRecord, UplinkRecord
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

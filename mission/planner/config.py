@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mission.importing import IMPORT_PATH
+from mission.base.user_code import IMPORT_PATH
 
 PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 

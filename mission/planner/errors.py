@@ -1,6 +1,6 @@
 """What can go wrong in planning."""
 
-from mission.errors import InputError, PlanError
+from mission.base.errors import InputError, PlanError
 
 
 class PlanInputError(InputError):

@@ -5,7 +5,7 @@ Everything here uses the exact average PER, so that plans of all methods are com
 
 import numpy as np
 
-from fl.radio import average_per
+from fl.radio.channel import average_per
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.problem import Bools, Floats, RoundPlan, RoundProblem
 from mission.planner.schedule import assign

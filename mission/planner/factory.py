@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from mission.errors import PlanError
-from mission.importing import make_from, users_code
+from mission.base.errors import PlanError
+from mission.base.user_code import make_from, users_code
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import check_plan
@@ -28,7 +28,7 @@ def make_planner(config: PlannerConfig) -> Planner:
         from mission.planner.sqp import SqpPlanner
 
         return SqpPlanner()
-    from mission.planner.paper import LiteralPlanner, PaperPlanner
+    from mission.planner.paper.alternation import LiteralPlanner, PaperPlanner
 
     return LiteralPlanner() if config.kind == "paper_literal" else PaperPlanner()
 

@@ -14,11 +14,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fl.radio import Channel
-from mission.folder import write_atomically
+from fl.radio.channel import Channel
+from mission.base.explain import explain, shown
+from mission.base.run_folder import write_atomically
 from mission.planner.errors import PlanInputError
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.refusals import explain, shown
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
@@ -29,7 +29,7 @@ MOST_SHOWN = 10  # wrong entries named in one message
 
 
 class ChannelEntry(BaseModel):
-    """The constants of `fl.radio.Channel`; sigma is of the natural logarithm."""
+    """The constants of `fl.radio.channel.Channel`; sigma is of the natural logarithm."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.radio import Channel
+from fl.radio.channel import Channel
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.radio import Channel, average_per
+from fl.radio.channel import Channel, average_per
 from mission.planner.problem import Floats
 
 Ints = NDArray[np.int64]

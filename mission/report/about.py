@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from mission.analysis.load import LoadedRun
 from mission.report import html
 from mission.report.charts import COOL
-from mission.rundata import LoadedRun
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west",
             "north-west")  # fmt: skip

@@ -5,13 +5,13 @@ from html import escape
 
 import numpy as np
 
-from mission.alignment import align
-from mission.compare import RunComparison
+from mission.analysis.alignment import align
+from mission.analysis.compare import RunComparison
+from mission.analysis.load import flown
+from mission.base.palette import community_colour
 from mission.log.values import FlightData
-from mission.palette import community_colour
 from mission.report import svg
 from mission.report.svg import Chart, Series
-from mission.rundata import flown
 
 _ALONG = "of the round chosen above; dashed: corners of the plan"
 GOOD, WARM, BAD, COOL = "#009E73", "#E69F00", "#C8361D", "#0072B2"

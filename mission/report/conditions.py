@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from mission.base.palette import community_colour
 from mission.log.values import FlightData, Floats, InnovationTrack, Ints, WindTrack
-from mission.palette import community_colour
 from mission.report import svg
 from mission.report.charts import BAD, COOL, GOOD, WARM, card
 from mission.report.svg import Series

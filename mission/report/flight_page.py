@@ -6,16 +6,16 @@ from html import escape
 
 import numpy as np
 
-from mission.alignment import align
+from mission.analysis.alignment import align
+from mission.analysis.compare_plan import PlanFlight
+from mission.analysis.load import flown, ground_speed
 from mission.log.values import NS_PER_S, Floats, Track
-from mission.plancompare import PlanFlight
 from mission.report import html, svg
 from mission.report.about import about_cards
 from mission.report.charts import COOL, GOOD, along_card, card
 from mission.report.conditions import condition_cards, estimator_cards
 from mission.report.maps import MapFrame, map_legend, map_svg, thin
 from mission.report.svg import Series
-from mission.rundata import flown, ground_speed
 
 _TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
 _FLOWN = "var(--flown)"

@@ -5,12 +5,12 @@ from html import escape
 
 import numpy as np
 
+from mission.analysis.load import extent, flown
+from mission.base.palette import community_colour, css_colour, per_colour
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.values import FlightData, Floats, PlanRecord
-from mission.palette import community_colour, css_colour, per_colour
-from mission.records import RoundRecord, UplinkRecord
 from mission.report import html
 from mission.report.svg import path, ticks
-from mission.rundata import extent, flown
 
 _TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
 _MARGIN = 0.05

@@ -7,19 +7,19 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from mission.compare import Comparison, RunComparison, compare_run
-from mission.errors import InputError
-from mission.folder import write_atomically
+from mission.analysis.compare import Comparison, RunComparison, compare_run
+from mission.analysis.compare_plan import is_plan_flight, plan_flight
+from mission.analysis.load import LoadedRun, load_run
+from mission.base.errors import InputError
+from mission.base.palette import community_colour, css_colour, per_colour
+from mission.base.run_folder import write_atomically
 from mission.log.values import FlightData
-from mission.palette import community_colour, css_colour, per_colour
-from mission.plancompare import is_plan_flight, plan_flight
 from mission.report import html
 from mission.report.about import about_cards
 from mission.report.charts import flight_cards, learning_cards, radio_cards
 from mission.report.conditions import condition_cards, estimator_cards
 from mission.report.flight_page import flight_html
 from mission.report.maps import map_legend, map_svg
-from mission.rundata import LoadedRun, load_run
 
 REPORT_NAME = "report.html"
 

@@ -5,12 +5,12 @@ from html import escape
 
 import numpy as np
 
-from mission.palette import community_colour
+from mission.base.palette import community_colour
 from mission.report import svg
 from mission.report.charts import card
 from mission.report.svg import Chart, Scale, Series
-from mission.sweep.curves import Panel, Picture, by_round
-from mission.sweep.ends import EndRow
+from mission.sweep.outcome.curves import Panel, Picture, by_round
+from mission.sweep.outcome.ends import EndRow
 
 _DOTTED = 25  # points of a line that are few enough to be marked
 _ROW = 46.0  # height of a strategy among the intervals

@@ -5,15 +5,15 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from mission.folder import write_atomically
+from mission.base.run_folder import write_atomically
 from mission.report import html
 from mission.report.sweep_charts import curve_cards, ends_card
-from mission.sweep.curves import communities_of, flies, groups_of, pictures_of
-from mission.sweep.ends import final_rows, gain_rows
-from mission.sweep.gains import METHOD, gain_table, paired_gains
+from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
+from mission.sweep.outcome.ends import final_rows, gain_rows
+from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
+from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
 from mission.sweep.results import RunResult
 from mission.sweep.state import SweepState, read_sweep
-from mission.sweep.view import final_rounds, number, over_seeds, percent
 
 # Section of each picture.
 _SECTIONS = {

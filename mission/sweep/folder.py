@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.errors import InputError
-from mission.folder import RunFolder, write_atomically
-from mission.lock import alone_in
+from mission.base.errors import InputError
+from mission.base.folder_lock import alone_in
+from mission.base.run_folder import RunFolder, write_atomically
 from mission.sweep.grid import Axis, Grid, Point, points
 
 _LOCK = ".lock"

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.config import RunConfig
-from mission.configfile import load_config
-from mission.errors import InputError
-from mission.overrides import parse_override
+from mission.base.errors import InputError
+from mission.config.loading import load_config
+from mission.config.models import RunConfig
+from mission.config.overrides import parse_override
 
 Key = str | int | float | bool
 

@@ -13,11 +13,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from mission.errors import InputError
-from mission.folder import RunFolder, write_atomically
-from mission.records import RoundRecord, UplinkRecord
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder, write_atomically
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import read_learning, read_rounds, read_uplinks
 from mission.sweep.grid import Key, Point
-from mission.tables import read_learning, read_rounds, read_uplinks
 
 Cell: TypeAlias = str | int | float | bool
 Row: TypeAlias = dict[str, Cell]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.errors import InputError
-from mission.folder import RunFolder
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
 from mission.sweep.results import RunResult, read_run
 

@@ -6,17 +6,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mission.errors import INTERRUPTED, AerofedError
-from mission.sweep.engine import Engine, EngineName, make_engine
-from mission.sweep.execution import execute_all
+from mission.base.errors import INTERRUPTED, AerofedError
+from mission.run.setup import build_world
+from mission.sweep.execute.choice import EngineName, make_engine
+from mission.sweep.execute.engine import Engine
+from mission.sweep.execute.loop import execute_all
+from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
 from mission.sweep.progress import Bar, Lines, SweepProgress
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
 from mission.sweep.timeleft import TimeLeft, duration
-from mission.sweep.worker import RunEnd, RunOrder
-from mission.world import build_world
 
 
 class RunsFailedError(AerofedError):
@@ -156,8 +157,8 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
 
 def _report(path: Path, console: Console) -> None:
     # Only now: matplotlib takes a second to import.
-    from mission.sweep.figures import draw_sweep
-    from mission.sweep.view import final_table
+    from mission.sweep.outcome.figures import draw_sweep
+    from mission.sweep.outcome.view import final_table
 
     state = read_sweep(path)
     write_results(path, state.results)

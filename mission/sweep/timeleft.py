@@ -5,11 +5,11 @@ import math
 import time
 from collections.abc import Sequence
 
+from mission.run.budget import rounds_paid_for
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
 from mission.sweep.results import read_run
 from mission.sweep.state import rounds_in
-from mission.tally import rounds_paid_for
 
 
 class TimeLeft:

@@ -5,32 +5,39 @@ from dataclasses import dataclass
 from functools import partial
 
 from flightdyn.aircraft import Aircraft
-from sitl.autopilot import messages as m
-from sitl.autopilot.absent import Absent
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
-from sitl.autopilot.commands import CommandServer, Refusal
-from sitl.autopilot.enums import Command, Message, MissionResult, MissionType, Result, Severity
-from sitl.autopilot.failsafe import Cause, Failsafes
-from sitl.autopilot.files import LogFolder, NoLogs
-from sitl.autopilot.flight import Flight
-from sitl.autopilot.ftp import FtpServer
-from sitl.autopilot.guard import Guard
-from sitl.autopilot.injection import Injector
-from sitl.autopilot.items import check_item, why_refused
-from sitl.autopilot.log_server import LogServer
-from sitl.autopilot.message_requests import MessageCommands
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.orders import FlightCommands
+from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.modes import Mode
-from sitl.autopilot.monitor import Monitor
-from sitl.autopilot.orders import FlightCommands
-from sitl.autopilot.parameter_server import ParameterServer
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.pilots import Pilots
+from sitl.autopilot.pilots.pilots import Pilots
+from sitl.autopilot.protocol.absent import Absent
+from sitl.autopilot.protocol.commands import CommandServer, Refusal
+from sitl.autopilot.protocol.ftp import FtpServer
+from sitl.autopilot.protocol.items import check_item, why_refused
+from sitl.autopilot.protocol.log_server import LogServer
+from sitl.autopilot.protocol.message_requests import MessageCommands
+from sitl.autopilot.protocol.parameter_server import ParameterServer
+from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
+from sitl.autopilot.protocol.transfer import MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter
-from sitl.autopilot.route import check_mission
-from sitl.autopilot.snapshot import Dials
-from sitl.autopilot.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
-from sitl.autopilot.transfer import MissionTransfer
+from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.safety.guard import Guard
+from sitl.autopilot.safety.injection import Injector
+from sitl.autopilot.safety.monitor import Monitor
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import (
+    Command,
+    Message,
+    MissionResult,
+    MissionType,
+    Result,
+    Severity,
+)
+from sitl.autopilot.values.files import LogFolder, NoLogs
+from sitl.autopilot.values.snapshot import Dials
 from sitl.errors import SitlInputError
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sitl.autopilot.enums import ParamError, ParamType
+from sitl.autopilot.values.enums import ParamError, ParamType
 from sitl.errors import SitlInputError
 
 

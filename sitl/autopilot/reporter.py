@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable
 from types import TracebackType
 
-from sitl.autopilot import messages as m
-from sitl.autopilot.enums import Message, Severity
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import Message, Severity
 from sitl.observer import EventKind
 
 logger = logging.getLogger(__name__)
@@ -99,7 +99,9 @@ class _Contained:
 
     __slots__ = ("_otherwise", "_reporter", "_what")
 
-    def __init__(self, reporter: Reporter, what: str, otherwise: Callable[[], object] | None) -> None:
+    def __init__(
+        self, reporter: Reporter, what: str, otherwise: Callable[[], object] | None
+    ) -> None:
         self._reporter = reporter
         self._what = what
         self._otherwise = otherwise

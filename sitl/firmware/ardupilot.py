@@ -10,7 +10,7 @@ import socket
 import struct
 from contextlib import suppress
 
-from flightdyn.atmosphere import altitude_m
+from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
 from sitl.firmware.bridge import Readings, read, sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError

@@ -3,9 +3,9 @@
 from typing import NamedTuple, Protocol
 
 from flightdyn.inertial import ImuSample
+from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.plant import Plant
-from flightdyn.sensor_suite import SensorSuite
-from flightdyn.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix
 from sitl.errors import SitlInputError
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.battery import CELLS
+from flightdyn.physics.battery import CELLS
 from flightdyn.state import BatteryState
 
 HEARTBEAT = mav.MAVLINK_MSG_ID_HEARTBEAT

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.atmosphere import altitude_m, temperature_k
 from flightdyn.inertial import ImuSample
-from flightdyn.sensors import BaroSample, MagSample
+from flightdyn.physics.atmosphere import altitude_m, temperature_k
+from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.state import GeodeticPoint, GnssFix
 
 ACCEL_GYRO, MAG, BARO = 0x007 | 0x038, 0x1C0, 0x1A00  # bits of HIL_SENSOR.fields_updated

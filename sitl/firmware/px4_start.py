@@ -6,8 +6,8 @@ import os
 import shlex
 from pathlib import Path
 
-from flightdyn.airframe.parameters import Airframe
 from flightdyn.config import LimitsConfig
+from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.plant import Plant
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareSilentError

@@ -8,7 +8,7 @@ import numpy as np
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig, SensorsConfig, WindConfig
-from flightdyn.path import FlightPath
+from flightdyn.guidance.path import FlightPath
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, Vector
 

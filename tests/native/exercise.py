@@ -5,11 +5,11 @@ import sys
 
 import numpy as np
 
-from fl.datasets import Split
-from fl.models import make_network
+from fl.data.dataset import Split
 from fl.native.library import normal_shares
-from fl.radio import CHANNEL_PRESETS
-from fl.training import LocalSettings, LocalTask, scaling_of
+from fl.radio.channel import CHANNEL_PRESETS
+from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.models import make_network
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 

@@ -8,7 +8,7 @@ from sitl_point_mass import PointMass
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
-from sitl.autopilot.files import LogFolder
+from sitl.autopilot.values.files import LogFolder
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

@@ -8,12 +8,12 @@ import math
 import numpy as np
 
 from flightdyn.config import LimitsConfig
-from flightdyn.control import AttitudeOrder
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.guidance.control import AttitudeOrder
+from flightdyn.guidance.path import FlightPath, PathProgress
+from flightdyn.guidance.pursuit import Target, wanted_velocity
 from flightdyn.instruments import Instruments, Readings
-from flightdyn.path import FlightPath, PathProgress
-from flightdyn.pursuit import Target, wanted_velocity
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 
 

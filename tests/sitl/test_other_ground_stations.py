@@ -16,9 +16,9 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
-from sitl.autopilot.enums import MissionType
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
+from sitl.autopilot.values.enums import MissionType
 from sitl.config import VehicleConfig
 from sitl.links import UdpLink
 from sitl.logfolder import DiskLogs

@@ -6,12 +6,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot import files as f
-from sitl.autopilot import messages as m
-from sitl.autopilot import parts as p
 from sitl.autopilot.codec.setpoints import SETPOINT_DECODERS
 from sitl.autopilot.codec.units import from_deg_e7
-from sitl.autopilot.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType, ParamType
+from sitl.autopilot.values import files as f
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values import parts as p
+from sitl.autopilot.values.enums import (
+    GLOBAL_FRAMES,
+    Command,
+    MissionResult,
+    MissionType,
+    ParamType,
+)
 
 # Commands whose fifth and sixth parameter are a position: COMMAND_INT carries it in degE7.
 _POSITION_COMMANDS = frozenset(

@@ -6,11 +6,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot import files as f
-from sitl.autopilot import messages as m
-from sitl.autopilot import parts as p
 from sitl.autopilot.codec.units import deg_e7, int32
-from sitl.autopilot.enums import GLOBAL_FRAMES, ParamType
+from sitl.autopilot.values import files as f
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values import parts as p
+from sitl.autopilot.values.enums import GLOBAL_FRAMES, ParamType
 from sitl.errors import ProtocolError
 
 _TEXT_BYTES = 50  # of one STATUSTEXT

@@ -6,12 +6,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.atmosphere import altitude_m, temperature_k
 from flightdyn.frames import Triple, euler_from_quaternion, rotation_matrix
 from flightdyn.instruments import Instruments
+from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.enums import Frame, Message
-from sitl.autopilot.snapshot import Dials, Snapshot
+from sitl.autopilot.values.enums import Frame, Message
+from sitl.autopilot.values.snapshot import Dials, Snapshot
 
 _NAN3 = (math.nan, math.nan, math.nan)
 _ZERO_C_K = 273.15

@@ -7,8 +7,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple
-from sitl.autopilot import setpoints as s
 from sitl.autopilot.codec.units import from_deg_e7
+from sitl.autopilot.values import setpoints as s
 
 # Bits of the type masks of positions and attitudes that say what to ignore.
 _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6

@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import euler_from_quaternion
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.enums import Message
-from sitl.autopilot.snapshot import Snapshot
+from sitl.autopilot.values.enums import Message
+from sitl.autopilot.values.snapshot import Snapshot
 
 _UNKNOWN_U16 = 65535
 _ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED

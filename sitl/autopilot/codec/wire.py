@@ -6,13 +6,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot import messages as m
 from sitl.autopilot.codec.decode import decode
 from sitl.autopilot.codec.encode import StatusTexts, encode
 from sitl.autopilot.codec.instruments import encode_instruments
 from sitl.autopilot.codec.telemetry import encode_telemetry
-from sitl.autopilot.enums import Message
-from sitl.autopilot.snapshot import Dials, Snapshot
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import Message
+from sitl.autopilot.values.snapshot import Dials, Snapshot
 
 _STREAMS_KEPT = 32  # parsers of streams that have not spoken for longest are dropped
 

@@ -1,0 +1,96 @@
+"""A task's images and labels: what they are, and where they come from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.errors import DataDamagedError
+
+Pixels = NDArray[np.uint8] | NDArray[np.float32]
+Labels = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Split:
+    """Images (n, height, width, channels), uint8 or float32 in [0, 1], and labels (n,)."""
+
+    images: Pixels
+    labels: Labels
+
+    def __post_init__(self) -> None:
+        self.images.setflags(write=False)
+        self.labels.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file that was read."""
+
+    name: str
+    md5: str  # of the content the official sum is about
+    official: bool
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a data set comes from, for the run's summary."""
+
+    source: str  # a folder, an archive, or how the data are made
+    official: bool  # every file carries its official sum
+    files: tuple[SourceFile, ...] = ()
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One task. Labels run from 0 to `classes` - 1 in both splits."""
+
+    task: str
+    train: Split
+    validation: Split
+    classes: int
+    provenance: Provenance
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(height, width, channels)"""
+        _, height, width, channels = self.train.images.shape
+        return height, width, channels
+
+
+def checked(
+    task: str, train: Split, validation: Split, *, classes: int, provenance: Provenance
+) -> Dataset:
+    """A data set whose splits fit together; `DataDamagedError` names what does not."""
+    source = provenance.source
+    for name, split in (("training", train), ("validation", validation)):
+        count = len(split.labels)
+        if count == 0:
+            raise DataDamagedError(source, f"no {name} images")
+        if len(split.images) != count:
+            raise DataDamagedError(
+                source, f"{len(split.images)} {name} images, but {count} {name} labels"
+            )
+        low, high = int(split.labels.min()), int(split.labels.max())
+        if low < 0 or high >= classes:
+            bad = low if low < 0 else high
+            raise DataDamagedError(
+                source, f"{name} label {bad} is outside the classes 0 to {classes - 1}"
+            )
+    if train.images.shape[1:] != validation.images.shape[1:]:
+        raise DataDamagedError(
+            source,
+            f"training images of {train.images.shape[1:]},"
+            f" validation images of {validation.images.shape[1:]}",
+        )
+    return Dataset(task, train, validation, classes, provenance)
+
+
+def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:
+    """Part of every class held out for validation, the same part on every machine."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    held = np.zeros(len(labels), dtype=np.bool_)
+    for label in np.unique(labels):
+        members = rng.permutation(np.flatnonzero(labels == label))
+        held[members[: max(1, round(share * len(members)))]] = True
+    return Split(images[~held], labels[~held]), Split(images[held], labels[held])

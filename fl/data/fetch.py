@@ -1,0 +1,148 @@
+"""Data sets from their official locations, verified by checksum; and a check of a data folder."""
+
+import gzip
+import http.client
+import os
+import tempfile
+import urllib.error
+import urllib.request
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+from fl.data.idx import NAMES
+from fl.data.load import load
+from fl.data.official import CIFAR_ARCHIVE_MD5, IDX_MD5, md5
+from fl.errors import DataDamagedError, DataMissingError, FetchError, SettingError
+
+CHUNK = 1 << 18
+TIMEOUT_S = 30.0
+CIFAR_ARCHIVE = "cifar-10-python.tar.gz"
+
+# Where the data sets' authors, or the mirrors they are commonly taken from, keep them. MNIST's
+# own page no longer serves the files; the checksum is what makes a copy official.
+LOCATIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "mnist": "https://ossci-datasets.s3.amazonaws.com/mnist/",
+        "fashion-mnist": "http://fashion-mnist.s3-website.eu-central-1.amazonaws.com/",
+        "cifar10": "https://www.cs.toronto.edu/~kriz/",
+    }
+)
+TASKS = tuple(LOCATIONS)
+
+Progress = Callable[[str, int, int | None], None]  # file, bytes so far, bytes altogether
+
+
+@dataclass(frozen=True)
+class TaskCheck:
+    """What a data folder holds of one task."""
+
+    task: str
+    status: Literal["official", "intact", "missing", "damaged"]
+    detail: str
+
+
+def fetch(
+    task: str,
+    data_dir: Path,
+    *,
+    locations: Mapping[str, str] = LOCATIONS,
+    progress: Progress | None = None,
+) -> tuple[Path, ...]:
+    """Download `task` into its sub-folder of `data_dir`; the files, new or already there.
+
+    A file is put in place only after its checksum was found right, and one that is there and
+    right is left alone. Raises `FetchError` naming the address.
+    """
+    if task not in locations:
+        raise SettingError("task", task, f"can be fetched: {', '.join(locations)}")
+    if task == "cifar10":
+        wanted = {CIFAR_ARCHIVE: CIFAR_ARCHIVE_MD5[CIFAR_ARCHIVE]}
+    else:
+        wanted = {f"{name}.gz": IDX_MD5[task][name] for name in NAMES}
+    folder = data_dir / task
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingError("data_dir", str(data_dir), f"cannot be written: {error}") from error
+    paths = []
+    for name, checksum in wanted.items():
+        path = folder / name
+        if not (path.is_file() and _sum_of(path) == checksum):
+            _download(locations[task] + name, path, checksum=checksum, progress=progress)
+        paths.append(path)
+    return tuple(paths)
+
+
+def check(data_dir: Path, *, tasks: tuple[str, ...] = TASKS) -> tuple[TaskCheck, ...]:
+    """Read every task from `data_dir` as a run would, and say what was found."""
+    found = []
+    for task in tasks:
+        try:
+            dataset = load(task, data_dir=data_dir)
+        except DataMissingError as error:
+            found.append(TaskCheck(task, "missing", str(error)))
+        except DataDamagedError as error:
+            found.append(TaskCheck(task, "damaged", str(error)))
+        else:
+            source = dataset.provenance
+            found.append(
+                TaskCheck(
+                    task,
+                    "official" if source.official else "intact",
+                    f"{source.source}: {len(dataset.train.labels)} training,"
+                    f" {len(dataset.validation.labels)} validation images",
+                )
+            )
+    return tuple(found)
+
+
+def _download(url: str, path: Path, *, checksum: str, progress: Progress | None) -> None:
+    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as out:
+            try:
+                # The addresses are constants of this module (or a caller's own).
+                with urllib.request.urlopen(url, timeout=TIMEOUT_S) as source:
+                    length = source.headers.get("Content-Length")
+                    total, done = int(length) if length else None, 0
+                    while chunk := source.read(CHUNK):
+                        out.write(chunk)
+                        done += len(chunk)
+                        if progress is not None:
+                            progress(path.name, done, total)
+            except urllib.error.HTTPError as error:
+                raise FetchError(url, f"the server answers {error.code} {error.reason}") from error
+            except (
+                urllib.error.URLError,
+                http.client.HTTPException,
+                TimeoutError,
+                ConnectionError,
+            ) as error:
+                reason = getattr(error, "reason", error)
+                raise FetchError(url, f"{reason}; is there a network?") from error
+        got = _sum_of(Path(part))
+        if got != checksum:
+            raise FetchError(
+                url, f"its checksum is {got or 'unreadable'}, the official one {checksum}"
+            )
+        Path(part).chmod(0o644)
+        Path(part).replace(path)
+    except OSError as error:
+        raise FetchError(url, f"cannot be stored as {path}: {error.strerror}") from error
+    finally:
+        Path(part).unlink(missing_ok=True)
+
+
+def _sum_of(path: Path) -> str:
+    """The sum that the official one is about: of an IDX file's content, of an archive itself."""
+    content = path.read_bytes()
+    if "idx" not in path.name:
+        return md5(content)
+    try:
+        return md5(gzip.decompress(content))
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        return ""

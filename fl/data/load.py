@@ -1,0 +1,97 @@
+"""From a task's name to its images and labels: bundled, generated, or read from files."""
+
+import logging
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+from fl.data import bundled, cifar, idx, npz
+from fl.data.dataset import Dataset
+from fl.errors import DataDamagedError, DataMissingError
+
+logger = logging.getLogger(__name__)
+
+Stamp = tuple[tuple[str, int, int], ...]
+
+# Sub-folders of a data folder, or of these, in which files are looked for.
+FOLDERS = frozenset(
+    [
+        "mnist",
+        "MNIST",
+        "fashion-mnist",
+        "fashion",
+        "FashionMNIST",
+        "raw",
+        "cifar10",
+        "cifar-10-batches-py",
+        "cifar-10-batches-bin",
+    ]
+)
+
+
+def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> Dataset:
+    """The data set of `task`, from `data_dir` unless it is bundled or generated.
+
+    Raises `DataMissingError` that says what is looked for, `DataDamagedError` naming the file.
+    Intact files that are not the official ones (a subset, say) are used, and said so. A process
+    that asks again while the files are as they were gets the same data set again: an archive
+    takes seconds to unpack, and a sweep has many runs.
+    """
+    if task in ("digits", "colour-shapes"):
+        makers: dict[str, Callable[[], Dataset]] = {
+            "digits": bundled.digits,
+            "colour-shapes": bundled.colour_shapes,
+        }
+        return makers[task]()
+    return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
+
+
+@lru_cache(maxsize=3)
+def _read(
+    task: str,
+    data_dir: Path | None,
+    data_file: str | None,
+    stamp: Stamp,  # noqa: ARG001  # tells the cache that files have changed
+) -> Dataset:
+    if task in ("mnist", "fashion-mnist"):
+        dataset = idx.load(task, _folder(task, data_dir, idx.WANTED))
+    elif task == "cifar10":
+        dataset = cifar.load(_folder(task, data_dir, cifar.WANTED))
+    elif task == "npz":
+        name = data_file or ""
+        dataset = npz.load(name, _folder(task, data_dir, f"the file {name}"))
+    else:
+        raise DataMissingError(task, data_dir, "nothing: there is no such task")
+    if not dataset.provenance.official:
+        logger.info(
+            "%s: %s is intact but not the official data set: %d training, %d validation images",
+            task,
+            dataset.provenance.source,
+            len(dataset.train.labels),
+            len(dataset.validation.labels),
+        )
+    return dataset
+
+
+def _folder(task: str, data_dir: Path | None, wanted: str) -> Path:
+    if data_dir is None or not data_dir.is_dir():
+        raise DataMissingError(task, data_dir, wanted)
+    return data_dir
+
+
+def _stamp(folder: Path | None, data_file: str | None = None) -> Stamp:
+    """Names, sizes and times of the files where data are looked for."""
+    if folder is None or not folder.is_dir():
+        return ()
+    found: list[tuple[str, int, int]] = []
+    try:
+        paths = set(folder.iterdir()) | ({folder / data_file} if data_file else set())
+        for path in sorted(paths):
+            if path.is_file():
+                status = path.stat()
+                found.append((str(path), status.st_size, status.st_mtime_ns))
+            elif path.name in FOLDERS:
+                found += _stamp(path)
+    except OSError as error:
+        raise DataDamagedError(folder, error.strerror or str(error)) from error
+    return tuple(found)

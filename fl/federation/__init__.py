@@ -1,0 +1,1 @@
+"""Communities of devices, and the rounds in which their models become one."""

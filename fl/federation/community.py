@@ -1,0 +1,176 @@
+"""Communities and their devices: data loaded, spread over devices, networks made. Set up once."""
+
+import hashlib
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.config import CommunityConfig, LearningConfig
+from fl.data import partition
+from fl.data.dataset import Dataset
+from fl.data.load import load
+from fl.errors import SettingError
+from fl.federation.algorithms import Algorithm, make_algorithm
+from fl.training.device import check_device
+from fl.training.local import Network, Scaling, scaling_of
+from fl.training.models import make_network
+
+logger = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Stream = Callable[[str], np.random.Generator]
+
+
+@dataclass(frozen=True, eq=False)
+class Community:
+    """The devices of one task; devices count from 0 within it."""
+
+    config: CommunityConfig
+    dataset: Dataset
+    network: Network
+    shares: tuple[Indices, ...]  # training samples of each device
+    counts: Indices  # (K_c, classes) training samples of each device and class
+
+    @property
+    def name(self) -> str:
+        """Its name in the settings."""
+        return self.config.name
+
+    @cached_property
+    def scaling(self) -> Scaling:
+        """What the network sees of a pixel; planning needs none."""
+        return scaling_of(self.dataset.train)
+
+    @cached_property
+    def p(self) -> Floats:
+        """p_k = |D_k| / sum of |D_i| over the community, (K_c,)."""
+        samples = self.counts.sum(axis=1).astype(np.float64)
+        return np.asarray(samples / samples.sum(), dtype=np.float64)
+
+    @cached_property
+    def validation_counts(self) -> Indices:
+        """Validation images of each class, (classes,)."""
+        return np.bincount(self.dataset.validation.labels, minlength=self.dataset.classes).astype(
+            np.int64
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Federation:
+    """All communities. Their devices, one after the other, are numbered 0 to K - 1."""
+
+    communities: tuple[Community, ...]
+    learning: LearningConfig
+    algorithm: Algorithm
+    stream: Stream
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the communities."""
+        return tuple(community.name for community in self.communities)
+
+    @cached_property
+    def community_of(self) -> Indices:
+        """Index of each device's community, (K,)."""
+        sizes = [len(community.shares) for community in self.communities]
+        return np.repeat(np.arange(len(sizes)), sizes).astype(np.int64)
+
+    @cached_property
+    def p(self) -> Floats:
+        """p_k of each device within its community, (K,)."""
+        return np.concatenate([community.p for community in self.communities])
+
+    def members(self, index: int) -> slice:
+        """The devices of community `index` among all."""
+        first = int(np.searchsorted(self.community_of, index))
+        return slice(first, first + len(self.communities[index].shares))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What a checkpoint belongs to: data, assignment, networks and algorithm, as SHA-256."""
+        digest = hashlib.sha256(repr(self.algorithm).encode())
+        for community in self.communities:
+            digest.update(repr((community.name, community.config.task)).encode())
+            digest.update(repr(community.network.shapes).encode())
+            digest.update(repr(community.dataset.provenance.files).encode())
+            digest.update(community.dataset.train.labels.tobytes())
+            for share in community.shares:
+                digest.update(share.tobytes() + b"|")
+        return digest.hexdigest()
+
+
+def build(
+    communities: Sequence[CommunityConfig],
+    learning: LearningConfig,
+    *,
+    data_dir: Path | None,
+    stream: Stream,
+) -> Federation:
+    """Load the data, spread them over the devices, make the networks.
+
+    `stream(name)` gives a fresh generator at the start of the stream of that name. Raises
+    `LearningInputError` for settings and files that cannot be used.
+    """
+    names = [config.name for config in communities]
+    for name in names:
+        if names.count(name) > 1:
+            raise SettingError("communities.name", name, "is given twice")
+    check_device(learning.device)
+    loaded: dict[tuple[str, str | None], Dataset] = {}
+    built = []
+    for config in communities:
+        key = (config.task, config.data_file)
+        if key not in loaded:
+            loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
+        rng = stream(f"fl/{config.name}/partition")
+        built.append(_community(config, loaded[key], rng, device=learning.device))
+    return Federation(tuple(built), learning, make_algorithm(learning), stream)
+
+
+def _community(
+    config: CommunityConfig, dataset: Dataset, rng: np.random.Generator, *, device: str
+) -> Community:
+    labels, classes = dataset.train.labels, dataset.classes
+    try:
+        if config.partition == "labels":
+            owns = partition.draw_owners(
+                config.devices,
+                classes,
+                per_device=config.labels_per_device,
+                coverage=config.coverage,
+                rng=rng,
+            )
+            shares = partition.by_labels(labels, owns, rng=rng)
+        elif config.partition == "dirichlet":
+            shares = partition.by_dirichlet(
+                labels,
+                devices=config.devices,
+                classes=classes,
+                alpha=config.dirichlet_alpha,
+                rng=rng,
+            )
+        else:
+            shares = partition.iid(len(labels), devices=config.devices, rng=rng)
+    except SettingError as error:
+        raise SettingError(
+            f"community {config.name}: {error.key}", error.value, error.allowed
+        ) from error
+    counts = partition.class_counts(labels, shares, classes=classes)
+    counts.setflags(write=False)
+    network = make_network(
+        config.network,
+        image_shape=dataset.image_shape,
+        classes=classes,
+        device=device,
+        devices=config.devices,
+    )
+    orphans = np.flatnonzero(counts.sum(axis=0) == 0)
+    if orphans.size:
+        logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
+    return Community(config, dataset, network, tuple(shares), counts)

@@ -1,0 +1,1 @@
+"""The air-to-ground radio: its channel, and which packets get through."""

@@ -1,0 +1,59 @@
+"""Who gets through: packets drawn against the packet error rate where they were sent.
+
+Every device has its own draws in a round whether it transmits or not, so that what happens to
+one device depends on no other, and two strategies with one seed meet the same luck.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.radio.channel import Channel, average_per, log_mean_snr, los_probability
+
+Gate = Literal["average", "instantaneous"]
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """What became of the updates of one round."""
+
+    per: NDArray[np.float64]  # (K,) average PER where it was sent; 1 where nothing was sent
+    delivered: NDArray[np.bool_]  # (K,)
+
+
+def deliver(
+    channel: Channel,
+    horizontal_m: NDArray[np.float64],
+    *,
+    height_m: NDArray[np.float64],
+    transmitted: NDArray[np.bool_],
+    rng: np.random.Generator,
+    gate: Gate = "average",
+) -> Arrivals:
+    """Draw one packet of each transmitting device.
+
+    `horizontal_m` and `height_m` (K,) say how far the aircraft truly is at the instant of each
+    transmission (anything where nothing is transmitted). `rng` is this round's own stream.
+
+    "average" loses a packet with probability q_bar. "instantaneous" draws the segment and the
+    shadowing and loses the packet whose SNR is under the threshold; its mean is the same.
+    """
+    count = transmitted.size
+    r = np.where(transmitted, horizontal_m, 0.0)
+    h = np.where(transmitted, height_m, channel.altitude_m)
+    per = np.where(transmitted, average_per(channel, r, height_m=h), 1.0)
+    luck = rng.random(count)
+    if gate == "average":
+        delivered = transmitted & (luck >= per)
+    else:
+        mu_los, mu_nlos = log_mean_snr(channel, r, height_m=h)
+        los = luck < los_probability(channel, r, height_m=h)
+        shadow = rng.standard_normal(count) * np.where(los, channel.sigma_los, channel.sigma_nlos)
+        log_snr = np.where(los, mu_los, mu_nlos) + shadow
+        threshold = np.log(channel.snr_threshold)
+        delivered = transmitted & (log_snr >= threshold)
+    per.setflags(write=False)
+    delivered.setflags(write=False)
+    return Arrivals(per=per, delivered=delivered)

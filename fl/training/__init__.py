@@ -1,0 +1,1 @@
+"""Local training of one device's network: who computes it, and on what."""

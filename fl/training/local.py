@@ -1,0 +1,135 @@
+"""Local training: what a network is asked for and answers. Who computes it is the network's."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.data.dataset import Split
+
+Vector = NDArray[np.float32]
+Shapes = tuple[tuple[int, ...], ...]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Pixels to what the network sees: scale * pixel + shift, per channel."""
+
+    scale: NDArray[np.float32]  # (channels,)
+    shift: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class LocalSettings:
+    """How every device trains."""
+
+    learning_rate: float
+    momentum: float
+    mu: float  # weight of mu/2 |w - w_global|^2
+    batch_size: int
+    epochs: int
+
+
+@dataclass(frozen=True)
+class LocalTask:
+    """One device's work: the samples it owns and its random stream for this round."""
+
+    samples: NDArray[np.int64]
+    rng: np.random.Generator
+    correction: Vector | None = None  # added to every gradient (control variates)
+
+
+@dataclass(frozen=True)
+class LocalResult:
+    """What one device sends up."""
+
+    model: Vector
+    steps: int
+    loss: float  # mean over its steps, without the proximal term
+
+
+class Network(Protocol):
+    """What the federation needs to know of a network. One core works on a call."""
+
+    @property
+    def shapes(self) -> Shapes:
+        """Shapes of the parameters, in the order in which they lie in the flat vector."""
+        ...
+
+    @property
+    def parallel(self) -> bool:
+        """Whether several threads may call it at a time; else it is given all tasks at once."""
+        ...
+
+    def initial(self, rng: np.random.Generator) -> Vector:
+        """Initial parameters (P,), a function of the stream alone."""
+        ...
+
+    def train(
+        self,
+        split: Split,
+        model: Vector,
+        tasks: Sequence[LocalTask],
+        *,
+        scaling: Scaling,
+        settings: LocalSettings,
+    ) -> list[LocalResult]:
+        """Local training of each task from the global `model` (P,).
+
+        SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
+        the batches of `batch_order`.
+        """
+        ...
+
+    def correct_per_class(
+        self, split: Split, model: Vector, *, scaling: Scaling
+    ) -> NDArray[np.int64]:
+        """How many images of each class one model gets right, (classes,)."""
+        ...
+
+
+def scaling_of(split: Split) -> Scaling:
+    """Zero mean and unit variance per channel over a split."""
+    channels = split.images.shape[-1]
+    unit = 255.0 if split.images.dtype == np.uint8 else 1.0
+    rows = split.images.reshape(len(split.images), -1)
+    total = np.zeros(rows.shape[1])
+    squares = np.zeros(rows.shape[1])
+    for start in range(0, len(rows), 256):
+        part = rows[start : start + 256].astype(np.float64)
+        total += part.sum(axis=0)
+        squares += np.einsum("ij,ij->j", part, part)
+    total, squares = (x.reshape(-1, channels).sum(axis=0) for x in (total, squares))
+    count = split.images.size // channels
+    mean = total / count
+    deviation = np.sqrt(np.maximum(squares / count - mean**2, (1e-3 * unit) ** 2))
+    return Scaling((1.0 / deviation).astype(np.float32), (-mean / deviation).astype(np.float32))
+
+
+def batch_order(task: LocalTask, settings: LocalSettings) -> NDArray[np.int64]:
+    """(steps, batch) indices of the samples of each step, -1 where an epoch's last batch ends."""
+    size = min(settings.batch_size, len(task.samples))
+    steps = -(-len(task.samples) // size)
+    epochs = []
+    for _ in range(settings.epochs):
+        order = np.full(steps * size, -1, dtype=np.int64)
+        order[: len(task.samples)] = task.rng.permutation(task.samples)
+        epochs.append(order.reshape(steps, size))
+    return np.concatenate(epochs)
+
+
+def in_parallel(jobs: Sequence[Callable[[], Result]], *, workers: int) -> list[Result]:
+    """The results of `jobs` in order, up to `workers` threads at a time."""
+    if workers <= 1 or len(jobs) <= 1:
+        return [job() for job in jobs]
+    with ThreadPoolExecutor(min(workers, len(jobs))) as pool:
+        try:
+            return [future.result() for future in [pool.submit(job) for job in jobs]]
+        except BaseException:
+            # Ctrl-C waits for what is under way, not for what nobody will ask for.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,109 @@
+"""The outer loop's gains and orders. The loop itself is `native/control.h`."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from flightdyn.config import LimitsConfig
+from flightdyn.frames import Quaternion, Triple
+from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.guidance.landing import LandDetector
+from flightdyn.native.library import Guide, Strapdown
+from flightdyn.physics.airframe.parameters import Airframe
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of the outer loop. Chosen by step responses of this airframe."""
+
+    position: float = 1.6  # 1/s
+    velocity: float = 4.5  # 1/s
+    integral: float = 2.5  # 1/s2
+    integral_limit: float = 6.0  # m/s2
+    lead_s: float = 0.16  # lag of the attitude loop, led by the acceleration fed forward
+    drag_lag_s: float = 0.10  # of the measured drag
+    drag_limit: float = 12.0  # m/s2; more is a collision
+    thrust_lag_s: float = 0.25  # of the thrust effectiveness
+    motor_lag_s: float = 0.06  # from ordered to measured thrust
+    most_thrust: float = 0.9  # share of the full thrust that the outer loop may ask for
+
+
+class Setpoint(NamedTuple):
+    """What the outer loop is to follow."""
+
+    p: Triple
+    v: Triple
+    a: Triple  # already led
+    yaw: float
+    yaw_rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeOrder:
+    """An attitude to keep; without one, body rates. Thrust, or the speed of the climb with it."""
+
+    q_frd_to_ned: Quaternion | None
+    rates_radps: Triple = (0.0, 0.0, 0.0)  # fed forward, or to be kept
+    collective: float | None = None  # thrust of the rotors, 1 = full; None: by `climb_mps`
+    climb_mps: float = 0.0
+
+
+class Controller:
+    """Guidance steps and outer loop, which run in C, between navigation and inner loops."""
+
+    def __init__(
+        self,
+        inner: InnerLoops,
+        airframe: Airframe,
+        limits: LimitsConfig,
+        *,
+        dt_s: float,
+        gravity_mps2: float,
+        gains: Gains | None = None,
+    ) -> None:
+        k = gains or Gains()
+        full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
+        slope = math.tan(math.radians(limits.tilt_deg))
+        self._inner = inner
+        self._guide = Guide((
+            dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
+            k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
+            k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
+        ))  # fmt: skip
+        self.memory = self._guide.memory
+        self.memory.effectiveness = 1.0
+        self.memory.thrust[2] = -1.0
+        self.track = self._guide.track
+
+    @property
+    def wanted_thrust(self) -> Triple:
+        """Over mass, NED: what is leaned to."""
+        x, y, z = self.memory.thrust
+        return x, y, z
+
+    @property
+    def wanted_yaw(self) -> float:
+        """The heading turned to."""
+        return float(self.memory.wanted_yaw)
+
+    @property
+    def collective(self) -> float:
+        """Thrust ordered last, 1 = full."""
+        return float(self.memory.collective)
+
+    @property
+    def effectiveness(self) -> float:
+        """Measured thrust over ordered thrust."""
+        return float(self.memory.effectiveness)
+
+    def step(self, nav: Strapdown, land: LandDetector) -> int:
+        """One step of guidance and outer loop; what is to be noted of it, see `flight.h`."""
+        flags, numbers = self._guide.step(nav)
+        ep, eq, er, fp, fq, fr, collective, lift, descend, sink, knock = numbers
+        self._inner.command((ep, eq, er), (fp, fq, fr), collective)
+        armed = self.memory.armed != 0.0
+        if armed or not land.landed:
+            land.update(
+                armed=armed, descend_mps=descend, sink_mps=sink, lift=lift, knock_mps2=knock
+            )
+        return flags

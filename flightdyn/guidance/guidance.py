@@ -1,0 +1,249 @@
+"""Orders in, setpoints out: idle, hold, path, a target to go after, an attitude."""
+
+import math
+from collections.abc import Callable, Iterable
+
+from flightdyn.config import LimitsConfig
+from flightdyn.errors import FlightInputError
+from flightdyn.frames import Triple
+from flightdyn.guidance.control import AttitudeOrder, Controller, Setpoint
+from flightdyn.guidance.landing import LandDetector
+from flightdyn.guidance.path import FlightPath, PathProgress
+from flightdyn.guidance.path_plan import Corner, brake_and_go, plan_path
+from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
+from flightdyn.guidance.trajectory import Trajectory
+from flightdyn.inertial import NavState
+from flightdyn.native.library import (
+    ATTITUDE,
+    FINISHED,
+    LIMITED,
+    NOTHING,
+    STALLED,
+    TARGET,
+    TRACK,
+    Strapdown,
+)
+
+_LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
+_RISE_MPS = 0.3  # a target that asks for more climb than that lifts the aircraft off the ground
+_LAG_STOP_M = 6.0  # farther from the reference than that a new one begins where the aircraft is
+_EARLY_S = 0.5  # before its blend a corner cannot be passed, whatever the position says
+_LATE_S = 3.0  # after it, it is passed, however far off
+
+
+class Guidance:
+    """The order in force and how far it has been carried out.
+
+    Trajectories are tracked in C (`flightdyn/native/guidance.h`), in the controller's memory.
+    """
+
+    def __init__(
+        self, controller: Controller, limits: LimitsConfig, *, dt_s: float, yaw: float
+    ) -> None:
+        self._controller = controller
+        self._memory = memory = controller.memory
+        memory.yaw = memory.yaw_order = yaw
+        memory.landed = memory.contact = memory.touching = 1.0
+        self._limits = limits
+        self._dt = dt_s
+        self._land = LandDetector(dt_s=dt_s)
+        self._corners: list[Corner] = []
+        self._next = 0
+        self._soon_s = math.inf  # on the trajectory's clock: from when on the next may be passed
+        self._target = Target()
+        self._noted = 0
+        self.progress = PathProgress()
+
+    @property
+    def armed(self) -> bool:
+        """Whether orders are carried out."""
+        return bool(self._memory.armed)
+
+    @armed.setter
+    def armed(self, armed: bool) -> None:
+        self._memory.armed = float(armed)
+
+    @property
+    def landed(self) -> bool:
+        """On the ground, as far as the belief tells."""
+        return self._land.landed
+
+    @property
+    def command(self) -> Triple | None:
+        """Where the aircraft is wanted; None while no order holds it anywhere."""
+        return _triple(self._memory.p) if self._memory.pointed else None
+
+    @property
+    def setpoint(self) -> Setpoint | None:
+        """What the controller is to follow; None while it is told nothing, or an attitude."""
+        m = self._memory
+        if not m.pointed:
+            return None
+        return Setpoint(_triple(m.p), _triple(m.v), _triple(m.a), m.yaw, m.yaw_rate)
+
+    def look_at(self, place: Triple | None) -> None:
+        """Head towards a place on the way; None: along the course."""
+        self._memory.interested = float(place is not None)
+        self._memory.interest[:] = place or (0.0, 0.0, 0.0)
+
+    def idle(self) -> None:
+        """Motors turn without lift when armed."""
+        self._memory.mode = NOTHING
+        self._memory.pointed = 0.0
+        self._controller.track(None)
+        self._forget_corners()
+
+    def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
+        """Go to `pos` and stay."""
+        _finite("hold", (*pos, yaw))
+        p, v = self._start(nav)
+        self._begin(brake_and_go(p, v, goal=pos, limits=self._limits), yaw, course=False)
+
+    def follow(self, nav: NavState, path: FlightPath) -> None:
+        """Fly `path` and stay at its end."""
+        _, v = self._start(nav)
+        trajectory, corners = plan_path(path, self._limits, start_vel=v)
+        self._begin(trajectory, self._memory.yaw, course=True)
+        self._memory.path = 1.0
+        self._memory.too_fast = float(path.speeds_mps.max() > self._limits.speed_mps)
+        self._corners, self._next = corners, 1
+        self._look_ahead()
+        self.progress.passed = corners[0].count
+
+    def _begin(self, trajectory: Trajectory, yaw: float, *, course: bool) -> None:
+        m = self._memory
+        self._controller.track(trajectory.pieces)
+        m.mode = TRACK
+        m.t = trajectory.start_s
+        m.rate = m.smooth_rate = m.room = 1.0
+        m.over = m.waited = m.went = m.finished = m.stalled = m.missed = 0.0
+        m.path = m.too_fast = 0.0
+        m.yaw_order = yaw
+        m.course = float(course)
+        self._forget_corners()
+
+    def _forget_corners(self) -> None:
+        """What was flown is over; its progress stays with whoever asked for it."""
+        self._corners, self._soon_s, self._noted = [], math.inf, 0
+        self.progress = PathProgress()
+
+    def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
+        """Fly at `vel` (NED over ground), keeping to the line that it draws."""
+        _finite("velocity", (*vel, yaw))
+        self.pursue(nav, Target(vel=vel, yaw=yaw))
+
+    def pursue(self, nav: NavState, target: Target) -> None:
+        """Go after a target, which may be another one at any time."""
+        m = self._memory
+        if m.mode != TARGET:
+            p, v = self._start(nav)
+            self.idle()
+            m.p[:], m.v[:], m.a[:] = p, v, (0.0, 0.0, 0.0)
+            m.mode, m.pointed = TARGET, 1.0
+        self._target = target
+
+    def attitude(self, order: AttitudeOrder) -> None:
+        """Keep an attitude; where that leads is left to whoever orders it."""
+        m = self._memory
+        if m.mode != ATTITUDE:
+            self.idle()
+            m.mode = ATTITUDE
+        m.oriented = float(order.q_frd_to_ned is not None)
+        m.q[:] = order.q_frd_to_ned or (1.0, 0.0, 0.0, 0.0)
+        m.rates[:] = order.rates_radps
+        m.thrust_order = math.nan if order.collective is None else order.collective
+        m.climb = order.climb_mps
+
+    def _start(self, nav: NavState) -> tuple[Triple, Triple]:
+        """Where a new reference begins: at the old one, so that nothing jumps."""
+        point = self.setpoint
+        if point is None or math.dist(point.p, nav.p) > _LAG_STOP_M:
+            return nav.p, nav.v
+        return point.p, point.v
+
+    def step(self, carried: Strapdown, state: Callable[[], NavState]) -> None:
+        """One guidance step from where the aircraft is, which `state` puts into words."""
+        m, land = self._memory, self._land
+        pursuing = m.mode == TARGET
+        if pursuing and m.armed:
+            self._after_target(state())
+        flags = self._controller.step(carried, land)
+        if pursuing:
+            m.mode = TARGET
+        if land.changed:
+            m.touching, m.contact, m.landed = land.touching, land.contact, land.landed
+        if flags != self._noted:
+            self._note(flags)
+
+    def _note(self, flags: int) -> None:
+        """What is new of the trajectory."""
+        self._noted = flags
+        progress = self.progress
+        progress.speed_limited = bool(flags & LIMITED)
+        progress.stalled = progress.stalled or bool(flags & STALLED)
+        if flags & FINISHED and not progress.finished:
+            progress.finished = True
+            progress.missed_m = self._memory.missed
+            if self._corners:
+                progress.passed = self._corners[-1].count
+                self._next = len(self._corners)
+
+    def _look_ahead(self) -> None:
+        """When the next corner may be passed at the earliest."""
+        self._soon_s = math.inf
+        if self._next < len(self._corners) - 1:
+            corner = self._corners[self._next]
+            self._soon_s = corner.t_s - corner.half_s - _EARLY_S
+
+    @property
+    def corner_soon(self) -> bool:
+        """Whether it is time for the next corner to be passed before the guidance's next step."""
+        return bool(self._memory.t >= self._soon_s - self._dt)
+
+    def corner_near(self, nav: NavState) -> bool:
+        """Whether the next corner may be passed before the guidance's next step."""
+        if not self.corner_soon:
+            return False
+        corner = self._corners[self._next]
+        if corner.normal is None:
+            return True
+        (x, y, z), (cx, cy, cz), (nx, ny, nz) = nav.p, corner.point, corner.normal
+        beyond = (x - cx) * nx + (y - cy) * ny + (z - cz) * nz
+        vx, vy, vz = nav.v
+        return beyond + 2 * self._dt * (abs(vx) + abs(vy) + abs(vz)) + 0.2 > 0
+
+    def pass_corners(self, pos: Triple, vel: Triple) -> None:
+        """Count the corner whose plane of closest approach the position has crossed."""
+        t = self._memory.t
+        while t >= self._soon_s:
+            corner = self._corners[self._next]
+            n = corner.normal or vel
+            beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
+            if beyond < 0 and t < corner.t_s + corner.half_s + _LATE_S:
+                return
+            self.progress.passed = corner.count
+            self._next += 1
+            self._look_ahead()
+
+    def _after_target(self, nav: NavState) -> None:
+        """Reference that goes after the target and draws the aircraft along."""
+        m, to = self._memory, self._target
+        if self._land.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
+            m.mode = NOTHING  # nothing that leads up: it stays on the ground
+            return
+        p, v = (_triple(m.p), _triple(m.v)) if m.pointed else (nav.p, nav.v)
+        p, v, m.a[:] = pursue(p, v, to, limits=self._limits, dt_s=self._dt)
+        m.v[:] = v
+        m.p[:] = [nav.p[i] + min(_LEASH_M, max(-_LEASH_M, p[i] - nav.p[i])) for i in range(3)]
+        m.spin = 0.0 if math.isnan(to.yaw_rate) else to.yaw_rate
+        m.yaw_order = m.yaw if math.isnan(to.yaw) else to.yaw
+
+
+def _triple(values: Iterable[float]) -> Triple:
+    x, y, z = values
+    return x, y, z
+
+
+def _finite(order: str, values: tuple[float, ...]) -> None:
+    if not all(math.isfinite(value) for value in values):
+        raise FlightInputError(f"{order} {values}: finite numbers are needed")

@@ -1,0 +1,1 @@
+"""What the autopilot believes: sensors filtered into position, velocity, attitude."""

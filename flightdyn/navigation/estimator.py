@@ -1,0 +1,411 @@
+"""What the autopilot believes: an error-state INS/GNSS filter. The one home of filterpy.
+
+The nominal state is carried by the IMU outside the filter; filterpy's KalmanFilter holds the error
+of it (zero after every correction) and its covariance. Everything is fused in order at a horizon
+that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
+forward by the IMU increments since (the arrangement of PX4's EKF2).
+
+Its states and matrices are those of `error_model`.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from itertools import takewhile
+from typing import NamedTuple
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from scipy.linalg.lapack import dgesv
+
+from flightdyn.config import SensorsConfig
+from flightdyn.frames import (
+    Triple,
+    frozen,
+    quaternion_multiply,
+    rotation_matrix,
+    rotation_quaternion,
+    wrap_pi,
+)
+from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
+from flightdyn.native.library import Increments, Innovations, Strapdown, Transition
+from flightdyn.navigation.airspeed import DragAirspeed
+from flightdyn.navigation.error_model import (
+    ATT,
+    BA,
+    BARO,
+    BG,
+    BMAG,
+    HEADING,
+    POS,
+    STATES,
+    VEL,
+    Alignment,
+    gnss_correlation,
+    initial_covariance,
+    level,
+    magnetometer_row,
+    measurement_matrix,
+    measurement_noise,
+    process_noise,
+    transition,
+)
+from flightdyn.physics.airframe.parameters import QUAD_X
+from flightdyn.physics.atmosphere import altitude_m, pressure_slope
+from flightdyn.physics.sensors import BaroSample, MagSample
+from flightdyn.state import GnssFix, Innovation, Vector
+
+# Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
+_DOUBTS = 3
+_DOUBT_STD = ((POS, 1.0), (VEL, 1.0), (ATT, 0.05), (BG, 0.02), (BA, 0.4))  # SI
+_UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, nothing is learnt of the wind
+_ADRIFT_NS = 10_000_000_000  # and for so long, the velocity by drag is better than the inertial one
+_AIR_STD_MPS = 2.0  # of it: its errors last, and are not those of one sample
+_CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
+
+# 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
+GATE_3 = 21.1
+GATE_1 = 15.1
+_NUMBER = {"gnss position": 0, "gnss velocity": 1, "baro": 2, "heading": 3}  # in C
+
+
+class Biases(NamedTuple):
+    """What the filter takes off the sensors."""
+
+    gyro: Triple = (0.0, 0.0, 0.0)
+    accel: Triple = (0.0, 0.0, 0.0)
+    gnss: Triple = (0.0, 0.0, 0.0)
+    mag: Triple = (0.0, 0.0, 0.0)
+    baro: float = 0.0
+
+
+class _Model(NamedTuple):
+    """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
+
+    F: Vector
+    Q: Vector
+    keep: float
+    transition: Transition
+
+
+def _inverse(matrix: Vector) -> Vector:
+    """What numpy computes, without the quarter of an update that its checks take."""
+    _, _, inverse, singular = dgesv(matrix, np.eye(len(matrix)))
+    if singular:
+        raise np.linalg.LinAlgError("singular innovation covariance")
+    return np.asarray(inverse)
+
+
+class Estimator:
+    """Filter at the delayed horizon, prediction to now."""
+
+    def __init__(
+        self,
+        config: SensorsConfig,
+        *,
+        align: Alignment,
+        fix: GnssFix,
+        t_ns: int,
+        earth: Earth,
+        step_s: float,
+        increments: int,
+    ) -> None:
+        """Start at rest at height zero; `step_s` is the time between predictions of the filter, in
+        which there are so many `increments` of the IMU.
+        """
+        self._config = config
+        self._step_ns = round(step_s * 1e9)
+        self._step_s = step_s
+        self._per_step = increments
+        self._increment_ns = self._step_ns // increments
+        self._delay_ns = round(config.gnss.delay_s * 1e9)
+        mag = config.mag
+        self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
+        self._ground_m = altitude_m(align.pressure_pa)
+        pa_per_m = pressure_slope(align.pressure_pa)
+        # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
+        self._biases = Biases(
+            gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
+        )
+        self.horizon = NavState(
+            t_ns,
+            (float(fix.pos_ned_m[0]), float(fix.pos_ned_m[1]), 0.0),
+            (0.0, 0.0, 0.0),
+            level(align, declination_rad=self._declination),
+        )
+        # Those since the horizon, from which the state of now is carried.
+        most = increments + math.ceil(self._delay_ns / self._increment_ns) + 1
+        self._increments = Increments(most)
+        self._from_horizon = Strapdown(earth, most=most)
+        self.to_now = Strapdown(earth, most=most)
+        self._ahead = Strapdown(earth, most=1)
+        self._take_over()
+        self._t_ns = t_ns
+        # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
+        self._baro: deque[BaroSample] = deque()
+        self._downs: dict[int, float] = {}  # along the horizon since the last correction
+        self._mag: deque[MagSample] = deque()
+        self._fixes: deque[GnssFix] = deque()
+        self._corrected_ns = t_ns
+        self._refused: Counter[str] = Counter()  # in a row
+        self.innovations: deque[Innovation] = deque(maxlen=64)
+        # When each kind was last believed; the first fix is where the filter starts.
+        self.fused_ns: dict[str, int] = dict.fromkeys(("gnss position", "gnss velocity"), fix.t_ns)
+        self._air = DragAirspeed(QUAD_X.drag, pressure_pa=align.pressure_pa)
+        self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
+        self._kf.inv = _inverse
+        self._kf.x = np.zeros((STATES, 1))
+        self._models: dict[int, _Model] = {}
+        self._pa_per_m = pa_per_m
+        self._H = measurement_matrix(config)
+        self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._innovations = Innovations(self._H, self._R)
+        self._baro_var = float(self._R[BARO, BARO])
+        self._kf.P = initial_covariance(
+            config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
+        )
+
+    @property
+    def biases(self) -> Biases:
+        """Present bias estimates."""
+        return self._biases
+
+    @property
+    def now(self) -> NavState:
+        """The state at the end of the last step."""
+        return NavState.of(self._t_ns, self.to_now)
+
+    @property
+    def covariance(self) -> Vector:
+        """Covariance (22, 22) of the error state at the horizon; a copy."""
+        return frozen(self._kf.P)
+
+    def std(self, part: slice) -> Vector:
+        """Standard deviations of one part of the error state."""
+        return np.sqrt(np.diag(self._kf.P)[part])
+
+    def step(
+        self, samples: Sequence[float], t_ns: int, fix: GnssFix | None, *, dt_s: float
+    ) -> None:
+        """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
+        increments = self._increments
+        increments.add(samples, dt_s=dt_s)
+        if fix is not None:
+            self._fixes.append(fix)
+        self.to_now.carry(increments, increments.count - 1, 1)
+        while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
+            self._advance()
+            if self._correct():
+                self.to_now.carry(increments, 0, increments.count)
+        self._t_ns = t_ns
+
+    def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
+        """The state after a few samples more."""
+        few = Increments(1)
+        few.add(samples, dt_s=dt_s)
+        ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
+        ahead.place(p, v, q)
+        ahead.correct(b.gyro, b.accel)
+        ahead.carry(few, 0, 1)
+        return NavState.of(t_ns, ahead)
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
+        return found[::-1]
+
+    def observe_baro(self, sample: BaroSample) -> None:
+        """A barometer sample of now; used when the horizon comes to it."""
+        self._baro.append(sample)
+
+    def observe_mag(self, sample: MagSample) -> None:
+        """A magnetometer sample of now; used when the horizon comes to it."""
+        self._mag.append(sample)
+
+    def _advance(self) -> None:
+        """Carry the horizon over one filter step."""
+        b, dt, count = self._biases, self._step_s, self._per_step
+        carried = self._from_horizon
+        carried.carry(self._increments, 0, count)
+        self._increments.drop(count)
+        n, e, d = carried.gained
+        gn, ge, gd = self._gained
+        self._gained = (gn + n, ge + e, gd + d)
+        self._steps += 1
+        for i, down in enumerate(carried.downs[:count], 1):
+            self._downs[self.horizon.t_ns + i * self._increment_ns] = down
+        self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
+        force = (n / dt, e / dt, d / dt)
+        self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
+        if self._unaided_ns < _UNAIDED_NS:
+            self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
+
+    def _predict(self) -> None:
+        """Bring the covariance from the last correction to the horizon."""
+        model = self._models.get(self._steps) or self._model(self._steps)
+        model.transition.write(self._before, self._gained, self._steps * self._step_s)
+        self._kf.F, self._kf.Q = model.F, model.Q
+        self._kf.predict()
+        b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
+        self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
+
+    def _model(self, steps: int) -> _Model:
+        """The model of so many steps at once."""
+        step_s = steps * self._step_s
+        F = transition(self._config, step_s=step_s)
+        made = self._models[steps] = _Model(
+            F,
+            process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m),
+            gnss_correlation(self._config, step_s=step_s),
+            Transition(F),
+        )
+        return made
+
+    def _correct(self) -> bool:
+        """Fuse what was measured up to the horizon, with the receiver or without it in time."""
+        t_ns = self.horizon.t_ns
+        fix: GnssFix | None = None
+        while self._fixes and self._fixes[0].t_ns <= t_ns:
+            fix = self._fixes.popleft()
+        if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
+            return False
+        self._corrected_ns = t_ns
+        self._predict()
+        z, R = self._innovations.residual, self._R
+        rows: list[tuple[str, slice, float]] = []
+        if fix is not None:
+            self._residual_gnss(z, fix)
+            rows.append(("gnss position", slice(0, 3), GATE_3))
+            rows.append(("gnss velocity", slice(3, 6), GATE_3))
+        if self._baro and self._baro[0].t_ns <= t_ns:
+            R[BARO, BARO] = self._residual_baro(z)
+            rows.append(("baro", slice(BARO, BARO + 1), GATE_1))
+        mag: MagSample | None = None
+        while self._mag and self._mag[0].t_ns <= t_ns:
+            mag = self._mag.popleft()
+        # A heading of another instant would be wrong by what the aircraft turned since.
+        if mag is not None and mag.t_ns == t_ns:
+            z[HEADING] = self._residual_heading(mag)
+            rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
+        extra: list[int] = []
+        if fix is None and self._unaided_ns > _ADRIFT_NS:
+            # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
+            extra = [3, 4]
+            z[3:5] = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
+        return self._fuse(z, rows, extra)
+
+    @property
+    def _unaided_ns(self) -> int:
+        """How long no velocity of GNSS has been believed."""
+        return self.horizon.t_ns - self.fused_ns["gnss velocity"]
+
+    def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
+        (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v
+        bn, be, bd = self._biases.gnss
+        age = (self.horizon.t_ns - fix.t_ns) * 1e-9  # below one filter step
+        n, e, d = fix.pos_ned_m.tolist()
+        un, ue, ud = fix.vel_ned_mps.tolist()
+        z[:6] = (
+            n + vn * age - pn - bn,
+            e + ve * age - pe - be,
+            d + vd * age - pd - bd,
+            un - vn,
+            ue - ve,
+            ud - vd,
+        )
+
+    def _residual_baro(self, z: Vector) -> float:
+        """Mean residual of the waiting samples, each against the height of its own instant.
+
+        Returns the variance of the mean.
+        """
+        north, east, down = self.horizon.p
+        t_ns = self.horizon.t_ns
+        total, count = 0.0, 0
+        while self._baro and self._baro[0].t_ns <= t_ns:
+            sample = self._baro.popleft()
+            then = self._downs.get(sample.t_ns, down)  # `down` where it fell between increments
+            total += altitude_m(sample.pressure_pa) - self._ground_m + then
+            count += 1
+        self._downs.clear()
+        # The air follows the curved Earth, positions the plane that touches it at home.
+        curve = (north * north + east * east) / (2 * EARTH_RADIUS_M)
+        z[BARO] = total / count - curve - self._biases.baro
+        return self._baro_var / count
+
+    def _residual_heading(self, sample: MagSample) -> float:
+        (x, y, z), b = sample.field_frd_gauss, self._biases.mag
+        x, y, z = x - b[0], y - b[1], z - b[2]
+        r = rotation_matrix(self.horizon.q)
+        self._H[HEADING, BMAG] = magnetometer_row(self._config.mag, r)
+        north = r[0] * x + r[1] * y + r[2] * z
+        east = r[3] * x + r[4] * y + r[5] * z
+        return wrap_pi(self._declination - math.atan2(east, north))
+
+    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
+        """Use the measurements whose innovations are believable, and `extra`, all at once."""
+        kf, H, R = self._kf, self._H, self._R
+        stds, squares = self._innovations.measure(kf.P)
+        use = list(extra)
+        t_ns, values = self.horizon.t_ns, z.tolist()
+        for kind, part, gate in rows:
+            innovation = Innovation(
+                t_ns, kind, tuple(values[part]), tuple(stds[part]), squares[_NUMBER[kind]], gate
+            )
+            self.innovations.append(innovation)
+            self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1
+            if innovation.accepted:
+                use.extend(range(part.start, part.stop))
+                self.fused_ns[kind] = t_ns
+        for kind in ("gnss velocity", "baro"):
+            if self._refused[kind] >= _DOUBTS:
+                self._doubt()
+        if not use:
+            return False
+        if len(use) < 8:
+            use.sort()
+            z, H, R = z[use], H[use], R[np.ix_(use, use)]
+            for row, number in enumerate(use):
+                if number in extra:
+                    R[row, row] = _AIR_STD_MPS**2
+        kf.update(z[:, None], R=R, H=H)
+        self._fold()
+        return True
+
+    def _doubt(self) -> None:
+        """Open the filter up again: an IMU that changes its bias at once is not in its model."""
+        P = self._kf.P
+        for part, std in _DOUBT_STD:
+            P[part, part] += np.eye(3) * std**2
+        self._refused.clear()
+
+    def _fold(self) -> None:
+        """Move the estimated error into the nominal state."""
+        kf = self._kf
+        x = kf.x[:, 0].tolist()
+        kf.x = np.zeros((STATES, 1))
+        h, b = self.horizon, self._biases
+        self.horizon = NavState(
+            h.t_ns,
+            (h.p[0] + x[0], h.p[1] + x[1], h.p[2] + x[2]),
+            (h.v[0] + x[3], h.v[1] + x[4], h.v[2] + x[5]),
+            quaternion_multiply(rotation_quaternion(x[6], x[7], x[8]), h.q),
+        )
+        self._biases = Biases(
+            (b.gyro[0] + x[9], b.gyro[1] + x[10], b.gyro[2] + x[11]),
+            (b.accel[0] + x[12], b.accel[1] + x[13], b.accel[2] + x[14]),
+            (b.gnss[0] + x[15], b.gnss[1] + x[16], b.gnss[2] + x[17]),
+            (b.mag[0] + x[18], b.mag[1] + x[19], b.mag[2] + x[20]),
+            b.baro + x[21],
+        )
+        self._take_over()
+
+    def _take_over(self) -> None:
+        """Carry on from the corrected horizon, with the corrected biases."""
+        _, p, v, q = self.horizon
+        for carried in (self._from_horizon, self.to_now):
+            carried.place(p, v, q)
+            carried.correct(self._biases.gyro, self._biases.accel)
+        self._before = q

@@ -1,0 +1,183 @@
+"""The filter, fed by the sensors, as the source of what the aircraft flies on."""
+
+import math
+from statistics import pstdev
+
+from flightdyn.errors import FlightInputError
+from flightdyn.frames import Triple
+from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.inertial import Earth, NavState
+from flightdyn.instruments import Readings
+from flightdyn.navigation.error_model import Alignment
+from flightdyn.navigation.estimator import Estimator
+from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.plant import Plant
+from flightdyn.state import GnssFix, Innovation, Kinematics
+
+FILTER_STEP_S = 0.1
+_GNSS_LOST_NS = 1_500_000_000
+
+
+class InertialNavigation:
+    """The filter, and the sensors that feed it, sampled tick by tick."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        sensors: SensorSuite,
+        inner: InnerLoops,
+        *,
+        earth: Earth,
+    ) -> None:
+        """Aligned at rest: the clock is run from before zero up to zero."""
+        self.sensors = sensors
+        self._config = config = sensors.config
+        self._plant = plant
+        self._inner = inner
+        self._clock = clock = plant.clock
+        filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
+        if filter_ticks % plant.interval:
+            raise FlightInputError(
+                f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
+            )
+        if clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s") % filter_ticks:
+            raise FlightInputError(
+                f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
+                f"filter steps of {FILTER_STEP_S:g} s"
+            )
+        # Six numbers a tick, as `SensorSuite.imu` reads them.
+        self._samples: list[float] = []
+        self._interval: list[float] = []  # of the guidance interval before
+        self._increments = filter_ticks // plant.interval
+        self.gnss: GnssFix | None = None
+        self._earth = earth
+        self.estimator = self._align()
+        self.carried = self.estimator.to_now
+        self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
+
+    def _align(self) -> Estimator:
+        clock, sensors = self._clock, self.sensors
+        count = clock.ticks(self._config.alignment_s, what="sensors.alignment_s")
+        clock.tick = -count
+        sums = [0.0] * 10
+        pressures = fields = 0
+        for _ in range(count):
+            self._plant.vehicle.run()
+            clock.advance()
+            for i, value in enumerate(sensors.imu()):
+                sums[i] += value / count
+            pressure, field = sensors.slow()
+            if pressure is not None:
+                sums[9] += pressure.pressure_pa
+                pressures += 1
+            if field is not None:
+                for i, value in enumerate(field.field_frd_gauss):
+                    sums[6 + i] += value
+                fields += 1
+            self.gnss = sensors.fix() or self.gnss
+        if self.gnss is None:
+            raise FlightInputError("the alignment is too short for a GNSS solution")
+        align = Alignment(
+            rates=(sums[0], sums[1], sums[2]),
+            specific_force=(sums[3], sums[4], sums[5]),
+            field_frd_gauss=(sums[6] / fields, sums[7] / fields, sums[8] / fields),
+            pressure_pa=sums[9] / pressures,
+            duration_s=self._config.alignment_s,
+        )
+        self._inner.correct(align.rates)
+        return Estimator(
+            self._config,
+            align=align,
+            fix=self.gnss,
+            t_ns=clock.t_ns,
+            earth=self._earth,
+            step_s=FILTER_STEP_S,
+            increments=self._increments,
+        )
+
+    @property
+    def due(self) -> int:
+        """The tick at which a sensor other than the IMU is read next."""
+        return self.sensors.due
+
+    def run(self, ticks: int) -> None:
+        """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
+        self.sensors.imu_while(
+            self._plant.run, ticks, keep=self._samples.extend, feel=self._inner.feed
+        )
+
+    def sense(self) -> None:
+        """Read the other sensors that are due."""
+        pressure, field = self.sensors.slow()
+        if pressure is not None:
+            self.estimator.observe_baro(pressure)
+        if field is not None:
+            self.estimator.observe_mag(field)
+
+    def update(self) -> None:
+        """Bring the filter up to this tick."""
+        fix = self.sensors.fix()
+        if fix is not None:
+            self.gnss = fix
+        estimator, samples = self.estimator, self._samples
+        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
+        self._interval, self._samples = samples, []
+        self._inner.correct(estimator.biases.gyro)
+
+    def state(self) -> NavState:
+        """Believed state of this tick."""
+        if not self._samples:
+            return self.estimator.now
+        return self.estimator.ahead(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
+
+    def position(self) -> Triple:
+        """Believed position of this tick (m, NED)."""
+        return self.state().p
+
+    def belief(self) -> Kinematics:
+        """Believed state of this tick."""
+        t_ns, p, v, q = self.state()
+        return Kinematics.of(t_ns, *p, *v, *q, *self._believed_rates())
+
+    def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
+        """What the filter was given after an instant, against what it expected."""
+        return self.estimator.innovations_after(t_ns)
+
+    def readings(self) -> Readings:
+        """Of this tick's IMU sample, and of the other sensors' last ones."""
+        sensors, b = self.sensors, self.estimator.biases
+        x, y, z = self._samples[-3:] or self.carried.force
+        bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
+        assert sensors.pressure is not None  # aligned by it
+        return Readings(
+            self._believed_rates(),
+            (x - bx, y - by, z - bz),
+            sensors.pressure.pressure_pa,
+            None if sensors.field is None else sensors.field.field_frd_gauss,
+            self._vibration(),
+            self.estimator.std(slice(0, 9)),
+        )
+
+    def _vibration(self) -> Triple:
+        if not self._interval:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (pstdev(self._interval[axis::6]) for axis in (3, 4, 5))
+        return x, y, z
+
+    def _believed_rates(self) -> Triple:
+        (p, q, r), b = self.sensors.rates, self.estimator.biases.gyro
+        return (p - b[0], q - b[1], r - b[2])
+
+    def why_not_ready(self) -> str:
+        """Empty once the filter may be flown on."""
+        estimator = self.estimator
+        # The receiver's positions count where they are believed.
+        if self._clock.t_ns - estimator.fused_ns["gnss position"] >= _GNSS_LOST_NS:
+            return "no GNSS"
+        if float(max(estimator.std(slice(0, 2)))) > 5.0:
+            return "position uncertain"
+        if float(max(estimator.std(slice(6, 8)))) > math.radians(5):
+            return "attitude uncertain"
+        if float(estimator.std(slice(8, 9))[0]) > math.radians(15):
+            return "heading uncertain"
+        return ""

@@ -1,0 +1,112 @@
+"""Where the autopilot's knowledge comes from, and the truth itself as one such source.
+
+Which source is used is chosen once, when the aircraft is made. `run` hands body rates to the inner
+loops after each tick of the physics; `state` is what the guidance flies on.
+"""
+
+from typing import Protocol
+
+from flightdyn.frames import Triple, frozen
+from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.inertial import NavState
+from flightdyn.instruments import Readings
+from flightdyn.native.library import Strapdown
+from flightdyn.plant import Plant
+from flightdyn.state import GnssFix, Innovation, Kinematics
+
+
+class Navigation(Protocol):
+    """What the aircraft flies on."""
+
+    gnss: GnssFix | None
+    carried: Strapdown  # state and mean specific force of the last guidance interval
+
+    @property
+    def due(self) -> int: ...  # the tick at which `sense` has something to do next
+
+    def run(self, ticks: int, /) -> None: ...
+
+    def sense(self) -> None: ...
+
+    def update(self) -> None: ...
+
+    def state(self) -> NavState: ...
+
+    def position(self) -> Triple: ...
+
+    def belief(self) -> Kinematics: ...
+
+    def innovations_after(self, t_ns: int, /) -> tuple[Innovation, ...]: ...
+
+    def readings(self) -> Readings: ...
+
+    def why_not_ready(self) -> str: ...
+
+
+class TrueNavigation:
+    """The autopilot is handed the truth: for tests of the control alone."""
+
+    def __init__(self, plant: Plant, inner: InnerLoops) -> None:
+        self._plant = plant
+        self._vehicle = plant.vehicle
+        self._inner = inner
+        self._clock = plant.clock
+        self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
+        self.gnss: GnssFix | None = None
+        self.carried = Strapdown((0.0, 0.0, 0.0), most=1)
+        self.due = 0
+        self.sense()
+
+    def run(self, ticks: int) -> None:
+        """Ticks of physics; true body rates to the inner loops."""
+        run, v, feed = self._plant.run, self._vehicle, self._inner.feed
+        for _ in range(ticks):
+            run()
+            feed(v.rate_p(), v.rate_q(), v.rate_r())
+
+    def sense(self) -> None:
+        """An exact fix."""
+        v = self._vehicle
+        self.due += self._fix_ticks
+        self.gnss = GnssFix(
+            t_ns=self._clock.t_ns,
+            pos_ned_m=frozen(v.position_ned()),
+            vel_ned_mps=frozen(v.velocity_ned()),
+            std_horizontal_m=0.01,
+            std_vertical_m=0.01,
+            std_velocity_mps=0.01,
+            satellites=20,
+        )
+
+    def update(self) -> None:
+        """The truth."""
+        v = self._vehicle
+        self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
+        self.carried.feel(v.specific_force())
+
+    def state(self) -> NavState:
+        """The truth."""
+        v = self._vehicle
+        return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
+
+    def position(self) -> Triple:
+        """Position of this tick (m, NED)."""
+        return self._vehicle.position_ned()
+
+    def belief(self) -> Kinematics:
+        """The truth."""
+        return self._vehicle.kinematics(self._clock.t_ns)
+
+    def innovations_after(self, _t_ns: int) -> tuple[Innovation, ...]:
+        """None: nothing is estimated."""
+        return ()
+
+    def readings(self) -> Readings:
+        """The truth."""
+        v = self._vehicle
+        rates = (v.rate_p(), v.rate_q(), v.rate_r())
+        return Readings(rates, v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
+
+    def why_not_ready(self) -> str:
+        """Always ready."""
+        return ""

@@ -1,0 +1,92 @@
+"""Which faults are in force, and what they do to the aircraft's parts together."""
+
+from collections.abc import Iterable
+
+from flightdyn.errors import FaultError
+from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss, WindBurst
+from flightdyn.frames import Triple
+from flightdyn.physics.multirotor import Multirotor
+from flightdyn.physics.sensors import Gnss, ImuErrors
+
+
+class FaultState:
+    """Begins and ends faults; overlapping ones add up."""
+
+    def __init__(
+        self,
+        scheduled: Iterable[Fault],
+        vehicle: Multirotor,
+        *,
+        receiver: Gnss | None,
+        imu: ImuErrors | None,
+    ) -> None:
+        """`receiver` and `imu` are None where the aircraft is handed the truth."""
+        self._vehicle = vehicle
+        self._receiver = receiver
+        self._imu = imu
+        self._waiting = sorted(scheduled, key=lambda fault: -fault.at_s)
+        for fault in self._waiting:
+            self._check(fault)
+        self._active: list[tuple[Fault, int | None]] = []
+        self._broken: set[int] = set()
+        self.burst_ned_mps: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def active(self) -> tuple[Fault, ...]:
+        """The faults in force."""
+        return tuple(fault for fault, _ in self._active)
+
+    def begin(self, fault: Fault, t_ns: int) -> None:
+        """Put `fault` in force from now on, whatever its `at_s`."""
+        self._check(fault)
+        end = None if fault.duration_s is None else t_ns + round(fault.duration_s * 1e9)
+        self._active.append((fault, end))
+        self._apply()
+
+    def end(self, fault: Fault) -> None:
+        """End `fault`, however often it was begun; the others go on until their own ends."""
+        self._active = [(other, end) for other, end in self._active if other != fault]
+        self._apply()
+
+    def update(self, t_ns: int) -> None:
+        """Begin what is scheduled and end what is over."""
+        while self._waiting and self._waiting[-1].at_s * 1e9 <= t_ns:
+            self.begin(self._waiting.pop(), t_ns)
+        if any(end is not None and end <= t_ns for _, end in self._active):
+            self._active = [(f, end) for f, end in self._active if end is None or end > t_ns]
+            self._apply()
+
+    def _check(self, fault: Fault) -> None:
+        if self._receiver is None and isinstance(fault, GnssOff | GnssJump | ImuBias):
+            raise FaultError(
+                f"fault {fault.kind!r} needs sensors.kind = 'realistic': there is no sensor to fail"
+            )
+
+    def _apply(self) -> None:
+        active = self.active
+        jump, burst, bias = [0.0] * 3, [0.0] * 3, [0.0] * 6
+        shares: dict[int, float] = {}
+        for fault in active:
+            match fault:
+                case GnssJump():
+                    _add(jump, (fault.north_m, fault.east_m, fault.down_m))
+                case WindBurst():
+                    _add(burst, (fault.north_mps, fault.east_mps, fault.down_mps))
+                case ImuBias():
+                    _add(bias, (*fault.gyro_radps, *fault.accel_mps2))
+                case MotorLoss():
+                    shares[fault.motor] = min(shares.get(fault.motor, 1.0), fault.share)
+        if self._receiver is not None:
+            self._receiver.on = not any(isinstance(fault, GnssOff) for fault in active)
+            self._receiver.jump_ned_m = (jump[0], jump[1], jump[2])
+        if self._imu is not None:
+            self._imu.fault = bias if any(bias) else None
+        self.burst_ned_mps = (burst[0], burst[1], burst[2])
+        for motor in self._broken | set(shares):
+            self._vehicle.set_motor_health(motor, shares.get(motor, 1.0))
+        self._broken = set(shares)
+
+
+def _add(total: list[float], values: tuple[float, ...]) -> None:
+    for i, value in enumerate(values):
+        total[i] += value

@@ -1,0 +1,326 @@
+"""The one home of JSBSim: feet, slugs and property names end here.
+
+JSBSim flies over a ground at its own sea level, with the atmosphere shifted so that air and
+temperature are those of home's altitude: height above its sea level is then height above ground
+wherever home is, which is the height that its Milspec turbulence takes for its scales.
+"""
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from flightdyn.config import WindConfig
+from flightdyn.errors import AirframeError, ModelDivergedError
+from flightdyn.frames import (
+    LocalFrame,
+    Quaternion,
+    Triple,
+    normal_gravity,
+    quaternion_from_euler,
+    rotation_matrix,
+    wrap_pi,
+)
+from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
+from flightdyn.physics.atmosphere import pressure_pa, temperature_k
+from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
+from flightdyn.state import Kinematics
+
+os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
+import jsbsim
+
+_ROOT = Path(__file__).parent / "airframe"
+_CONTACT_HEIGHT_FT = 20.0
+_LEGS, _GUARDS = 4, 4  # contacts, in JSBSim's order
+_ABSURD_FT = 1e5
+_MILSPEC = 3  # JSBSim's number of the MIL-F-8785C model
+_RANKINE_PER_K = 1.8
+_PA_PER_PSF = 47.880258980336
+_RPM_PER_RADPS = 60 / math.tau
+_N_PER_LBF = 4.4482216152605
+
+Getter = Callable[[], float]
+Setter = Callable[[float], bool]
+
+
+def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
+    """Load the aircraft `name` with JSBSim's console notes held back."""
+    before = jsbsim.get_logger()
+    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.ERROR))
+    try:
+        loaded = fdm.load_model(name)
+    finally:
+        jsbsim.set_logger(before)
+    if not loaded:
+        raise AirframeError(f"JSBSim cannot load {name} from {_ROOT}")
+
+
+def _still(value: float) -> Getter:
+    return lambda: value
+
+
+class Multirotor:
+    """Rigid body, motors, propellers, inner loops and air, in SI units."""
+
+    def __init__(
+        self,
+        frame: LocalFrame,
+        wind: WindConfig,
+        *,
+        dt_s: float,
+        seed: int,
+        heading_rad: float = 0.0,
+    ) -> None:
+        """At rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
+
+        Raises AirframeError where the airframe's files are incomplete.
+        """
+        self.airframe: Airframe = QUAD_X
+        self._dt_s = dt_s
+        self._latitude_deg = frame.origin.lat_deg
+        fdm = jsbsim.FGFDMExec(str(_ROOT))
+        fdm.set_debug_level(0)
+        fdm.set_dt(dt_s)  # before loading: filters and integrators take it when they are made
+        _load(fdm, self.airframe.name)
+        self._fdm = fdm
+        self._known = {line.split(" ")[0] for line in fdm.get_property_catalog()}
+        self._air(frame.origin.alt_msl_m)
+        self._place(frame.origin.lat_deg, frame.origin.lon_deg, heading_rad)
+        self._weather(wind, seed)
+        self._bind()
+        self.run: Callable[[], bool] = fdm.run
+        self._origin_u = self._up()
+        self._origin_n = self._north()
+        self._origin_e = self._east()
+
+    def _air(self, alt_msl_m: float) -> None:
+        warmer = temperature_k(alt_msl_m) - temperature_k(0.0)
+        self._set("atmosphere/delta-T", warmer * _RANKINE_PER_K)
+        self._set("atmosphere/P-sl-psf", pressure_pa(alt_msl_m) / _PA_PER_PSF)
+
+    def _place(self, lat_deg: float, lon_deg: float, heading_rad: float) -> None:
+        self._set("ic/lat-geod-deg", lat_deg)
+        self._set("ic/long-gc-deg", lon_deg)
+        self._set("ic/terrain-elevation-ft", 0.0)
+        self._set("ic/h-sl-ft", self.airframe.rest_height_m / FT_M)
+        self._set("ic/psi-true-rad", heading_rad)
+        if not self._fdm.run_ic():
+            raise AirframeError(f"JSBSim cannot start {self.airframe.name} at rest")
+
+    def _weather(self, wind: WindConfig, seed: int) -> None:
+        self._set("simulation/randomseed", float(seed % 2**31))
+        north, east, down = steady_wind_ned(wind)
+        self._set("atmosphere/wind-north-fps", north / FT_M)
+        self._set("atmosphere/wind-east-fps", east / FT_M)
+        self._set("atmosphere/wind-down-fps", down / FT_M)
+        self._set("atmosphere/turb-type", _MILSPEC if wind.turbulence_severity else 0)
+        self._set("atmosphere/turbulence/milspec/severity", wind.turbulence_severity)
+        self._set(
+            "atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps", wind_at_20ft(wind) / FT_M
+        )
+
+    def _set(self, name: str, value: float) -> None:
+        self._node(name).set_double_value(float(value))
+
+    def _node(self, name: str) -> "jsbsim.FGPropertyNode":
+        # JSBSim makes unknown properties without a word.
+        if name.replace("[0]", "") not in self._known:
+            raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
+        node = self._fdm.get_property_manager().get_node(name)
+        if node is None:
+            raise AirframeError(f"JSBSim lists {name!r} but does not hand it out")
+        return node
+
+    def _getter(self, name: str) -> Getter:
+        getter: Getter = self._node(name).get_double_value
+        return getter
+
+    def _setter(self, name: str) -> Setter:
+        setter: Setter = self._node(name).set_double_value
+        return setter
+
+    def _bind(self) -> None:
+        get, put = self._getter, self._setter
+        self._north = get("position/from-start-neu-n-ft")
+        self._east = get("position/from-start-neu-e-ft")
+        self._up = get("position/from-start-neu-u-ft")
+        self._vel = [get(f"velocities/v-{axis}-fps") for axis in ("north", "east", "down")]
+        self._euler = [get(f"attitude/{angle}-rad") for angle in ("phi", "theta", "psi")]
+        self.rate_p = get("velocities/p-rad_sec")
+        self.rate_q = get("velocities/q-rad_sec")
+        self.rate_r = get("velocities/r-rad_sec")
+        self.accel_x_fps2 = get("accelerations/a-pilot-x-ft_sec2")
+        self.accel_y_fps2 = get("accelerations/a-pilot-y-ft_sec2")
+        self.accel_z_fps2 = get("accelerations/a-pilot-z-ft_sec2")
+        self._pressure = get("atmosphere/P-psf")
+        self._wind = [
+            get(f"atmosphere/total-wind-{axis}-fps") for axis in ("north", "east", "down")
+        ]
+        self._gust = [put(f"atmosphere/gust-{axis}-fps") for axis in ("north", "east", "down")]
+        engines = [f"propulsion/engine[{i}]" for i in range(4)]
+        self._current = [get(f"{engine}/current-amperes") for engine in engines]
+        self._throttle = [get(f"fcs/throttle-pos-norm[{i}]") for i in range(4)]
+        self._rpm = [get(f"{engine}/propeller-rpm") for engine in engines]
+        self._thrust = [get(f"{engine}/thrust-lbs") for engine in engines]
+        self.set_errors = [put(f"fcs/in/error-{axis}") for axis in "pqr"]
+        self.set_rates = [put(f"fcs/in/rate-{axis}") for axis in "pqr"]
+        self.set_feeds = [put(f"fcs/in/feed-{axis}") for axis in "pqr"]
+        self.set_collective = put("fcs/in/collective")
+        self._hold = put("fcs/in/hold")
+        self.set_battery_voltage = put("fcs/in/battery-v")
+        self._direct = put("fcs/in/direct")
+        self._driven: tuple[float, ...] | None = None
+        self._motor = [put(f"fcs/in/motor-{i}") for i in range(4)]
+        self._height = get("position/h-agl-ft")
+        self._contacts = put("simulation/models/FGGroundReactions/enabled")
+        self._health = [put(f"fcs/in/health-{i}") for i in range(4)]
+        self._touching = [get(f"gear/unit[{i}]/WOW") for i in range(_LEGS)]
+        self._touching += [get(f"contact/unit[{_LEGS + i}]/WOW") for i in range(_GUARDS)]
+
+    def arm(self, armed: bool) -> None:
+        """Let the inner loops drive the motors, or stop them and zero their integrators."""
+        self._hold(0.0 if armed else -1.0)
+
+    def check(self) -> None:
+        """Raise ModelDivergedError where the physics has left the numbers."""
+        height = self._height()
+        if not abs(height) < _ABSURD_FT:  # NaN is not less either
+            raise ModelDivergedError(f"height above ground is {height * FT_M:g} m")
+
+    def watch_ground(self) -> bool:
+        """Look for contact near the ground only, where a fifth of the time is well spent on it.
+
+        To be called at least ten times a second: nothing falls 6 m in that time. Returns whether
+        the ground is that near.
+        """
+        near = self._height() < _CONTACT_HEIGHT_FT
+        self._contacts(1.0 if near else 0.0)
+        return near
+
+    def impact_mps(self) -> float:
+        """Speed of the fastest part while the ground is touched; 0 while it is not.
+
+        Of the very tick at which contact begins: the ground slows the aircraft in the ticks after.
+        """
+        reach_m = self.airframe.reach_m
+        if self._height() * FT_M > reach_m or not any(touch() for touch in self._touching):
+            return 0.0
+        return math.hypot(*self.velocity_ned()) + reach_m * math.hypot(*self.rates())
+
+    def wreck(self) -> None:
+        """Stop dead: what is left lies as it struck, and JSBSim is run no more.
+
+        The accelerometers feel the blow in this tick, then rest.
+        """
+        r = rotation_matrix(self.attitude())
+        n, e, d = (get() / self._dt_s for get in self._vel)
+        g = normal_gravity(self._latitude_deg, 0.0) / FT_M
+        x, y, z = self.accel_x_fps2(), self.accel_y_fps2(), self.accel_z_fps2()
+        self.accel_x_fps2 = _still(x - (r[0] * n + r[3] * e + r[6] * d))
+        self.accel_y_fps2 = _still(y - (r[1] * n + r[4] * e + r[7] * d))
+        self.accel_z_fps2 = _still(z - (r[2] * n + r[5] * e + r[8] * d))
+        zero = _still(0.0)
+        self._north, self._east = _still(self._north()), _still(self._east())
+        self._up, self._height = _still(self._up()), _still(self._height())
+        self._vel = [zero] * 3
+        self._euler = [_still(get()) for get in self._euler]
+        self.rate_p = self.rate_q = self.rate_r = zero
+        self._pressure = _still(self._pressure())
+        self._current = self._throttle = self._rpm = self._thrust = [zero] * 4
+
+        def rest() -> bool:
+            self.accel_x_fps2 = _still(-r[6] * g)
+            self.accel_y_fps2 = _still(-r[7] * g)
+            self.accel_z_fps2 = _still(-r[8] * g)
+            return True
+
+        self.run = rest
+
+    def drive(self, motors: tuple[float, ...] | None) -> None:
+        """Motors at given duty cycles (0..1), past the inner loops, or back to them with None.
+
+        For other brains than ours, and for a test bench of motors, propellers and rigid body.
+        """
+        if motors == self._driven:
+            return
+        if (motors is None) != (self._driven is None):
+            self._direct(0.0 if motors is None else 1.0)
+        self._driven = motors
+        for put, value in zip(self._motor, motors or (), strict=motors is not None):
+            put(min(1.0, max(0.0, value)))
+
+    def set_motor_health(self, motor: int, share: float) -> None:
+        """Share of the ordered voltage that reaches motor 0..3."""
+        self._health[motor](share)
+
+    def set_gust(self, gust_ned_mps: Triple) -> None:
+        """Air velocity added to wind and turbulence."""
+        for put, value in zip(self._gust, gust_ned_mps, strict=True):
+            put(value / FT_M)
+
+    def electrical_power_w(self) -> float:
+        """What the four motors take, winding losses included; braking gives nothing back."""
+        volts = self.airframe.motor_full_voltage_v
+        power = sum(
+            current() * throttle() * volts
+            for current, throttle in zip(self._current, self._throttle, strict=True)
+        )
+        return float(max(0.0, power))
+
+    def position_ned(self) -> Triple:
+        """Position (m) from where the aircraft stood at rest."""
+        return (
+            (self._north() - self._origin_n) * FT_M,
+            (self._east() - self._origin_e) * FT_M,
+            (self._origin_u - self._up()) * FT_M,
+        )
+
+    def velocity_ned(self) -> Triple:
+        """Velocity over ground (m/s)."""
+        n, e, d = self._vel
+        return n() * FT_M, e() * FT_M, d() * FT_M
+
+    def euler(self) -> Triple:
+        """Roll, pitch and yaw (rad; yaw from 0 to 2 pi), body to NED."""
+        roll, pitch, yaw = self._euler
+        return roll(), pitch(), yaw()
+
+    def attitude(self) -> Quaternion:
+        """Attitude, body to NED."""
+        roll, pitch, yaw = self._euler
+        return quaternion_from_euler(roll(), pitch(), wrap_pi(yaw()))
+
+    def rates(self) -> Triple:
+        """Body rates (rad/s)."""
+        return self.rate_p(), self.rate_q(), self.rate_r()
+
+    def specific_force(self) -> Triple:
+        """Force other than gravity over mass (m/s2, body axes): what an accelerometer feels."""
+        return (
+            self.accel_x_fps2() * FT_M,
+            self.accel_y_fps2() * FT_M,
+            self.accel_z_fps2() * FT_M,
+        )
+
+    def pressure_pa(self) -> float:
+        """Static pressure of the air around the aircraft."""
+        return self._pressure() * _PA_PER_PSF
+
+    def wind_ned(self) -> Triple:
+        """Velocity of the air (m/s), gusts and turbulence included."""
+        n, e, d = self._wind
+        return n() * FT_M, e() * FT_M, d() * FT_M
+
+    def rotor_speeds_radps(self) -> tuple[float, ...]:
+        """Speed of the four rotors."""
+        return tuple(rpm() / _RPM_PER_RADPS for rpm in self._rpm)
+
+    def rotor_thrusts_n(self) -> tuple[float, ...]:
+        """Thrust of the four rotors."""
+        return tuple(thrust() * _N_PER_LBF for thrust in self._thrust)
+
+    def kinematics(self, t_ns: int) -> Kinematics:
+        """The true state, stamped `t_ns`."""
+        return Kinematics.of(
+            t_ns, *self.position_ned(), *self.velocity_ned(), *self.attitude(), *self.rates()
+        )

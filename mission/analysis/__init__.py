@@ -1,0 +1,1 @@
+"""Finished flights read back, and compared with what was planned."""

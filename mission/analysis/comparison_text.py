@@ -1,0 +1,211 @@
+"""Comparisons on the terminal."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from rich import box
+from rich.table import Table
+
+from mission.analysis.compare import CORNER_M, Comparison, RunComparison
+from mission.analysis.compare_plan import PlanFlight
+
+_Cell = Callable[[Comparison], str]
+
+_NAME_WIDTH = 10  # characters of a run's name in a line, at least
+
+
+def _number(value: float, digits: int = 2) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _pair(first: str, second: str, digits: int = 2) -> _Cell:
+    return lambda c: f"{_number(getattr(c, first), digits)} / {_number(getattr(c, second), digits)}"
+
+
+def _one(name: str, digits: int = 2) -> _Cell:
+    return lambda c: _number(getattr(c, name), digits)
+
+
+def _three(*names: str, digits: int) -> _Cell:
+    return lambda c: " / ".join(_number(getattr(c, name), digits) for name in names)
+
+
+_Columns = tuple[tuple[str, _Cell], ...]
+
+# Each fits a terminal of 80 columns.
+_PATH: _Columns = (
+    ("path (m)\nplan / flown", _pair("plan_path_m", "flown_path_m", 0)),
+    ("cross-track (m)\nrms / max", _pair("cross_track_rms_m", "cross_track_max_m")),
+    ("on straights\nrms / max", _pair("straight_rms_m", "straight_max_m")),
+    ("corner cut\nmean / max", _pair("corner_cut_mean_m", "corner_cut_max_m")),
+)
+_SLOTS: _Columns = (
+    ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
+    ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
+    ("height (m)\nrms / max", _pair("height_rms_m", "height_max_m")),
+    ("estimate (m)\nrms / max", _pair("estimate_rms_m", "estimate_max_m")),
+)
+_RADIO: _Columns = (
+    (
+        "mean PER\nplan / believed / true",
+        _three("plan_per_mean", "est_per_mean", "true_per_mean", digits=4),
+    ),
+    ("shift\nmax", _one("per_shift_max", 4)),
+    (
+        "objective\nplan / believed / true",
+        _three("plan_objective", "est_objective", "true_objective", digits=3),
+    ),
+    ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
+)
+
+# What two runs are put side by side by: label, value, digits.
+_SIDE_BY_SIDE: tuple[tuple[str, str, int], ...] = (
+    ("planned path (m)", "plan_path_m", 1),
+    ("flown path (m)", "flown_path_m", 1),
+    ("duration (s)", "duration_s", 1),
+    ("cross-track rms (m)", "cross_track_rms_m", 3),
+    ("cross-track max (m)", "cross_track_max_m", 3),
+    ("on straights rms (m)", "straight_rms_m", 3),
+    ("on straights max (m)", "straight_max_m", 3),
+    ("corner cut mean (m)", "corner_cut_mean_m", 3),
+    ("corner cut max (m)", "corner_cut_max_m", 3),
+    ("height error rms (m)", "height_rms_m", 3),
+    ("slot along-track rms (m)", "slot_along_rms_m", 3),
+    ("slot miss rms (m)", "slot_miss_rms_m", 3),
+    ("slot late mean (s)", "slot_late_mean_s", 3),
+    ("slot late max (s)", "slot_late_max_s", 3),
+    ("slots never reached", "slots_missed", 0),
+    ("estimate error rms (m)", "estimate_rms_m", 3),
+    ("estimate error max (m)", "estimate_max_m", 3),
+    ("mean PER planned", "plan_per_mean", 5),
+    ("mean PER believed", "est_per_mean", 5),
+    ("mean PER true", "true_per_mean", 5),
+    ("PER shift max", "per_shift_max", 5),
+    ("objective planned", "plan_objective", 4),
+    ("objective believed", "est_objective", 4),
+    ("objective true", "true_objective", 4),
+    ("scheduled", "scheduled", 0),
+    ("arrivals expected", "expected", 2),
+    ("arrived", "delivered", 0),
+)
+
+_OF_FLIGHTS: tuple[tuple[str, str, int], ...] = (
+    ("planned path (m)", "plan_path_m", 1),
+    ("flown path (m)", "flown_path_m", 1),
+    ("duration planned (s)", "plan_duration_s", 1),
+    ("duration flown (s)", "flown_duration_s", 1),
+    ("cross-track rms (m)", "cross_track_rms_m", 3),
+    ("cross-track max (m)", "cross_track_max_m", 3),
+    ("places", "places", 0),
+    ("places reached", "places_reached", 0),
+    ("place missed by, max (m)", "miss_max_m", 3),
+    ("height error max (m)", "height_error_max_m", 3),
+    ("estimate error rms (m)", "estimate_rms_m", 3),
+    ("battery left (0..1)", "battery_remaining", 3),
+)
+
+
+def tables(comparison: RunComparison) -> tuple[Table, ...]:
+    """One run: the path, the slots and the radio (a row a round, and the total), the devices."""
+    caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
+    return (
+        _table("Path", comparison, _PATH, caption),
+        _table("Slots, height and estimate", comparison, _SLOTS, None),
+        _table("Radio", comparison, _RADIO, None),
+        _devices(comparison),
+    )
+
+
+def _devices(comparison: RunComparison) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title="Devices", title_justify="left", pad_edge=False)
+    table.add_column("device", justify="right")
+    table.add_column("community")
+    for heading in ("arrived", "PER plan", "believed", "true"):
+        table.add_column(heading, justify="right")
+    for item in comparison.devices:
+        table.add_row(
+            str(item.device),
+            item.community,
+            f"{item.delivered}/{item.scheduled}",
+            *(_number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
+        )
+    return table
+
+
+def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[Table, ...]:
+    """Several runs: a row a number, a column a run, with the difference where there are two.
+
+    As many tables as it takes for none to be wider than `width` characters.
+    """
+    rows = [
+        (label, digits, [float(getattr(item.total, name)) for item in comparisons])
+        for label, name, digits in _SIDE_BY_SIDE
+    ]
+    names = [item.name for item in comparisons]
+    return _columns("Runs side by side", "whole run", names, rows, width)
+
+
+def flights_side_by_side(flights: Sequence[PlanFlight], *, width: int) -> tuple[Table, ...]:
+    """Several flights of plan files, as `side_by_side`."""
+    rows = [
+        (label, digits, [float(getattr(item.numbers, name)) for item in flights])
+        for label, name, digits in _OF_FLIGHTS
+    ]
+    names = [item.run.name for item in flights]
+    return _columns("Flights side by side", "flight", names, rows, width)
+
+
+def _columns(
+    title: str,
+    corner: str,
+    names: Sequence[str],
+    rows: Sequence[tuple[str, int, list[float]]],
+    width: int,
+) -> tuple[Table, ...]:
+    cells = [[_number(value, digits) for value in values] for _, digits, values in rows]
+    widest = max(len(cell) for row in cells for cell in row)
+    labels = max(len(label) for label, _, _ in rows)
+    # 2 characters at either edge of a table, and 3 between columns.
+    room = (width - labels - 4) // (max(widest, _NAME_WIDTH) + 3)
+    fit = max(2, room)  # two stay together; on a narrow terminal the labels make way
+    size = math.ceil(len(names) / math.ceil(len(names) / fit))  # none much shorter than the others
+    found = []
+    for begin in range(0, len(names), size):
+        table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
+        table.add_column(corner, no_wrap=room > 2, overflow="fold")
+        for name in names[begin : begin + size]:
+            table.add_column(name, justify="right", overflow="fold", min_width=widest)
+        if len(names) == 2:
+            table.add_column("difference", justify="right", no_wrap=True)
+        for (label, digits, values), row in zip(rows, cells, strict=True):
+            changes = [_change(values[1] - values[0], digits)] if len(names) == 2 else []
+            table.add_row(label, *row[begin : begin + size], *changes)
+        found.append(table)
+    return tuple(found)
+
+
+def _change(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:+.{digits}f}"
+
+
+def _table(
+    title: str,
+    comparison: RunComparison,
+    columns: Sequence[tuple[str, _Cell]],
+    caption: str | None,
+) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        title=title,
+        title_justify="left",
+        caption=caption,
+        caption_justify="left",
+        show_footer=True,
+        pad_edge=False,
+    )
+    table.add_column("round", footer="all", justify="right")
+    for heading, cell in columns:
+        table.add_column(heading, footer=cell(comparison.total), justify="right", no_wrap=True)
+    for item in comparison.rounds:
+        table.add_row(str(item.round), *(cell(item) for _, cell in columns))
+    return table

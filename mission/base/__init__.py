@@ -1,0 +1,1 @@
+"""What every other package of `mission` may use, and what uses none of them."""

@@ -1,0 +1,116 @@
+"""What is wrong with a configuration, a line a key: where it stands, its value, what it may be."""
+
+import json
+from collections.abc import Collection
+from difflib import get_close_matches
+from typing import Any, Literal, TypeAlias, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from mission.base.schema import Key, every, locate, tag, top
+
+_LONG = 60  # characters of a value that are shown
+_TABLE = "a table"
+
+Notation: TypeAlias = Literal["TOML", "JSON"]
+
+
+def explain(
+    error: ValidationError,
+    model: type[BaseModel],
+    source: str,
+    *,
+    notation: Notation = "TOML",
+    given: Collection[str] = (),
+) -> list[str]:
+    """A line for each wrong key of what was read from `source`, a file or a place in one.
+
+    Keys in `given` were set on the command line and are not blamed on the file.
+    """
+    items = error.errors()
+    # Pydantic counts the elements of a list without those that it refuses.
+    counted = [item["loc"] for item in items if item["type"] == "too_short"]
+    within = {loc for loc in counted for item in items if item["loc"][: len(loc) + 1] > loc}
+    lines = (
+        _line(item, top(model), notation, source, given)
+        for item in items
+        if not (item["type"] == "too_short" and item["loc"] in within)
+    )
+    # The branches of a union all complain about the same key.
+    return list(dict.fromkeys(lines))
+
+
+def refusal(name: str, value: Any, reason: str, source: str, *, given: Collection[str] = ()) -> str:
+    """The line about one key and its value."""
+    return f"{_blamed(name, source, given)}: {name} = {shown(value)}: {reason}"
+
+
+def shown(value: Any) -> str:
+    """A value as TOML and JSON have it; shortened if it is long."""
+    text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
+    return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
+
+
+def _line(
+    item: ErrorDetails, root: Key, notation: Notation, source: str, given: Collection[str]
+) -> str:
+    kind, key, value = item["type"], locate(root, item["loc"]), item["input"]
+    if kind == "missing" and isinstance(item["loc"][-1], int):
+        # A list that is too short; its input is what the element is missing from.
+        kind, key = "too_short", locate(root, item["loc"][:-1])
+    name = key.name
+    equals = "" if key.models and isinstance(value, dict) else f" = {shown(value)}"
+    words = "an object" if notation == "JSON" and key.words == _TABLE else key.words
+    match kind:
+        case "extra_forbidden":
+            name = ".".join(map(str, (*key.path, item["loc"][-1])))
+            equals, reason = "", f"unknown key{_hint(item, key, root)}"
+        case "missing":
+            equals, reason = "", f"missing, and it has no default; it is {words}"
+        case "union_tag_not_found" | "union_tag_invalid":
+            name, tagged = f"{name}.kind", item["input"].get("kind")
+            equals = "" if tagged is None else f" = {shown(tagged)}"
+            reason = f"must be one of {', '.join(repr(tag(model)) for model in key.models)}"
+        case "value_error":
+            reason = str(item["ctx"]["error"])
+        case _:
+            reason = f"must be {words}{_choice(value, key)}"
+            if notation == "TOML":
+                reason += _heading(value, key)
+    return f"{_blamed(name, source, given)}: {name or 'configuration'}{equals}: {reason}"
+
+
+def _blamed(name: str, source: str, given: Collection[str]) -> str:
+    """Where a wrong key comes from: the command line, if it or something in it was set there."""
+    mine = any(f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in given)
+    return "command line" if mine else source
+
+
+def _hint(item: ErrorDetails, key: Key, root: Key) -> str:
+    """What may have been meant by an unknown key, and what is known beside it."""
+    name, known = str(item["loc"][-1]), key.known()
+    close = get_close_matches(name, known, n=1)
+    # The right name in the wrong table.
+    elsewhere = [found.name for found in every(root) if found.path[-1] == name]
+    meant = close or elsewhere[:1]
+    hint = f"; did you mean {meant[0]}?" if meant else ""
+    return f"{hint} (known: {', '.join(known)})"
+
+
+def _choice(value: Any, key: Key) -> str:
+    """The closest of a key's choices."""
+    if get_origin(key.annotation) is not Literal or not isinstance(value, str):
+        return ""
+    close = get_close_matches(value, get_args(key.annotation), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _heading(value: Any, key: Key) -> str:
+    """How TOML writes a key that is a table or a list of them."""
+    if key.path and all(isinstance(part, str) for part in key.path):
+        if key.words == _TABLE:
+            return f", written [{key.name}]"
+        if key.words.endswith("tables") and not isinstance(value, list):
+            return f", each written [[{key.name}]]"
+    return ""

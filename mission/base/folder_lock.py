@@ -1,0 +1,33 @@
+"""One process at a time in a folder."""
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mission.base.errors import InputError
+
+
+@contextmanager
+def alone_in(folder: Path, lock: Path, *, who: str) -> Iterator[None]:
+    """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
+
+    The lock's folder is made where it is missing. The lock ends with the process, however that
+    ends.
+
+    Raises:
+        InputError: another one is at work there, or the file cannot be written or locked.
+    """
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        file = lock.open("a")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write: {error.strerror}") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another {who} is at work in this folder") from None
+        except OSError as error:  # a file system without locks
+            raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None
+        yield

@@ -1,0 +1,197 @@
+"""A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
+
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from mission.base.errors import InputError
+from mission.base.folder_lock import alone_in
+
+# The libraries that a run's results depend on.
+LIBRARIES = (
+    "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
+    "osqp", "torch", "mcap", "foxglove-sdk",
+)  # fmt: skip
+
+
+_LOCK = ".lock"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where a run leaves what it flew and learnt."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path) -> Self:
+        """Make the folder, or take an empty one.
+
+        Raises:
+            InputError: it exists and holds something, is a file, or cannot be written.
+        """
+        cls.check(path)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path):
+                pass
+        except (FileExistsError, NotADirectoryError):
+            raise InputError(f"{path}: the output folder is not a folder") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot write the output folder: {error.strerror}") from None
+        return cls(path)
+
+    @staticmethod
+    def check(path: Path) -> None:
+        """Refuse what `create` would, without making anything.
+
+        Raises:
+            InputError: it exists and holds something, or is a file, or cannot be looked into.
+        """
+        folder = RunFolder(path)
+        try:
+            if path.exists() and any(path.iterdir()) and not folder.stillborn:
+                goes_on = folder.resumable and folder.status() != "finished"
+                hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
+                raise InputError(
+                    f"{path}: the output folder is already used; give a new or empty one by "
+                    f"--out{hint}"
+                )
+        except NotADirectoryError:
+            raise InputError(f"{path}: the output folder is not a folder") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
+
+    @contextmanager
+    def unless_refused(self) -> Iterator[None]:
+        """Take the folder away again, empty as it still is, where the block fails."""
+        try:
+            yield
+        except BaseException:
+            with suppress(OSError):  # not empty: somebody else's
+                self.path.rmdir()
+            raise
+
+    def lock(self) -> AbstractContextManager[None]:
+        """Keep other processes from flying into this folder; see `alone_in`."""
+        return alone_in(self.path, self.checkpoint / _LOCK, who="aerofed run")
+
+    @property
+    def resumable(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return (self.checkpoint / "rounds.json").exists()
+
+    @property
+    def stillborn(self) -> bool:
+        """Whether a run was killed here before its first checkpoint: nothing of it is worth much.
+
+        The lock comes first, so that nobody's own `config.toml` is taken for a run's.
+        """
+        lock = self.checkpoint / _LOCK
+        if self.resumable or not lock.is_file():
+            return False
+        left = {p.name for p in self.path.iterdir()} | {p.name for p in self.checkpoint.iterdir()}
+        return all(
+            name in (self.config.name, self.checkpoint.name, _LOCK)
+            or name.endswith(".partial")
+            or fnmatch(name, "learning-*.bin")
+            for name in left
+        )
+
+    @property
+    def config(self) -> Path:
+        return self.path / "config.toml"
+
+    @property
+    def devices(self) -> Path:
+        return self.path / "devices.csv"
+
+    @property
+    def rounds(self) -> Path:
+        return self.path / "rounds.csv"
+
+    @property
+    def uplinks(self) -> Path:
+        return self.path / "uplinks.csv"
+
+    @property
+    def learning(self) -> Path:
+        return self.path / "learning.csv"
+
+    @property
+    def log(self) -> Path:
+        return self.path / "flight.mcap"
+
+    @property
+    def plans(self) -> Path:
+        return self.path / "plans"
+
+    @property
+    def summary(self) -> Path:
+        return self.path / "summary.json"
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.path / "checkpoint"
+
+    @property
+    def figures(self) -> Path:
+        return self.path / "figures"
+
+    def status(self) -> str | None:
+        """How the run ended as its summary says; None without a readable summary."""
+        try:
+            values = json.loads(self.summary.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return str(values.get("status")) if isinstance(values, dict) else None
+
+    def write_summary(self, values: Mapping[str, Any]) -> None:
+        """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
+        write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file so that it is there whole or not at all, after a power cut too.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot write: {error.strerror}") from None
+
+
+def free_folder(parent: Path, name: str) -> Path:
+    """`parent/name`, or `parent/name-2`, ... : the first that does not exist."""
+    candidate, number = parent / name, 1
+    while candidate.exists():
+        number += 1
+        candidate = parent / f"{name}-{number}"
+    return candidate
+
+
+def environment() -> dict[str, Any]:
+    """Versions and machine, for the summary."""
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": os.cpu_count(),
+        "libraries": {name: version(name) for name in LIBRARIES},
+    }

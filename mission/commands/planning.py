@@ -1,0 +1,114 @@
+"""What `aerofed plan` and `aerofed link-budget` do, apart from reading their arguments."""
+
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
+from mission.base.errors import PlanError
+from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import check_plan
+from mission.planner.factory import make_planner
+from mission.planner.files import NamedPlan, NamedProblem, write_plans
+
+BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
+BAD_OVERHEAD_PER = 0.5
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What came of a list of problems."""
+
+    plans: tuple[NamedPlan, ...]
+    failure: PlanError | None  # with a line for each problem that could not be planned
+
+
+def plan_problems(
+    problems: Sequence[NamedProblem],
+    *,
+    planner: PlannerConfig,
+    out: Path | None = None,
+    figure_dir: Path | None = None,
+) -> Planned:
+    """Plan every problem, and write the plans and a picture of each where asked.
+
+    A problem that cannot be planned costs none of the others' plans. Every plan is checked
+    against its problem before anything is written.
+
+    Raises:
+        InputError: the output cannot be written.
+        PlanError: none of the problems can be planned; nothing is written.
+    """
+    method = make_planner(planner)
+    plans: dict[str, NamedPlan] = {}
+    failures = []
+    for entry in problems:
+        started = time.perf_counter()
+        try:
+            plan = method.plan(entry.problem)
+            seconds = time.perf_counter() - started
+            check_plan(entry.problem, plan)
+        except PlanError as error:
+            failures.append(f"problem {entry.id!r}: {error}")
+        else:
+            plans[entry.id] = NamedPlan(entry.id, plan, seconds)
+    failure = PlanError("\n".join(failures)) if failures else None
+    if failure is not None and not plans:
+        raise failure
+    made = tuple(plans.values())
+    if out is not None:
+        write_plans(out, made)
+    if figure_dir is not None:
+        from mission.figures.plan import draw_plan
+
+        for number, entry in enumerate(problems):
+            if entry.id in plans:
+                # Ids are free text; the number keeps two that differ in odd signs apart.
+                safe = re.sub(r"[^A-Za-z0-9._-]+", "_", entry.id)[:60]
+                name = f"{number:03d}-{safe}.png"
+                draw_plan(entry.problem, plans[entry.id].plan, figure_dir / name, title=entry.id)
+    return Planned(made, failure)
+
+
+@dataclass(frozen=True)
+class BudgetReport:
+    """The link budget as lines of text, and a warning where there is one."""
+
+    lines: tuple[str, ...]
+    warning: str | None
+
+
+def budget_report(channel: Channel) -> BudgetReport:
+    """PER over distance, the radius served, and how well the logistic stand-in fits."""
+    overhead = link_budget(channel)
+    fit = fit_logistic(channel)
+    lines = [str(overhead), "", "distance m   PER"]
+    distances = np.array(BUDGET_DISTANCES_M, dtype=np.float64)
+    for distance, per in zip(distances, average_per(channel, distances), strict=True):
+        lines.append(f"{distance:10.0f}   {per:.4f}")
+    radius = served_radius(channel)
+    lines += [
+        "",
+        f"served radius (PER 0.5): {radius:.0f} m" if radius > 0.0 else
+        "served radius (PER 0.5): none, not even straight overhead",
+        f"logistic stand-in 1 / (1 + exp(b1 theta + b2)): b1 = {fit.b1_per_rad:.2f} per rad, "
+        f"b2 = {fit.b2:.2f}, worst error {fit.worst_error:.3f}",
+    ]  # fmt: skip
+    warning = None
+    if overhead.per > BAD_OVERHEAD_PER:
+        warning = (
+            f"PER straight overhead is {overhead.per:.3f}: most packets are lost wherever the "
+            "aircraft flies; choose another channel preset or raise tx_power_db"
+        )
+    return BudgetReport(tuple(lines), warning)
+
+
+def served_radius(channel: Channel, *, per: float = 0.5) -> float:
+    """Largest horizontal distance in whole metres up to which the PER stays under a limit."""
+    r = np.arange(0.0, 50_000.0)
+    above = np.flatnonzero(average_per(channel, r) > per)
+    return float(r[-1]) if not len(above) else max(0.0, float(r[above[0]]) - 1.0)

@@ -1,0 +1,1 @@
+"""A run's configuration: its keys, where they are read from, what is refused at once."""

@@ -1,0 +1,220 @@
+"""A run's configuration: every package describes what it is configured by; here is the whole."""
+
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from fl.config import ChannelConfig, CommunityConfig, LearningConfig
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.base.user_code import is_import_path
+from mission.config.url import URL_FORMS, checked_url
+from mission.planner.config import PlannerConfig
+from sitl.config import VehicleConfig
+from sitl.errors import LinkError
+from sitl.links import UdpLink
+
+Length = Annotated[float, Field(gt=0, le=100_000)]
+Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
+
+
+class AreaConfig(BaseModel):
+    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
+    home_m: tuple[Coordinate, Coordinate] = Field(
+        (400.0, 400.0), description="take-off point in area coordinates; it may lie outside"
+    )
+    home_lat_deg: float = Field(43.6145, ge=-85, le=85, description="latitude of the home point")
+    home_lon_deg: float = Field(7.0715, ge=-180, le=180, description="longitude of the home point")
+    home_alt_msl_m: float = Field(
+        130.0, ge=-400, le=5000, description="ground altitude above mean sea level"
+    )
+
+    def build(self) -> Area:
+        """The area with its local frame."""
+        home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
+        return Area(self.size_m, self.home_m, home)
+
+
+STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
+
+
+class MissionConfig(BaseModel):
+    """What is flown: the paper's symbols stand in the descriptions."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    strategy: str = Field(
+        "cov",
+        description="who is served where, round by round: one of cov, no_cov, barycenter, "
+        "rectangular, ideal, or one of your own as 'package.module:factory'",
+    )
+    rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
+    altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
+    speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
+    path_budget_m: float = Field(800.0, ge=0, le=20_000, description="L_max, metres a round")
+    total_budget_m: float = Field(
+        40_000.0,
+        gt=0,
+        le=1e7,
+        description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
+        "a run ends when the rest pays for no whole round",
+    )
+    steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
+    devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")
+    acceptance_radius_m: float = Field(
+        5.0,
+        ge=0.5,
+        le=50,
+        description="how far a corner may be cut at most; less where that would cost the round 1 %",
+    )
+    battery_reserve: float = Field(
+        0.25,
+        ge=0,
+        le=0.9,
+        description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
+        "battery and comes back to where it was, outside the rounds",
+    )
+    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
+    hover_cost_m: float = Field(
+        100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
+    )
+    tour_inset: float = Field(
+        0.2,
+        ge=0,
+        lt=0.5,
+        description="rectangular: the tour's distance from the area's edge, "
+        "as a fraction of its size",
+    )
+
+    @field_validator("strategy")
+    @classmethod
+    def _known(cls, strategy: str) -> str:
+        if strategy not in STRATEGIES and not is_import_path(strategy):
+            close = get_close_matches(strategy, STRATEGIES, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(
+                f"must be one of {', '.join(map(repr, STRATEGIES))} or the import path of your "
+                f"own, 'package.module:factory'{hint}"
+            )
+        return strategy
+
+
+class LinkConfig(BaseModel):
+    """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["in_process", "udp", "external"] = Field(
+        "in_process",
+        description="in_process needs no port; udp uses the loopback address; external flies "
+        "the autopilot at url instead of the simulated vehicle",
+    )
+    url: str = Field(
+        "udpin://0.0.0.0:14540",
+        description=f"external: MAVSDK connection URL of the autopilot: {URL_FORMS}",
+    )
+    gcs: tuple[str, ...] = Field(
+        (),
+        description="ground stations that see the simulated vehicle while it is flown: "
+        "udpout://HOST:PORT or udpin://HOST:PORT",
+    )
+    signing_key: Path | None = Field(
+        None,
+        description="file with the pass phrase by which the links of gcs are signed (MAVLink 2), "
+        "both ways; unset: they are not",
+    )
+    udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
+    speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
+        "max", description='simulated seconds per second in flight, or "max"'
+    )
+    connect_timeout_s: float = Field(
+        60.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait for the first sign of the autopilot",
+    )
+    ready_timeout_s: float = Field(
+        300.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait until the autopilot knows where it is and "
+        "can be armed",
+    )
+    set_parameters: bool = Field(
+        False,
+        description="external: set the autopilot's parameters for the flight, where they keep it "
+        "from what the mission asks (speed, acceptance radius), and set them back at the end",
+    )
+    battery_timeout_s: float = Field(
+        600.0,
+        gt=0,
+        le=86_400,
+        description="external: wall seconds to wait on the ground for a charged battery",
+    )
+    stall_timeout_s: float = Field(
+        30.0,
+        gt=0,
+        le=3600,
+        description="wall seconds without any progress of the vehicle after which a run ends",
+    )
+
+    @field_validator("url")
+    @classmethod
+    def _mavsdk(cls, url: str) -> str:
+        return checked_url(url)
+
+    @field_validator("gcs")
+    @classmethod
+    def _udp(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
+        for url in urls:
+            try:
+                UdpLink(url)
+            except LinkError as error:
+                raise ValueError(str(error)) from None
+        return urls
+
+    @model_validator(mode="after")
+    def _seen_by_the_autopilot_itself(self) -> Self:
+        if self.kind == "external" and self.gcs:
+            raise ValueError(
+                "gcs shows ground stations the simulated vehicle; an external autopilot "
+                "(--vehicle, link.kind = external) has links of its own: leave gcs out"
+            )
+        return self
+
+
+class RunConfig(BaseModel):
+    """Everything that a run depends on, apart from the data files."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(
+        "run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"], description="names the run"
+    )
+    seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
+    area: AreaConfig = AreaConfig()
+    mission: MissionConfig = MissionConfig()
+    planner: PlannerConfig = PlannerConfig()
+    channel: ChannelConfig = ChannelConfig()
+    communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
+    learning: LearningConfig = LearningConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+    link: LinkConfig = LinkConfig()
+
+    @model_validator(mode="after")
+    def _unique_names(self) -> Self:
+        names = [community.name for community in self.communities]
+        if len(set(names)) < len(names):
+            raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    def to_toml(self) -> str:
+        """The resolved configuration; reading it back gives an equal model."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))

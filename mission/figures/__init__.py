@@ -1,0 +1,1 @@
+"""Pictures as PNG files (the home of matplotlib, with `sweep.outcome.figures`)."""

@@ -1,0 +1,42 @@
+"""The autopilot's fence as it lies on the ground, for the log and the maps."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mission.base.area import Area
+from mission.log.values import Floats, Zone
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.safety.fence import Circle, Polygon, compile_fence
+from sitl.autopilot.values.messages import MissionItem
+
+_CORNERS = 72  # of a circle: its outline lies within a thousandth of the radius
+
+
+def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -> tuple[Zone, ...]:
+    """What the vehicle keeps to: the fence drawn by `items`, and the circle about home that
+    `GF_MAX_HOR_DIST` makes; nothing where `GF_ACTION` switches the fence off.
+
+    Raises:
+        SitlInputError: the items make no fence.
+    """
+    fence = compile_fence(items, area.frame)
+    if parameters["GF_ACTION"] == 0:
+        return ()
+    zones = [Zone(_outline(shape, area), keep_in=True) for shape in fence.inclusions]
+    zones += [Zone(_outline(shape, area), keep_in=False) for shape in fence.exclusions]
+    if parameters["GF_MAX_HOR_DIST"] > 0:
+        about_home = Circle(0.0, 0.0, parameters["GF_MAX_HOR_DIST"])
+        zones.append(Zone(_outline(about_home, area), keep_in=True))
+    return tuple(zones)
+
+
+def _outline(shape: Polygon | Circle, area: Area) -> Floats:
+    if isinstance(shape, Polygon):
+        north, east = shape.corners_ne_m.T
+    else:
+        turn = np.linspace(0.0, 2 * math.pi, _CORNERS, endpoint=False)
+        north = shape.north_m + shape.radius_m * np.cos(turn)
+        east = shape.east_m + shape.radius_m * np.sin(turn)
+    return area.from_ned(np.column_stack((north, east, np.zeros(len(north)))))

@@ -1,0 +1,80 @@
+"""A round's plan as stops to fly: waypoints that coincide become one stop with several slots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.planner.problem import RoundPlan
+
+Floats = NDArray[np.float64]
+
+MERGE_WITHIN_M = 0.5  # below what a multirotor can tell apart in flight
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One place to pass or to hover at, and the plan's time steps that are served there."""
+
+    xy_m: Floats  # (2,) area coordinates
+    steps: tuple[int, ...]
+    hold_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """What the pilot flies in one round. The first stop is where the aircraft already is."""
+
+    stops: tuple[Stop, ...]
+    alt_rel_m: float
+    speed_mps: float
+    acceptance_m: float
+
+    @property
+    def points_m(self) -> Floats:
+        """(S, 2) the polyline in area coordinates."""
+        return np.array([stop.xy_m for stop in self.stops])
+
+    @property
+    def stands(self) -> bool:
+        """Whether there is nothing to fly: one stop, without a hover."""
+        return len(self.stops) == 1 and self.stops[0].hold_s == 0.0
+
+    def ideal_slot_s(self) -> list[float]:
+        """(N,) when each step would be passed, in seconds after the start, by an aircraft that
+        is always at its planned speed. Steps that share a hover are spread evenly over it.
+        """
+        legs_m = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        slot_s: list[float] = []
+        clock_s = 0.0
+        for stop, leg_m in zip(self.stops, (*legs_m, 0.0), strict=True):
+            share_s = stop.hold_s / max(len(stop.steps), 1)
+            slot_s += [clock_s + share_s * rank for rank in range(len(stop.steps))]
+            clock_s += stop.hold_s + leg_m / self.speed_mps
+        return slot_s
+
+    def positions(self, area: Area) -> tuple[GeodeticPoint, ...]:
+        """The stops on the globe."""
+        return tuple(
+            area.frame.to_geodetic(area.to_ned(stop.xy_m, self.alt_rel_m)) for stop in self.stops
+        )
+
+
+def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
+    """Merge consecutive waypoints closer than `MERGE_WITHIN_M` to the first of them.
+
+    `hold_s` is the hover at every stop but the first; with one stop in all, at that one.
+    """
+    groups: list[tuple[Floats, list[int]]] = []
+    for step, point in enumerate(plan.waypoints_m):
+        if groups and float(np.linalg.norm(point - groups[-1][0])) <= MERGE_WITHIN_M:
+            groups[-1][1].append(step)
+        else:
+            groups.append((np.asarray(point, dtype=np.float64), [step]))
+    alone = len(groups) == 1
+    return tuple(
+        Stop(point, tuple(steps), hold_s if alone or index > 0 else 0.0)
+        for index, (point, steps) in enumerate(groups)
+    )

@@ -1,0 +1,121 @@
+"""Finding an external autopilot that can be flown: it answers, it knows where it is, and that is
+where the devices are.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+
+import numpy as np
+
+from mission.base.area import Area
+from mission.base.errors import FlightError, InputError
+from mission.config.models import LinkConfig
+from mission.flight.pilot.connection import connect
+from mission.flight.pilot.feed import Known, TelemetryFeed
+from mission.flight.pilot.limits import Limits, read_limits
+from mission.flight.pilot.orders import Pilot
+from sitl.links import RawLink
+from sitl.observer import VehicleObserver
+
+Say = Callable[[str], None]
+
+FARTHEST_M = 5_000.0  # the vehicle from the area's home, before anything flies
+PATIENT_S = 3.0  # wall time before people are told what is waited for
+POLL_S = 0.05  # wall time between looks at what telemetry has said
+
+
+@asynccontextmanager
+async def located(
+    link: LinkConfig,
+    *,
+    area: Area,
+    observers: Sequence[VehicleObserver],
+    say: Say,
+    raw_link: RawLink | None = None,
+    known: Known | None = None,
+) -> AsyncIterator[tuple[Pilot, TelemetryFeed]]:
+    """A vehicle that knows where it is, and is where the devices are.
+
+    It is at the other end of `raw_link` where one is given, else at `link.url`.
+
+    Raises:
+        LinkLostError: no autopilot there in time.
+        FlightError: it does not come to know where it is.
+        InputError: it is somewhere else than the area.
+    """
+    async with connect(
+        "raw://" if raw_link else link.url,
+        raw_link=raw_link,
+        stall_timeout_s=link.stall_timeout_s,
+        timeout_s=link.connect_timeout_s,
+    ) as pilot:
+        feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
+        watch = asyncio.create_task(feed.watch())
+        try:
+            await feed.ask()
+            await _locate(feed, area, timeout_s=link.ready_timeout_s, say=say)
+            yield pilot, feed
+        finally:
+            watch.cancel()
+            with suppress(asyncio.CancelledError):
+                await watch
+
+
+async def _locate(feed: TelemetryFeed, area: Area, *, timeout_s: float, say: Say) -> None:
+    """Wait for the first position that can be believed, and see that it lies in the area."""
+    said = asyncio.get_running_loop().call_later(
+        PATIENT_S, lambda: say(f"waiting for the vehicle's position ({feed.readiness.missing})")
+    )
+    try:
+        async with asyncio.timeout(timeout_s):
+            place = await feed.first
+    except TimeoutError:
+        raise FlightError(
+            f"the vehicle has not come to know in {timeout_s:g} s where it is "
+            f"(link.ready_timeout_s): {feed.readiness.missing or 'it sends no position'}"
+        ) from None
+    finally:
+        said.cancel()
+    away = area.frame.to_ned(place.lat_deg, place.lon_deg, place.alt_msl_m)
+    away_m = float(np.linalg.norm(away))
+    if away_m > FARTHEST_M:
+        raise InputError(
+            f"the vehicle stands {away_m / 1e3:.0f} km from the area: set area.home_lat_deg and "
+            f"area.home_lon_deg near {place.lat_deg:.4f}, {place.lon_deg:.4f}, or move the vehicle"
+        )
+
+
+async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) -> None:
+    """Wait until the vehicle knows where it is and says that it can be armed.
+
+    Raises:
+        FlightError: not in time; says what is missing.
+    """
+    try:
+        async with asyncio.timeout(timeout_s):
+            await until(lambda: not feed.readiness.missing and pilot.watch.armable)
+    except TimeoutError:
+        said = pilot.watch.last_warning
+        why = feed.readiness.missing or (f"it said: {said}" if said else "it does not say why")
+        raise FlightError(
+            f"the vehicle cannot be armed after {timeout_s:g} s (link.ready_timeout_s): {why}"
+        ) from None
+
+
+async def look_at_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
+    """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
+
+    Raises:
+        LinkLostError, FlightError, InputError: as `located`.
+    """
+    async with located(link, area=area, observers=(), say=say) as (pilot, _):
+        return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+
+async def until(met: Callable[[], bool]) -> None:
+    """Wait for a condition that telemetry may meet."""
+    while True:
+        if met():
+            return
+        await asyncio.sleep(POLL_S)

@@ -1,0 +1,295 @@
+"""An external autopilot with its pilot: orders in area coordinates in, flights out.
+
+What is known of such a flight is what the autopilot itself believes: truth, belief and telemetry
+are the same here, and time is the vehicle's own.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base.area import Area
+from mission.base.errors import AerofedError, FlightError, LinkLostError
+from mission.config.models import LinkConfig, MissionConfig
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.contact import Say, located, until, until_ready
+from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
+from mission.flight.passages import passages
+from mission.flight.pilot.feed import TelemetryFeed
+from mission.flight.pilot.items import stop_sequence
+from mission.flight.pilot.limits import Demand, Limits, read_limits
+from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.parameters import adjusted
+from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.observer import VehicleObserver
+
+Floats = NDArray[np.float64]
+
+LAST_SAMPLE_S = 2.0  # wall time
+ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
+_SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
+_SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
+_RUN_UP_MPS2 = 2.0  # a leg of v^2 over this is long enough to reach v
+
+
+class ExternalFlyer(Flyer):
+    """Flies stretches one after another; what was flown comes from telemetry."""
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        feed: TelemetryFeed,
+        recorder: FlightRecorder,
+        *,
+        area: Area,
+        mission: MissionConfig,
+        link: LinkConfig,
+        say: Say,
+    ) -> None:
+        self.pilot, self.area, self.mission = pilot, area, mission
+        self.feed, self._recorder = feed, recorder
+        self._link, self._say = link, say
+        self._doubted = False
+
+    @property
+    def t_ns(self) -> int:
+        """The vehicle's time since the first position."""
+        return self.here().t_ns
+
+    @property
+    def battery_remaining(self) -> float:
+        """0..1; NaN where the vehicle does not know."""
+        return self.feed.battery_remaining
+
+    def here(self) -> Passage:
+        """The newest position."""
+        here = self.feed.here
+        if here is None:
+            raise LinkLostError("the vehicle has not said yet where it is")
+        return here
+
+    async def ready(self) -> None:
+        """Wait until the vehicle knows where it is and can be armed.
+
+        Raises:
+            FlightError: it is armed already, or not ready in time.
+        """
+        await until_ready(self.pilot, self.feed, timeout_s=self._link.ready_timeout_s)
+        if self.pilot.armed:
+            raise FlightError("the vehicle is armed already: land and disarm it first")
+
+    async def take_off(self) -> None:
+        """From the ground to the hover above where the vehicle stands.
+
+        Raises:
+            FlightError: see `ready`; or nobody charged an empty battery in time.
+        """
+        await self.ready()
+        reserve = self.mission.battery_reserve
+        if self.feed.battery_remaining < reserve:
+            self._say(f"{self._low(reserve)}: no take-off before it is charged")
+            await self._charged(reserve)
+        await self.pilot.take_off(self.mission.altitude_m)
+
+    async def upload(self, plan: FlightPlan) -> None:
+        """Give the vehicle the stops; it hovers meanwhile."""
+        if not plan.stands:
+            await self.pilot.upload(plan, plan.positions(self.area))
+
+    async def fly(self, plan: FlightPlan) -> Flight:
+        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
+        if plan.stands:
+            here = self.here()
+            return Flight.standing(here, {0: here}, self.battery_remaining)
+        stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
+        flight = await self.record(self.pilot.fly)
+        short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
+        if short_m > plan.acceptance_m + _SHORT_M:
+            raise FlightError(
+                f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
+            )
+        self.find_passages(
+            flight, stops, sequence=stop_sequence(plan), hold_s=[s.hold_s for s in plan.stops]
+        )
+        self._believe_speed(plan, flight)
+        return flight
+
+    async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
+        """What is flown while `fly` carries out a mission that was uploaded."""
+        self.feed.reached_ns.clear()
+        self._recorder.start(self.here())
+        await fly()
+        return self._recorder.finish(self.here(), self.battery_remaining)
+
+    def find_passages(
+        self,
+        flight: Flight,
+        places_ned_m: Floats,
+        *,
+        sequence: Sequence[int],
+        hold_s: Sequence[float],
+    ) -> None:
+        """Note in a flight when it passed the places (S, 3) of the items numbered `sequence`."""
+        found = passages(
+            flight,
+            places_ned_m,
+            reported_ns=[self.feed.reached_ns.get(seq) for seq in sequence],
+            hovers=[wait_s > 0.0 for wait_s in hold_s],
+            sequence=sequence,
+        )
+        flight.reached.update(found)
+        for seq, passage in found.items():
+            self.feed.passed(seq, passage)
+
+    async def land(self) -> None:
+        """Back to home and down."""
+        await self.pilot.land()
+        await self.seen_down()
+
+    async def seen_down(self) -> None:
+        """Wait for the sample that shows the motors off, so that track and log have it."""
+        landed_ns = self.t_ns
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LAST_SAMPLE_S):
+                await until(lambda: self.t_ns > landed_ns)
+
+    async def refresh(self, reserve: float) -> bool:
+        """Return, land, wait for a charged battery, take off and come back to where it was.
+
+        Raises:
+            FlightError: nobody charged it in time; the vehicle stands at home.
+        """
+        self._doubt_battery(reserve)
+        if not self.battery_remaining < reserve:  # an unknown one is not
+            return False
+        self._say(f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one")
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        await self._charged(reserve)
+        await self.take_off()
+        await self.go_to(back)
+        return True
+
+    async def _charged(self, reserve: float) -> None:
+        """Wait for more than what a battery recovers by resting: half of all above the reserve."""
+        enough, timeout_s = (1.0 + reserve) / 2.0, self._link.battery_timeout_s
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self.battery_remaining >= enough:
+                    await self.feed.ask()  # a new battery is a new start
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(ASK_AGAIN_S):
+                            await until(lambda: self.battery_remaining >= enough)
+        except TimeoutError:
+            raise FlightError(
+                f"the battery reads {100 * self.battery_remaining:.0f} % after "
+                f"{timeout_s:g} s on the ground (link.battery_timeout_s); a flight needs "
+                f"{100 * enough:.0f} %; the vehicle stands on the ground, motors off"
+            ) from None
+
+    def _low(self, reserve: float) -> str:
+        return (
+            f"battery at {100 * self.battery_remaining:.0f} %, mission.battery_reserve is "
+            f"{100 * reserve:.0f} %"
+        )
+
+    def _doubt_battery(self, reserve: float) -> None:
+        """Say once that the reserve cannot be kept."""
+        if self.feed.battery.doubt and reserve > 0.0 and not self._doubted:
+            self._doubted = True
+            self._say(
+                f"{self.feed.battery.doubt}: mission.battery_reserve = {reserve:g} cannot be kept"
+            )
+
+    def _believe_speed(self, plan: FlightPlan, flight: Flight) -> None:
+        """Plan with what the vehicle reaches, where that is less than its parameters promise."""
+        legs_m = np.linalg.norm(np.diff(plan.points_m, axis=0), axis=1)
+        if legs_m.max(initial=0.0) < plan.speed_mps**2 / _RUN_UP_MPS2:
+            return
+        reached_mps = _fastest(flight)
+        if reached_mps < _SLOW * plan.speed_mps:
+            self._say(
+                f"the vehicle reached {reached_mps:.1f} m/s where {plan.speed_mps:g} were ordered "
+                "(its lean limit, or wind): the next rounds are timed by that"
+            )
+            self.mission = self.mission.model_copy(update={"speed_mps": round(reached_mps, 1)})
+
+
+def _fastest(flight: Flight) -> float:
+    """The speed over ground that was kept for a second."""
+    t_s = np.arange(flight.t_ns[0], flight.t_ns[-1], 1e9)
+    places = [np.interp(t_s, flight.t_ns, flight.est_ned_m[:, axis]) for axis in range(2)]
+    steps_m = np.hypot(*(np.diff(place) for place in places))
+    return float(steps_m.max(initial=0.0))
+
+
+@asynccontextmanager
+async def open_external(
+    link: LinkConfig,
+    *,
+    mission: MissionConfig,
+    area: Area,
+    demand: Demand,
+    observers: Sequence[VehicleObserver],
+    say: Say,
+) -> AsyncIterator[ExternalFlyer]:
+    """Connect to the autopilot at `link.url`, and tell `say` what it cannot do of the `demand`.
+
+    A flight that ends otherwise than by landing is left holding its position. Parameters that
+    were set for the flight are set back, however it ends.
+
+    Raises:
+        LinkLostError: no autopilot there in time, or one that does not say where it is.
+        FlightError: it does not come to know where it is.
+        InputError: it is somewhere else than the area.
+    """
+    recorder = FlightRecorder()
+    async with located(link, area=area, observers=(recorder, *observers), say=say) as (
+        pilot,
+        feed,
+    ):
+        limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
+        changes = limits.adjustments(demand) if link.set_parameters else {}
+        for name, (before, during) in changes.items():
+            feed.note(f"parameter {name}: {before:g} -> {during:g} for the flight")
+        speed_mps = mission.speed_mps
+        if not link.set_parameters:
+            speed_mps = min(speed_mps, limits.speed_mps)
+        flown = mission.model_copy(update={"speed_mps": speed_mps})
+        async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
+            yield ExternalFlyer(pilot, feed, recorder, area=area, mission=flown, link=link, say=say)
+
+
+def telemetry_of(link: LinkConfig) -> str:
+    """Where the positions of an external autopilot come from, for people."""
+    return f"telemetry of {link.url}: truth and belief are what the autopilot says"
+
+
+async def limits_of(
+    pilot: Pilot, feed: TelemetryFeed, demand: Demand, *, adjusted: bool, say: Say
+) -> Limits:
+    """The limits that a vehicle's parameters set, logged; `say` hears which the demand exceeds."""
+    limits = await read_limits(pilot.parameters, pilot.dialect.limits)
+    feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())
+    for line in limits.lines():
+        feed.note(f"parameter {line}")
+    shortfalls = limits.shortfalls(demand, adjusted=adjusted)
+    if shortfalls:
+        say(f"the vehicle will not fly as asked: {'; '.join(shortfalls)}")
+    return limits
+
+
+@asynccontextmanager
+async def left_holding(pilot: Pilot) -> AsyncIterator[None]:
+    """A flight that ends otherwise than by landing is left holding its position."""
+    try:
+        yield
+    except (asyncio.CancelledError, AerofedError) as error:
+        if pilot.armed and not isinstance(error, LinkLostError):
+            with suppress(AerofedError, TimeoutError):
+                async with asyncio.timeout(HOLD_TIMEOUT_S):
+                    await pilot.hold()
+        raise

@@ -1,0 +1,191 @@
+"""A real firmware as the brain of the simulated aircraft: orders in area coordinates in, flights
+out.
+
+It is flown like any external autopilot, with two differences: the truth is known, and time is
+ours. Time stands still while a round is planned and devices train, and goes on while the firmware
+takes orders, whose answers take it some of its own time.
+"""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flightdyn.errors import FlightDynamicsError
+from flightdyn.plant import Plant
+from mission.base.area import Area
+from mission.base.errors import FlightError, LinkLostError
+from mission.config.models import RunConfig
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.contact import Say, located
+from mission.flight.flyers.external import ExternalFlyer, limits_of
+from mission.flight.ground_stations import station_links
+from mission.flight.pilot.feed import Known
+from mission.flight.pilot.limits import Demand
+from mission.flight.pilot.orders import Pilot
+from mission.flight.track import Flight, FlightRecorder
+from sitl.errors import LinkError
+from sitl.firmware.errors import FirmwareError, FirmwareSilentError
+from sitl.firmware.vehicle import FirmwareVehicle
+from sitl.links import RawLink
+from sitl.observer import VehicleObserver
+
+NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
+FOLDER = "firmware"  # of a run, where the firmware lives
+_HEARD = frozenset({31, 33, 46, 147})  # what the feed takes from the relay
+_SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
+
+
+class FirmwareFlyer(ExternalFlyer):
+    """Flies stretches one after another; truth from the physics, belief from telemetry."""
+
+    vehicle: FirmwareVehicle
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self.vehicle.plant.t_ns
+
+    async def take_off(self) -> None:
+        """From the ground to the hover above home."""
+        with self.vehicle.clock.going():
+            await super().take_off()
+
+    async def upload(self, plan: FlightPlan) -> None:
+        """Give the firmware the stops; it needs some of its time for that, and hovers."""
+        with self.vehicle.clock.going():
+            await super().upload(plan)
+
+    async def fly(self, plan: FlightPlan) -> Flight:
+        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
+        with self.vehicle.clock.going():
+            return await super().fly(plan)
+
+    async def land(self) -> None:
+        """Back to home and down."""
+        with self.vehicle.clock.going():
+            await super().land()
+
+    @property
+    def battery_remaining(self) -> float:
+        """Of the aircraft's own battery, 0..1."""
+        return self.vehicle.clock.now.battery.remaining
+
+    async def refresh(self, reserve: float) -> bool:
+        """Return, land, change the battery, take off and come back to where it was."""
+        if self.battery_remaining >= reserve:
+            return False
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        self.vehicle.clock.exchange_battery()
+        await self.take_off()
+        await self.go_to(back)
+        return True
+
+
+@dataclass
+class RelayedMessages:
+    """The messages that the relay hears, whoever asks for them."""
+
+    _asked: dict[str, list[asyncio.Queue[dict[str, Any]]]] = field(default_factory=dict)
+
+    def hear(self, name: str, fields: dict[str, Any]) -> None:
+        """Hand a message on."""
+        for queue in self._asked.get(name, ()):
+            queue.put_nowait(fields)
+
+    async def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+        """The fields of every message of that name from now on."""
+        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._asked.setdefault(name, []).append(queue)
+        while True:
+            yield await queue.get()
+
+
+@asynccontextmanager
+async def open_firmware(
+    config: RunConfig,
+    plant: Plant,
+    folder: Path,
+    *,
+    area: Area,
+    demand: Demand,
+    observers: Sequence[VehicleObserver],
+    say: Say,
+) -> AsyncIterator[FirmwareFlyer]:
+    """Start the configured firmware in a new folder `folder` and connect a pilot to it.
+
+    Ground stations of `link.gcs` see the vehicle too. The firmware ends with the block.
+
+    Raises:
+        LinkLostError: a port cannot be had; the firmware cannot be started, dies or falls silent.
+        FlightError: it cannot be flown: not ready in time, another program, a parameter of the
+            configuration that it does not know.
+    """
+    recorder, messages, raw_link = FlightRecorder(), RelayedMessages(), RawLink()
+    name = NAMES[config.vehicle.autopilot]
+    vehicle = FirmwareVehicle(
+        config.vehicle,
+        plant,
+        folder,
+        [raw_link, *station_links(config.link)],
+        mission_speed_mps=config.mission.speed_mps,
+        speed=math.inf if config.link.speed == "max" else config.link.speed,
+        hear=messages.hear,
+        heard=_HEARD,
+    )
+    try:
+        async with vehicle:
+            vehicle.clock.run()
+            known = Known(messages, vehicle.clock.at, boot_ms=0)
+            async with located(
+                config.link,
+                area=area,
+                observers=(recorder, *observers),
+                say=say,
+                raw_link=raw_link,
+                known=known,
+            ) as (pilot, feed):
+                if pilot.dialect.name != name:
+                    raise FlightError(
+                        f"vehicle.firmware.path = {config.vehicle.firmware.path}: this is "
+                        f"{pilot.dialect.name}, vehicle.autopilot asks for {name}"
+                    )
+                await _check_parameters(pilot, config)
+                limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
+                speed_mps = min(config.mission.speed_mps, limits.speed_mps)
+                flyer = FirmwareFlyer(
+                    pilot,
+                    feed,
+                    recorder,
+                    area=area,
+                    mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
+                    link=config.link,
+                    say=say,
+                )
+                flyer.vehicle = vehicle
+                vehicle.clock.rest()
+                yield flyer
+    except FirmwareSilentError as error:
+        raise LinkLostError(f"{name}: {error}") from None
+    except FirmwareError as error:
+        raise FlightError(f"{name}: {error}") from None
+    except LinkError as error:
+        raise LinkLostError(str(error)) from None
+    except FlightDynamicsError as error:
+        raise FlightError(f"the simulated aircraft failed: {error}") from error
+
+
+async def _check_parameters(pilot: Pilot, config: RunConfig) -> None:
+    """Whether the firmware has taken the parameters that the configuration asks for."""
+    for parameter, wanted in config.vehicle.firmware.parameters.items():
+        has = await pilot.parameters.get(parameter)
+        if has is None or not math.isclose(has, wanted, rel_tol=_SAME_PARAMETER, abs_tol=1e-9):
+            said = "it knows no such parameter" if has is None else f"it has {has:g}"
+            raise FlightError(
+                f"vehicle.firmware.parameters.{parameter} = {wanted:g}: the firmware did not take "
+                f"it: {said}"
+            )

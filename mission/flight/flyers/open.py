@@ -1,0 +1,267 @@
+"""Who flies a run: chosen once, when the run is set up."""
+
+import socket
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from flightdyn.errors import FlightInputError
+from flightdyn.plant import Plant
+from mission.base.errors import InputError, LinkLostError
+from mission.base.interrupts import run_flight
+from mission.config.models import LinkConfig
+from mission.flight.fence import fence_of
+from mission.flight.flyers.contact import look_at_vehicle
+from mission.flight.flyers.external import open_external, telemetry_of
+from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
+from mission.flight.flyers.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
+from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.pilot.limits import Demand
+from mission.log.values import Zone
+from mission.scenario.scenario import Ground
+from sitl.errors import SitlInputError
+from sitl.firmware.errors import FirmwareSilentError
+from sitl.firmware.process import check_binary
+from sitl.firmware.vehicle import plant_for
+from sitl.observer import VehicleObserver
+from sitl.vehicle import Vehicle
+
+Say = Callable[[str], None]
+
+
+class Flyers(Protocol):
+    """Opens the flyer of one run."""
+
+    @property
+    def position_source(self) -> str:
+        """Where the run's positions come from, for people."""
+
+    @property
+    def no_resume(self) -> str:
+        """Why the run cannot be resumed, for people; empty where it can."""
+
+    def check(self) -> None:
+        """Refuse what cannot work, before anything is written.
+
+        Raises:
+            LinkLostError: a port is taken; the firmware's binary is not there.
+        """
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """Wait for a vehicle that must be there already; `say` hears what is waited for.
+
+        Raises:
+            LinkLostError, FlightError, InputError: it is not, or not where the devices are.
+        """
+
+    def fence(self) -> tuple[Zone, ...]:
+        """What the vehicle keeps to, as far as it is known here."""
+
+    def open(
+        self, observers: Sequence[VehicleObserver], *, folder: Path, tap: Tap | None, say: Say
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """The flyer, for the length of a block, of a run whose folder is `folder`.
+
+        `tap` goes on the link between pilot and built-in autopilot; `say` hears what people
+        should know of another one.
+        """
+
+
+@dataclass(frozen=True)
+class BuiltInFlyers(Flyers):
+    """Our own autopilot on the simulated aircraft. A run flies it once."""
+
+    ground: Ground
+    vehicle: Vehicle  # on the ground at home
+    position_source = SIMULATED_POSITIONS
+    no_resume = ""
+
+    def check(self) -> None:
+        """Refuse ports that are taken."""
+        check_link(self.ground.config.link)
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """It is always there."""
+
+    def fence(self) -> tuple[Zone, ...]:
+        """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
+        return fence_of((), self.vehicle.autopilot.parameters, self.ground.area)
+
+    def open(
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,  # noqa: ARG002
+        tap: Tap | None,
+        say: Say,  # noqa: ARG002
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """The simulated vehicle."""
+        ground = self.ground
+        return open_simulated(
+            ground.config, self.vehicle, area=ground.area, observers=observers, tap=tap
+        )
+
+
+@dataclass(frozen=True)
+class FirmwareFlyers(Flyers):
+    """A real firmware on the simulated aircraft. A run flies it once."""
+
+    ground: Ground
+    plant: Plant  # on the ground at home
+
+    @property
+    def position_source(self) -> str:
+        """Where the run's positions come from, for people."""
+        name = NAMES[self.ground.config.vehicle.autopilot]
+        return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
+
+    @property
+    def no_resume(self) -> str:
+        """Why the run cannot be resumed."""
+        name = NAMES[self.ground.config.vehicle.autopilot]
+        return f"flown by {name}, whose flights do not repeat to the last bit"
+
+    def check(self) -> None:
+        """Refuse a binary that cannot be started, and ports that are taken."""
+        config = self.ground.config
+        assert config.vehicle.firmware.path is not None
+        try:
+            check_binary(config.vehicle.firmware.path)
+        except FirmwareSilentError as error:
+            raise LinkLostError(str(error)) from None
+        check_link(config.link)
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """It is started with the flight."""
+
+    def fence(self) -> tuple[Zone, ...]:
+        """None that is known here."""
+        return ()
+
+    def open(
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,
+        tap: Tap | None,  # noqa: ARG002
+        say: Say,
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """The firmware, in a folder of its own below `folder`."""
+        return open_firmware(
+            self.ground.config,
+            self.plant,
+            folder / FOLDER,
+            area=self.ground.area,
+            demand=_demand(self.ground),
+            observers=observers,
+            say=say,
+        )
+
+
+@dataclass(frozen=True)
+class ExternalFlyers(Flyers):
+    """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
+
+    ground: Ground
+    no_resume = "flown by an external autopilot"
+
+    @property
+    def position_source(self) -> str:
+        """Where the run's positions come from, for people."""
+        return telemetry_of(self.ground.config.link)
+
+    def check(self) -> None:
+        """Refuse a port that is taken."""
+        check_link(self.ground.config.link)
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """Wait for an autopilot that can be flown."""
+        link = self.ground.config.link
+        say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
+        run_flight(look_at_vehicle(link, area=self.ground.area, say=say))
+
+    def fence(self) -> tuple[Zone, ...]:
+        """Whatever it has, nobody told us."""
+        return ()
+
+    def open(
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,  # noqa: ARG002
+        tap: Tap | None,  # noqa: ARG002
+        say: Say,
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """The autopilot at `link.url`."""
+        ground = self.ground
+        return open_external(
+            ground.config.link,
+            mission=ground.config.mission,
+            area=ground.area,
+            demand=_demand(ground),
+            observers=observers,
+            say=say,
+        )
+
+
+def flyers_for(ground: Ground) -> Flyers:
+    """Who flies over the ground, as its configuration says.
+
+    Raises:
+        InputError: a setting of the vehicle is refused.
+    """
+    config = ground.config
+    if config.link.kind == "external":
+        return ExternalFlyers(ground)
+    home, streams = ground.area.home, ground.streams
+    if config.vehicle.autopilot == "built-in":
+        return BuiltInFlyers(ground, simulated_vehicle(config.vehicle, home=home, streams=streams))
+    try:
+        return FirmwareFlyers(ground, plant_for(config.vehicle, home=home, streams=streams))
+    except (SitlInputError, FlightInputError) as error:
+        raise InputError(str(error)) from None
+
+
+def _demand(ground: Ground) -> Demand:
+    """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
+    mission = ground.config.mission
+    away_m = np.linalg.norm(ground.devices_m - np.array(ground.area.home_m), axis=1)
+    return Demand(
+        speed_mps=mission.speed_mps,
+        altitude_m=mission.altitude_m,
+        distance_m=float(away_m.max(initial=0.0)),
+        acceptance_m=mission.acceptance_radius_m,
+    )
+
+
+def check_link(link: LinkConfig) -> None:
+    """Refuse ports that are taken.
+
+    Raises:
+        LinkLostError: names the key and the port.
+    """
+    if link.kind == "udp":
+        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+    elif link.kind == "external":
+        _check_url(link.url, "link.url")
+    for url in link.gcs:
+        _check_url(url, "link.gcs")
+
+
+def _check_url(url: str, key: str) -> None:
+    host, _, port = url.removeprefix("udpin://").rpartition(":")
+    if url.startswith("udpin://") and port.isdecimal():
+        _check_port(host, int(port), f"{key} = {url}")
+
+
+def _check_port(host: str, port: int, what: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None

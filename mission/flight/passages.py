@@ -1,0 +1,61 @@
+"""When a vehicle passed its stops, by the track that it believes in.
+
+It aims at its stops by its own estimate; where that is the truth as well, so are the instants.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.flight.track import Flight, Passage
+
+Floats = NDArray[np.float64]
+
+_ARRIVED_M = 1.0  # of the closest approach, where a hover follows
+
+
+def passages(
+    flight: Flight,
+    stops_ned_m: Floats,
+    *,
+    reported_ns: Sequence[int | None],
+    hovers: Sequence[bool],
+    sequence: Sequence[int],
+) -> dict[int, Passage]:
+    """When each stop (S, 3) was passed, by `sequence`: closest approach in the track.
+
+    A stop is looked for after the one before it and until the vehicle reported the next one, so
+    that a track that crosses itself is not mistaken; a hover was reached when it began. Reports
+    may be lost: the flight is over, so every stop was passed.
+    """
+    found: dict[int, Passage] = {}
+    after_ns = int(flight.t_ns[0])
+    for index in range(len(stops_ned_m)):
+        later = (t_ns for t_ns in reported_ns[index + 1 :] if t_ns is not None)
+        until_ns = max(next(later, int(flight.t_ns[-1])), after_ns)
+        instant = _closest(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])
+        found[sequence[index]] = flight.at(instant)
+        after_ns = instant
+    return found
+
+
+def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:
+    """The instant in a window at which the track, straight between samples, is closest."""
+    inside = (flight.t_ns > after_ns) & (flight.t_ns < until_ns)
+    instants = np.concatenate(([after_ns], flight.t_ns[inside], [until_ns]))
+    points = np.array([flight.at(int(t_ns)).est_ned_m for t_ns in instants]) - stop
+    best_m, best_ns = float(np.linalg.norm(points[0])), after_ns
+    nearest: list[tuple[float, int]] = [(best_m, best_ns)]
+    for (a, b), (t_a, t_b) in zip(
+        itertools.pairwise(points), itertools.pairwise(instants.tolist()), strict=True
+    ):
+        way = b - a
+        square = float(way @ way)
+        share = min(max(-float(a @ way) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        nearest.append((float(np.linalg.norm(a + share * way)), round(t_a + share * (t_b - t_a))))
+    closest_m, instant = min(nearest)
+    if hovers:
+        return next(t_ns for away_m, t_ns in nearest if away_m <= closest_m + _ARRIVED_M)
+    return instant

@@ -1,0 +1,86 @@
+"""From a MAVSDK URL to a pilot for the vehicle that answers there."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+from mavsdk.asyncio import Configuration, Mavsdk
+from mavsdk.autopilot import Autopilot
+from mavsdk.component_type import ComponentType
+from mavsdk.exceptions import MavsdkError
+from mavsdk.logging import log_subscribe
+
+from mission.base.errors import LinkLostError
+from mission.flight.pilot.calls import log_mavsdk
+from mission.flight.pilot.dialects import ARDUPILOT, PX4
+from mission.flight.pilot.orders import Pilot
+from sitl.links import RawLink
+
+CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
+
+
+def ground_station() -> Mavsdk:
+    """MAVSDK as a ground station, its messages in our log; an asynchronous context manager."""
+    log_subscribe(log_mavsdk)
+    return Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+
+
+def raw_core(mavsdk: Mavsdk) -> Any:
+    """What a raw:// connection takes bytes from and gives them to.
+
+    The asyncio wrapper of mavsdk 4.1 does not pass its two calls on.
+    """
+    return mavsdk._mavsdk
+
+
+@asynccontextmanager
+async def connect(
+    url: str,
+    *,
+    raw_link: RawLink | None = None,
+    stall_timeout_s: float = 30.0,
+    timeout_s: float = CONNECT_TIMEOUT_S,
+) -> AsyncIterator[Pilot]:
+    """Open a MAVSDK connection and yield a pilot for the first autopilot on it.
+
+    With `raw_link`, `url` must be `raw://` and MAVSDK exchanges bytes with a vehicle in this
+    process.
+
+    Raises:
+        LinkLostError: the connection cannot be opened, or no autopilot answers on it within
+            `timeout_s` of wall time.
+    """
+    async with ground_station() as mavsdk:
+        try:
+            await mavsdk.add_any_connection(url)
+        except MavsdkError as error:
+            raise LinkLostError(f"cannot open {url}: {_why(error)}") from None
+        if raw_link is not None:
+            core = raw_core(mavsdk)
+            core.subscribe_raw_bytes_to_be_sent(raw_link.feed)
+            raw_link.attach(core.pass_received_raw_bytes)
+        try:
+            system = await mavsdk.first_autopilot(timeout_s=timeout_s)
+            if system is None:
+                raise LinkLostError(f"no vehicle answered on {url} in {timeout_s:g} s")
+            kind = await system.autopilot_type()
+            dialect = ARDUPILOT if kind == Autopilot.ARDUPILOT else PX4
+            pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)
+            if dialect is ARDUPILOT:
+                await pilot.messages.know_ardupilot()
+            watch = asyncio.create_task(pilot.watch.run())
+            try:
+                yield pilot
+            finally:
+                watch.cancel()
+                with suppress(asyncio.CancelledError):
+                    await watch
+        finally:
+            if raw_link is not None:
+                raw_link.detach()
+
+
+def _why(error: MavsdkError) -> str:
+    """MAVSDK's word for what keeps it from opening a connection, in small letters."""
+    return str(error).rpartition(": ")[2].replace("_", " ").lower()

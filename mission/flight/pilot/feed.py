@@ -1,0 +1,230 @@
+"""The flight of a vehicle that only telemetry tells of, as samples and events for log and track.
+
+MAVSDK's telemetry plugin drops the time stamps, so positions are taken from the messages
+themselves: the clock is the vehicle's own, counted from the first position that can be believed.
+"""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from flightdyn.frames import frozen
+from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
+from mission.base.area import Area
+from mission.flight.pilot.battery import BatteryWatch
+from mission.flight.pilot.clock import VehicleClock
+from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.readiness import Readiness
+from mission.flight.track import Passage
+from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
+
+# Message number and rate: what this package and MAVSDK's plugins live on. Nobody but the vehicle
+# knows what it sends by itself; ArduPilot sends next to nothing.
+STREAMS_HZ = {
+    "SYS_STATUS": (1, 2.0),
+    "GPS_RAW_INT": (24, 2.0),
+    "ATTITUDE_QUATERNION": (31, 10.0),
+    "GLOBAL_POSITION_INT": (33, 20.0),
+    "MISSION_CURRENT": (42, 5.0),
+    "BATTERY_STATUS": (147, 1.0),
+    "HOME_POSITION": (242, 1.0),
+    "EXTENDED_SYS_STATE": (245, 5.0),
+}
+ESTIMATOR_HZ = 2.0
+_UNKNOWN_PERCENT = -1
+_NOTICE = 5  # MAV_SEVERITY
+_INFO = 6
+
+
+class Source(Protocol):
+    """Where a vehicle's messages come from."""
+
+    def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+        """The fields of every message of that name from now on."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a vehicle that flies in our world, and need not be believed."""
+
+    messages: Source  # each one of them, however fast time goes
+    truth: Callable[[int], Moment]  # at an instant of our clock, ns
+    boot_ms: int  # the vehicle's stamp at our time zero
+
+
+class TelemetryFeed:
+    """Turns a vehicle's messages into samples and events.
+
+    Belief is what it says; so is the truth, where nobody knows better.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        *,
+        area: Area,
+        observers: Sequence[VehicleObserver],
+        known: Known | None = None,
+    ) -> None:
+        self._pilot = pilot
+        self._area = area
+        self._observers = observers
+        self._known = known
+        self._heard: Source = pilot.messages if known is None else known.messages
+        self._clock = VehicleClock(None if known is None else known.boot_ms)
+        self._attitude = frozen([1.0, 0.0, 0.0, 0.0])
+        self._rates = frozen([0.0, 0.0, 0.0])
+        self._battery = BatteryState(math.nan, math.nan, math.nan, math.nan)
+        self._moment: tuple[Kinematics, Kinematics] | None = None  # the newest truth and belief
+        self._mode: tuple[str, bool] | None = None
+        self._estimator = ""
+        self._early: list[tuple[EventKind, str, int]] = []  # before there was a position
+        self.readiness = Readiness(pilot.dialect.estimator)
+        self.battery = BatteryWatch()
+        self.first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
+        self.reached_ns: dict[int, int] = {}  # by item: when the vehicle said so
+        pilot.watch.listeners.append(self._take_text)
+
+    @property
+    def here(self) -> Passage | None:
+        """The newest position; None before the first."""
+        if self._moment is None:
+            return None
+        truth, belief = self._moment
+        return Passage(belief.t_ns, truth.pos_ned_m, belief.pos_ned_m)
+
+    @property
+    def battery_remaining(self) -> float:
+        """0..1; NaN where the vehicle does not know."""
+        return self._battery.remaining
+
+    async def ask(self) -> None:
+        """Ask for the streams. A vehicle may refuse what it sends anyway."""
+        messages = self._pilot.messages
+        for number, rate_hz in STREAMS_HZ.values():
+            await messages.stream(number, rate_hz)
+        self.readiness.estimator_promised = await messages.stream(
+            self._pilot.dialect.estimator.number, ESTIMATOR_HZ
+        )
+
+    async def watch(self) -> None:
+        """Follow the messages until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.readiness.watch(self._pilot.messages))
+            group.create_task(self._watch_position())
+            group.create_task(self._watch_attitude())
+            group.create_task(self._watch_battery())
+            group.create_task(self._watch_reached())
+
+    def note(self, text: str, *, severity: int = _NOTICE) -> None:
+        """Put a line about the vehicle into the log, where it is and flies now."""
+        self._happened("status", text, severity)
+
+    def passed(self, seq: int, passage: Passage) -> None:
+        """Tell the observers when an item was reached, which is known afterwards only."""
+        if self._moment is None:
+            return
+        truth, belief = (
+            Kinematics(passage.t_ns, place, now.vel_ned_mps, now.q_frd_to_ned, now.omega_frd_radps)
+            for place, now in zip(
+                (passage.true_ned_m, passage.est_ned_m), self._moment, strict=True
+            )
+        )
+        self._tell(VehicleEvent(passage.t_ns, "reached", f"item {seq}", truth, belief, seq, _INFO))
+
+    async def _watch_position(self) -> None:
+        async for fields in self._heard.of("GLOBAL_POSITION_INT"):
+            if self._moment is None and self.readiness.missing:
+                continue
+            restarts = self._clock.restarts
+            t_ns = self._clock.t_ns(fields["time_boot_ms"])
+            if self._clock.restarts != restarts:
+                self.readiness.forget()
+            if self._moment is not None and t_ns <= self._moment[0].t_ns:
+                continue
+            self._take_position(t_ns, fields)
+
+    def _take_position(self, t_ns: int, fields: dict[str, Any]) -> None:
+        height_m = fields["relative_alt"] / 1e3
+        seen = GeodeticPoint(
+            fields["lat"] / 1e7, fields["lon"] / 1e7, self._area.home.alt_msl_m + height_m
+        )
+        place = self._area.frame.to_ned(seen.lat_deg, seen.lon_deg, seen.alt_msl_m)
+        # Height above home is what the vehicle says, not the plane that touches the globe.
+        position = frozen([float(place[0]), float(place[1]), -height_m])
+        velocity = frozen([fields["vx"] / 1e2, fields["vy"] / 1e2, fields["vz"] / 1e2])
+        belief = Kinematics(t_ns, position, velocity, self._attitude, self._rates)
+        if self._known is None:
+            self._sampled(Moment(belief, self._battery, None), belief)
+        else:
+            self._sampled(self._known.truth(t_ns), belief)
+        if not self.first.done():
+            self.first.set_result(seen)
+
+    def _sampled(self, known: Moment, belief: Kinematics) -> None:
+        """Hand out what there is at one instant, and what changed with it."""
+        truth = known.kinematics
+        self._moment = truth, belief
+        mode, armed = self._pilot.mode, self._pilot.armed
+        self.battery.read(belief.t_ns, self._battery.remaining, flying=self._pilot.flying)
+        sample = VehicleSample(
+            t_ns=belief.t_ns, truth=truth, belief=belief, cmd_pos_ned_m=None, gnss=None,
+            battery=known.battery, mode=mode, armed=armed, wind_ned_mps=known.wind_ned_mps,
+        )  # fmt: skip
+        for observer in self._observers:
+            observer.sampled(sample)
+        early, self._early = self._early, []
+        for kind, text, severity in early:
+            self._happened(kind, text, severity)
+        before, self._mode = self._mode, (mode, armed)
+        if before is None or before[0] != mode:
+            self._happened("mode", mode, _INFO)
+        if before is not None and before[1] != armed:
+            self._happened("armed", "armed" if armed else "disarmed", _INFO)
+        if self.readiness.estimator != self._estimator:
+            self._estimator = self.readiness.estimator
+            self._happened("status", self._estimator, _INFO)
+
+    def _happened(self, kind: EventKind, text: str, severity: int) -> None:
+        if self._moment is None:
+            self._early.append((kind, text, severity))
+            return
+        truth, belief = self._moment
+        self._tell(VehicleEvent(truth.t_ns, kind, text, truth, belief, severity=severity))
+
+    def _tell(self, event: VehicleEvent) -> None:
+        for observer in self._observers:
+            observer.happened(event)
+
+    def _take_text(self, severity: int, text: str) -> None:
+        self._happened("status", text.strip(), severity)
+
+    async def _watch_attitude(self) -> None:
+        async for fields in self._heard.of("ATTITUDE_QUATERNION"):
+            q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
+            self._attitude = frozen(q / np.linalg.norm(q))
+            rates = (fields["rollspeed"], fields["pitchspeed"], fields["yawspeed"])
+            self._rates = frozen(rates)
+
+    async def _watch_battery(self) -> None:
+        async for fields in self._heard.of("BATTERY_STATUS"):
+            percent, consumed = fields["battery_remaining"], fields["current_consumed"]
+            cells = [cell for cell in fields["voltages"] if cell < 65535]
+            current = fields["current_battery"]
+            self._battery = BatteryState(
+                sum(cells) / 1e3,
+                math.nan if current == -1 else current / 1e2,
+                math.nan if consumed == -1 else float(consumed),
+                math.nan if percent == _UNKNOWN_PERCENT else percent / 100,
+            )
+
+    async def _watch_reached(self) -> None:
+        async for fields in self._heard.of("MISSION_ITEM_REACHED"):
+            if self._moment is not None:
+                seq = fields["seq"] - self._pilot.dialect.first_item
+                self.reached_ns.setdefault(seq, self._moment[0].t_ns)
+                self._happened("status", f"item {seq}: reported", _INFO)

@@ -1,0 +1,166 @@
+"""What a vehicle's parameters let it do, against what a flight asks of it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from mission.flight.pilot.parameters import Parameters
+
+_HEIGHT, _RADIUS = 1, 2  # bits of FENCE_TYPE
+_EVERY_KIND = 3
+SET_BY = "link.set_parameters = true sets it for the flight"
+
+
+@dataclass(frozen=True)
+class Name:
+    """A parameter, and what one of its units is in ours."""
+
+    name: str
+    unit: float = 1.0
+
+
+@dataclass(frozen=True)
+class LimitNames:
+    """By what a family of autopilots calls its limits: each under the names of its versions.
+
+    None where it has no such parameter.
+    """
+
+    cruise_mps: tuple[Name, ...]  # speed of legs for which none is ordered
+    speed_mps: tuple[Name, ...]  # fastest, whatever is ordered
+    tilt_deg: tuple[Name, ...]
+    acceptance_m: tuple[Name, ...]  # acceptance radius where the items' own does not count
+    fence_on: tuple[Name, ...]
+    fence_kinds: tuple[Name, ...]  # bits: which of its fences are meant; all where there is none
+    fence_radius_m: tuple[Name, ...]
+    fence_height_m: tuple[Name, ...]
+
+
+# PX4 v1.16: FlightTaskAuto takes the lesser of what a mission orders and MPC_XY_VEL_MAX.
+PX4_LIMITS = LimitNames(
+    cruise_mps=(Name("MPC_XY_CRUISE"),),
+    speed_mps=(Name("MPC_XY_VEL_MAX"),),
+    tilt_deg=(Name("MPC_TILTMAX_AIR"),),
+    acceptance_m=(),
+    fence_on=(Name("GF_ACTION"),),
+    fence_kinds=(),
+    fence_radius_m=(Name("GF_MAX_HOR_DIST"),),
+    fence_height_m=(Name("GF_MAX_VER_DIST"),),
+)
+# ArduCopter: DO_CHANGE_SPEED is not held against WPNAV_SPEED; only its lean limits it.
+ARDUPILOT_LIMITS = LimitNames(
+    cruise_mps=(Name("WPNAV_SPEED", 0.01), Name("WP_SPD")),
+    speed_mps=(),
+    tilt_deg=(Name("ANGLE_MAX", 0.01), Name("ATC_ANGLE_MAX")),
+    acceptance_m=(Name("WPNAV_RADIUS", 0.01), Name("WP_RADIUS_M")),
+    fence_on=(Name("FENCE_ENABLE"),),
+    fence_kinds=(Name("FENCE_TYPE"),),
+    fence_radius_m=(Name("FENCE_RADIUS"),),
+    fence_height_m=(Name("FENCE_ALT_MAX"),),
+)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit as a vehicle has it."""
+
+    name: Name
+    value: float  # in our unit
+
+    @property
+    def raw(self) -> float:
+        """As the vehicle counts it."""
+        return self.value / self.name.unit
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a flight asks of the vehicle."""
+
+    speed_mps: float
+    altitude_m: float  # above home
+    distance_m: float  # farthest from home
+    acceptance_m: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The limits that a vehicle told, by the fields of `LimitNames`; those it lacks are missing."""
+
+    told: dict[str, Limit] = field(default_factory=dict)
+
+    def value(self, what: str, *, otherwise: float) -> float:
+        """A limit in our unit."""
+        limit = self.told.get(what)
+        return otherwise if limit is None else limit.value
+
+    @property
+    def speed_mps(self) -> float:
+        """The fastest that it will fly, by its parameters; infinity where none says."""
+        return self.value("speed_mps", otherwise=math.inf)
+
+    def lines(self) -> list[str]:
+        """The parameters behind them, one a line, as the vehicle counts."""
+        return [f"{limit.name.name} = {limit.raw:g}" for limit in self.told.values()]
+
+    def adjustments(self, demand: Demand) -> dict[str, tuple[float, float]]:
+        """By parameter: its value, and the one with which the demand can be flown.
+
+        Speed and acceptance radius only: lean and fence are there to protect the vehicle.
+        """
+        changes = {}
+        speed, radius = self.told.get("speed_mps"), self.told.get("acceptance_m")
+        if speed is not None and speed.value < demand.speed_mps:
+            changes[speed.name.name] = (speed.raw, demand.speed_mps / speed.name.unit)
+        if radius is not None and radius.value > demand.acceptance_m:
+            changes[radius.name.name] = (radius.raw, demand.acceptance_m / radius.name.unit)
+        return changes
+
+    def shortfalls(self, demand: Demand, *, adjusted: bool) -> Sequence[str]:
+        """What of the demand will not be flown as asked, a phrase each, parameters named."""
+        return [*([] if adjusted else self._correctable(demand)), *self._beyond_fence(demand)]
+
+    def _correctable(self, demand: Demand) -> list[str]:
+        phrases = []
+        speed, radius = self.told.get("speed_mps"), self.told.get("acceptance_m")
+        if speed is not None and speed.value < demand.speed_mps:
+            phrases.append(
+                f"{speed.value:g} m/s at most ({speed.name.name} = {speed.raw:g}), "
+                f"{demand.speed_mps:g} asked; {SET_BY}"
+            )
+        if radius is not None and radius.value > demand.acceptance_m:
+            phrases.append(
+                f"corners cut by up to {radius.value:g} m ({radius.name.name} = {radius.raw:g}), "
+                f"{demand.acceptance_m:g} asked; {SET_BY}"
+            )
+        return phrases
+
+    def _beyond_fence(self, demand: Demand) -> list[str]:
+        if self.value("fence_on", otherwise=0.0) == 0.0:
+            return []
+        kinds = int(self.value("fence_kinds", otherwise=_EVERY_KIND))
+        asked = {
+            "fence_height_m": (_HEIGHT, demand.altitude_m, "above"),
+            "fence_radius_m": (_RADIUS, demand.distance_m, "from"),
+        }
+        return [
+            f"its fence ends {limit.value:g} m {where} home ({limit.name.name}), {wanted_m:.0f} "
+            "asked: it will not let the mission pass"
+            for what, (kind, wanted_m, where) in asked.items()
+            # 0 means that there is none.
+            if kinds & kind
+            and (limit := self.told.get(what)) is not None
+            and 0.0 < limit.value < wanted_m
+        ]
+
+
+async def read_limits(parameters: Parameters, names: LimitNames) -> Limits:
+    """Ask the vehicle for its limits."""
+    told = {}
+    for what, alternatives in vars(names).items():
+        for name in alternatives:
+            value = await parameters.get(name.name)
+            if value is not None:
+                told[what] = Limit(name, value * name.unit)
+                break
+    return Limits(told)

@@ -1,0 +1,73 @@
+"""MAVLink messages of one vehicle as fields, and commands to it, beside MAVSDK's plugins."""
+
+import json
+import logging
+from collections.abc import AsyncIterator
+from typing import Any
+
+from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mavlink_direct import MavlinkMessage
+
+from mission.flight.pilot.calls import settled
+
+logger = logging.getLogger(__name__)
+
+ACCEPTED = 0  # MAV_RESULT
+SET_MESSAGE_INTERVAL = 511
+DO_SET_MODE = 176
+CUSTOM_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+
+# MAVSDK brings the common messages only. From ardupilotmega.xml of pymavlink 2.4.50.
+_ARDUPILOT = """<?xml version="1.0"?>
+<mavlink><messages><message id="193" name="EKF_STATUS_REPORT">
+<description>EKF Status message including flags and variances.</description>
+<field type="uint16_t" name="flags">Flags.</field>
+<field type="float" name="velocity_variance">Velocity variance.</field>
+<field type="float" name="pos_horiz_variance">Horizontal Position variance.</field>
+<field type="float" name="pos_vert_variance">Vertical Position variance.</field>
+<field type="float" name="compass_variance">Compass variance.</field>
+<field type="float" name="terrain_alt_variance">Terrain Altitude variance.</field>
+<extensions/>
+<field type="float" name="airspeed_variance">Airspeed variance.</field>
+</message></messages></mavlink>"""
+
+
+class Messages:
+    """The messages that one vehicle sends, by name, and the commands that it acknowledges."""
+
+    def __init__(self, system: Any) -> None:
+        self._system = system
+        self._direct = MavlinkDirectAsync(system)
+
+    async def know_ardupilot(self) -> None:
+        """Learn the messages that only ArduPilot sends."""
+        await settled(self._direct.load_custom_xml(_ARDUPILOT))
+
+    async def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+        """The fields of every message of that name from now on."""
+        async for message in self._direct.subscribe_message(name):
+            yield json.loads(message.fields_json)
+
+    async def command(self, number: int, *params: float) -> int | None:
+        """Give a MAV_CMD; the MAV_RESULT of its acknowledgement, None where none came."""
+        target = await self._system.get_system_id()
+        values = (*params, *(0.0,) * 7)[:7]
+        fields = {
+            "target_system": target, "target_component": 1, "confirmation": 0, "command": number,
+            **{f"param{index}": value for index, value in enumerate(values, start=1)},
+        }  # fmt: skip
+        order = MavlinkMessage("COMMAND_LONG", 0, 0, target, 1, json.dumps(fields))
+        try:
+            answer = await settled(self._direct.send_command(order))
+        except MavsdkError as error:
+            logger.info("no answer to command %d: %s", number, error)
+            return None
+        return int(json.loads(answer.fields_json)["result"])
+
+    async def stream(self, number: int, rate_hz: float) -> bool:
+        """Ask for a message again and again; whether the vehicle agreed."""
+        result = await self.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz)
+        if result != ACCEPTED:
+            logger.info("the vehicle refuses to stream message %d: %s", number, result)
+        return result == ACCEPTED

@@ -1,0 +1,243 @@
+"""Orders to one vehicle, each awaited until telemetry says that it was carried out."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.info import InfoAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mission_raw import MissionItem
+from mavsdk.plugins.telemetry import FlightMode, LandedState
+
+from flightdyn.state import GeodeticPoint
+from mission.base.errors import FlightError, LinkLostError
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.pilot.calls import reason, settled
+from mission.flight.pilot.dialects import PX4, Dialect
+from mission.flight.pilot.items import as_dialect, mission_items, same_mission
+from mission.flight.pilot.messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
+from mission.flight.pilot.parameters import Parameters
+from mission.flight.pilot.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+POLL_S = 0.01  # wall time between looks at a condition that telemetry may have met
+UPLOAD_ATTEMPTS = 3
+# After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
+MODE_GRACE_S = 2.0
+REASON_POLLS = 100  # a second
+TAKE_OFF_TOLERANCE_M = 2.0
+
+
+class Pilot:
+    """Flies one vehicle over one MAVSDK system, while its `watch` runs; see `connect`."""
+
+    def __init__(self, system: Any, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
+        self.system = system
+        self.dialect = dialect
+        self.watch = Watch(system)
+        self.messages = Messages(system)
+        self.parameters = Parameters(system)
+        self._action = ActionAsync(system)
+        self._mission = MissionRawAsync(system)
+        self._stall_timeout_s = stall_timeout_s
+
+    @property
+    def mode(self) -> str:
+        """The flight mode, by MAVSDK's name."""
+        return str(self.watch.mode.name)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are released."""
+        return self.watch.armed
+
+    @property
+    def flying(self) -> bool:
+        """Whether the vehicle is off the ground, by its own word."""
+        return self.watch.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF)
+
+    @property
+    def _landed(self) -> bool:
+        return self.watch.landed == LandedState.ON_GROUND and not self.watch.armed
+
+    async def ready(self) -> None:
+        """Wait until the vehicle says that it can be armed.
+
+        Raises:
+            LinkLostError: it falls silent, or never becomes ready.
+        """
+        await self._until(lambda: self.watch.armable, "become ready to arm")
+
+    async def arm(self) -> None:
+        """Release the motors, in a mode that takes no vehicle without a position."""
+        mode = self.dialect.arming_mode
+        if mode is not None:
+            self.watch.order_given()
+            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, mode.custom) != ACCEPTED:
+                raise await self._refused("take the mode to arm in")
+            # Before it is seen MAVSDK may order a hold, in whose mode ArduCopter cannot be armed.
+            await self._until(lambda: self.mode == mode.shown, "take the mode to arm in")
+        await self._order("arm", self._action.arm())
+        await self._until(lambda: self.watch.armed, "arm")
+
+    async def take_off(self, alt_rel_m: float) -> None:
+        """Arm, climb, and wait for the hover at `alt_rel_m` above home."""
+        await self._order("set the take-off altitude", self._action.set_takeoff_altitude(alt_rel_m))
+        await self.arm()
+        await self._order("take off", self._action.takeoff())
+        # Telemetry of one instant arrives in several messages, so all of it must agree.
+        await self._until(
+            lambda: (
+                self.watch.landed == LandedState.IN_AIR
+                and self.mode in self.dialect.resting
+                and abs(self.watch.alt_rel_m - alt_rel_m) < TAKE_OFF_TOLERANCE_M
+            ),
+            f"climb to {alt_rel_m:g} m and hold there",
+        )
+
+    async def upload(self, plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> None:
+        """Upload the stops at `positions`.
+
+        Raises:
+            FlightError: the vehicle refuses the mission.
+        """
+        await self.upload_items(mission_items(plan, positions))
+
+    async def fly(self) -> None:
+        """Start the mission that was uploaded, and wait for the end at its last stop.
+
+        Raises:
+            FlightError: the vehicle leaves it, or misses its end.
+        """
+        await self.carry_out()
+        await self._until(
+            lambda: self.mode in self.dialect.resting, "hold its position after the mission"
+        )
+
+    async def carry_out(self, *, lands: bool = False) -> None:
+        """Start any mission that was uploaded, and wait until the vehicle has carried it out.
+
+        One that `lands` is over when the motors are off, whatever the vehicle says of the mission.
+
+        Raises:
+            FlightError: the vehicle leaves it, or misses its end.
+        """
+        await self._order("start the mission", self._mission.start_mission())
+        loop = asyncio.get_running_loop()
+        left_at: float | None = None
+        while not await self._call("report the mission", self._mission.is_mission_finished()):
+            self._check_alive("finish the mission")
+            if lands and self._landed:
+                return
+            if self.watch.mode == FlightMode.MISSION:
+                left_at = None
+            elif left_at is None:
+                left_at = loop.time()
+            elif loop.time() - left_at > MODE_GRACE_S:
+                said = _because(self.watch.last_warning)
+                raise FlightError(f"the vehicle left the mission for {self.mode}{said}")
+            await asyncio.sleep(POLL_S)
+
+    async def version(self) -> str:
+        """The version that the vehicle says its software is; empty where it does not."""
+        try:
+            said = await settled(InfoAsync(self.system).get_version())
+        except MavsdkError as error:
+            logger.info("no version: %s", error)
+            return ""
+        number = f"{said.flight_sw_major}.{said.flight_sw_minor}.{said.flight_sw_patch}"
+        return f"{number} {said.flight_sw_git_hash}" if self.dialect.tells_commit else number
+
+    async def upload_fence(self, items: list[MissionItem]) -> None:
+        """Upload a geofence."""
+        await self._order("take the geofence", self._mission.upload_geofence(items))
+
+    async def upload_rally(self, items: list[MissionItem]) -> None:
+        """Upload the places beside home that a return may lead to."""
+        await self._order("take the rally points", self._mission.upload_rally_points(items))
+
+    async def landed(self) -> None:
+        """Wait until the vehicle stands on the ground with its motors off."""
+        await self._until(lambda: self._landed, "land and disarm")
+
+    async def land(self) -> None:
+        """Return to home, land, and wait until the motors are off."""
+        await self._order("return and land", self._action.return_to_launch())
+        await self.landed()
+
+    async def hold(self) -> None:
+        """Stop and hover where the vehicle is."""
+        await self._order("hold", self._action.hold())
+
+    async def upload_items(self, items: Sequence[MissionItem]) -> None:
+        """Upload any mission, numbered from 0, and make its first item the next.
+
+        Raises:
+            FlightError: the vehicle refuses it.
+        """
+        await self._upload(as_dialect(items, self.dialect))
+
+    async def _upload(self, items: list[MissionItem]) -> None:
+        self.watch.order_given()
+        refusal: MavsdkError | None = None
+        for attempt in range(1, UPLOAD_ATTEMPTS + 1):
+            try:
+                await settled(self._mission.upload_mission(items))
+                back = await settled(self._mission.download_mission())
+            except MavsdkError as error:
+                logger.info("mission upload, attempt %d: %s", attempt, error)
+                self._check_alive("take a mission")
+                refusal = error
+                continue
+            if same_mission(items, back, self.dialect):
+                rewind = self._mission.set_current_mission_item(self.dialect.first_item)
+                await self._order("rewind the mission", rewind)
+                return
+            refusal = None
+        if refusal is not None:
+            raise await self._refused(f"take the mission of {len(items)} items", refusal)
+        raise FlightError(f"the vehicle holds another mission than the {len(items)} items uploaded")
+
+    async def _order(self, what: str, call: Awaitable[Any]) -> Any:
+        """Give an order: a refusal is explained by the first warning after it."""
+        self.watch.order_given()
+        return await self._call(what, call)
+
+    async def _call(self, what: str, call: Awaitable[Any]) -> Any:
+        try:
+            return await settled(call)
+        except MavsdkError as error:
+            raise await self._refused(what, error) from None
+
+    async def _refused(self, what: str, error: MavsdkError | None = None) -> FlightError:
+        """The vehicle's own words may come a little after its refusal."""
+        for _ in range(REASON_POLLS):
+            if self.watch.first_warning:
+                break
+            await asyncio.sleep(POLL_S)
+        said = _because(self.watch.first_warning)
+        why = "" if error is None else f": {reason(error)}"
+        return FlightError(f"the vehicle did not {what}{why}{said}")
+
+    async def _until(self, met: Callable[[], bool], what: str) -> None:
+        while not met():
+            self._check_alive(what)
+            await asyncio.sleep(POLL_S)
+
+    def _check_alive(self, what: str) -> None:
+        watch = self.watch
+        if watch.crash:
+            raise FlightError(f"the aircraft is lost; it said: {watch.crash}")
+        if watch.silence_s > self._stall_timeout_s:
+            raise LinkLostError(
+                f"no sign of the vehicle for {watch.silence_s:.0f} s while it should {what}"
+                f"{_because(watch.last_warning)}"
+            )
+
+
+def _because(said: str) -> str:
+    return f" (it said: {said})" if said else ""

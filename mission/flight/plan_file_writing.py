@@ -1,0 +1,68 @@
+"""A round's flight as a QGroundControl `.plan` file, for ground stations to show or to fly.
+
+Format: QGroundControl developer guide, "Plan File Format".
+"""
+
+import json
+import math
+from pathlib import Path
+
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.base.run_folder import write_atomically
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.pilot.items import DO_CHANGE_SPEED, mission_items
+
+_FRAME_MISSION, _FRAME_RELATIVE = 2, 3
+_PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE
+
+
+def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
+    """Write a round's flight as a `.plan` file: the very items that are uploaded.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    items = []
+    for item in mission_items(plan, plan.positions(area)):
+        place = item.command != DO_CHANGE_SPEED
+        params = [_or_null(v) for v in (item.param1, item.param2, item.param3, item.param4)]
+        where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
+        items.append(
+            {
+                **(where if place else {}),
+                "autoContinue": True,
+                "command": item.command,
+                "doJumpId": item.seq + 1,
+                "frame": _FRAME_RELATIVE if place else _FRAME_MISSION,
+                "params": [*params, item.x / 1e7, item.y / 1e7, item.z],
+                "type": "SimpleItem",
+            }
+        )
+    home = area.home
+    document = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "Aerofed",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
+        "mission": {
+            "version": 2,
+            "firmwareType": _PX4,
+            "vehicleType": _MULTIROTOR,
+            "cruiseSpeed": plan.speed_mps,
+            "hoverSpeed": plan.speed_mps,
+            "globalPlanAltitudeMode": 1,
+            "plannedHomePosition": [home.lat_deg, home.lon_deg, home.alt_msl_m],
+            "items": items,
+        },
+    }
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot write: {error.strerror}") from None
+    write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def _or_null(value: float) -> float | None:
+    return None if math.isnan(value) else value

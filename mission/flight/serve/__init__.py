@@ -1,0 +1,1 @@
+"""Simulated vehicles that stand alone, served to ground stations or to a firmware."""

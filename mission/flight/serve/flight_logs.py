@@ -1,0 +1,59 @@
+"""Flight logs of a vehicle that stands alone: a file from each arming to the disarming after it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.log.values import Devices
+from mission.log.write.writer import FlightLog
+from sitl.observer import VehicleEvent, VehicleSample
+
+_NAME = "flight-{:04d}.mcap"
+_NOBODY = Devices(np.zeros((0, 2)), ())
+
+
+class FlightLogs:
+    """Writes `flight-0001.mcap` and on into a folder. A `VehicleObserver`; close it at the end."""
+
+    def __init__(self, folder: Path, *, area: Area) -> None:
+        """Make the folder where it is not there; files in it stay.
+
+        Raises:
+            InputError: it cannot be made.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from None
+        self._folder = folder
+        self._area = area
+        self._log: FlightLog | None = None
+        self.being_written: Path | None = None
+
+    def sampled(self, sample: VehicleSample) -> None:
+        if self._log is not None:
+            self._log.sampled(sample)
+
+    def happened(self, event: VehicleEvent) -> None:
+        armed = event.kind == "armed" and event.text == "armed"
+        if armed and self._log is None:
+            self.being_written = self._next()
+            self._log = FlightLog(self.being_written, area=self._area, devices=_NOBODY)
+        if self._log is not None:
+            self._log.happened(event)
+        if event.kind == "armed" and not armed:
+            self.close()
+
+    def close(self) -> None:
+        """Complete the file that is being written."""
+        if self._log is not None:
+            self._log.close()
+        self._log = self.being_written = None
+
+    def _next(self) -> Path:
+        number = 1
+        while (path := self._folder / _NAME.format(number)).exists():
+            number += 1
+        return path

@@ -1,0 +1,1 @@
+"""Logs in other programs' formats: CSV, Parquet, KML, MAVLink telemetry logs."""

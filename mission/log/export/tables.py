@@ -1,0 +1,189 @@
+"""A log as tables, written as CSV, and the files inside it."""
+
+import csv
+import math
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base.errors import InputError
+from mission.log.errors import LogError
+from mission.log.read.reader import read_log
+from mission.log.values import FlightData, Floats, InnovationTrack, PlanRecord
+
+Column: TypeAlias = Sequence[Any] | NDArray[Any]
+Tables: TypeAlias = dict[str, dict[str, Column]]
+
+
+def tables(data: FlightData) -> Tables:
+    """The log's contents as tables by name; columns carry their units.
+
+    `track`: a row a sample; `plans`: a row a step; `devices`, `rounds`, `uplinks`, `learning`,
+    `events`, `battery`, `wind`, `innovations`. Positions are area coordinates, times simulated
+    seconds.
+    """
+    truth, belief = data.truth, data.belief
+    battery = data.battery
+    return {
+        "track": {
+            "t_s": truth.t_ns / 1e9,
+            **_axes("true", truth.pos_m),
+            **_axes("est", belief.pos_m),
+        },
+        "plans": _columns(row for plan in data.plans for row in _plan_rows(plan)),
+        "devices": {
+            "device": np.arange(len(data.devices.community)),
+            "community": data.devices.community,
+            "x_m": data.devices.pos_m[:, 0],
+            "y_m": data.devices.pos_m[:, 1],
+        },
+        "rounds": _columns(
+            {
+                **{k: v for k, v in asdict(record).items() if k not in ("accuracy", "cov")},
+                **{f"accuracy_{name}": value for name, value in record.accuracy.items()},
+                **{f"cov_{name}": value for name, value in record.cov.items()},
+            }
+            for record in data.rounds
+        ),
+        "uplinks": _columns(asdict(record) for record in data.uplinks),
+        "learning": _columns(
+            {"t_s": r.t_ns / 1e9, **{k: v for k, v in asdict(r).items() if k != "t_ns"}}
+            for r in data.learning
+        ),
+        "events": _columns(
+            {
+                "t_s": event.t_ns / 1e9, "kind": event.kind, "text": event.text,
+                "seq": math.nan if event.seq is None else event.seq, "severity": event.severity,
+                "true_x_m": event.true_m[0], "true_y_m": event.true_m[1],
+                "true_alt_m": event.true_m[2],
+            }
+            for event in data.events
+        ),
+        "battery": {
+            "t_s": battery.t_ns / 1e9, "voltage_v": battery.voltage_v,
+            "current_a": battery.current_a, "consumed_mah": battery.consumed_mah,
+            "remaining": battery.remaining,
+        },
+        "wind": {
+            "t_s": data.wind.t_ns / 1e9,
+            **{
+                f"{name}_mps": data.wind.vel_mps[:, axis]
+                for axis, name in enumerate(("east", "north", "up"))
+            },
+        },
+        "innovations": _columns(
+            row for kind, track in data.innovations.items() for row in _innovation_rows(kind, track)
+        ),
+    }  # fmt: skip
+
+
+def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
+    """Write every table with a row to `folder` as CSV; returns the files.
+
+    A text that a spreadsheet would compute gets an apostrophe in front.
+
+    Raises:
+        LogError: the log cannot be read. InputError: the folder is used or cannot be written.
+    """
+    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
+    with new_folder(folder) as partial:
+        for name, columns in found.items():
+            with (partial / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(columns)
+                rows = (_texts(column) for column in columns.values())
+                writer.writerows(zip(*rows, strict=True))
+    return tuple(folder / f"{name}.csv" for name in found)
+
+
+def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
+    """Write the files inside the log to `folder`; returns the files.
+
+    Raises:
+        LogError: the log cannot be read, or an attachment's name is no plain file name.
+        InputError: the folder is used or cannot be written.
+    """
+    found = read_log(path).attachments
+    for name in found:
+        if Path(name).name != name:
+            raise LogError(path, f"attachment {name!r} is no plain file name")
+    with new_folder(folder) as partial:
+        for name, data in found.items():
+            (partial / name).write_bytes(data)
+    return tuple(folder / name for name in found)
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to write into, which becomes `folder` when all went well and vanishes otherwise.
+
+    Raises:
+        InputError: `folder` holds something, or cannot be written.
+    """
+    partial = folder.with_name(f".{folder.name}.partial")
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder}: the output folder is already used")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield partial
+        partial.replace(folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:
+    for step, (x, y) in enumerate(plan.waypoints_m.tolist()):
+        served = np.flatnonzero(plan.schedule[step]).tolist()
+        yield {
+            "round": plan.round,
+            "step": step,
+            "x_m": x,
+            "y_m": y,
+            "ideal_slot_s": float(plan.ideal_slot_s[step]),
+            "devices": " ".join(map(str, served)),
+        }
+
+
+def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, Any]]:
+    """A row a measured value: a position has three."""
+    names = ("north", "east", "down") if track.values.shape[1] == 3 else ("",)
+    for index, t_ns in enumerate(track.t_ns.tolist()):
+        for axis, name in enumerate(names):
+            yield {
+                "t_s": t_ns / 1e9, "sensor": kind, "axis": name,
+                "value": float(track.values[index, axis]), "std": float(track.stds[index, axis]),
+                "ratio": float(track.ratio[index]), "accepted": bool(track.accepted[index]),
+            }  # fmt: skip
+
+
+def _columns(rows: Iterable[dict[str, Any]]) -> dict[str, Column]:
+    rows = list(rows)
+    return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
+
+
+def _axes(prefix: str, pos_m: Floats) -> dict[str, Column]:
+    return {f"{prefix}_{name}_m": pos_m[:, axis] for axis, name in enumerate(("x", "y", "alt"))}
+
+
+# With one of these in front a spreadsheet takes a cell for something to compute.
+_COMPUTED = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def _texts(column: Column) -> Iterable[str]:
+    values = column.tolist() if isinstance(column, np.ndarray) else column
+    for value in values:
+        if isinstance(value, bool):
+            yield "true" if value else "false"
+        elif isinstance(value, str):
+            yield f"'{value}" if value.startswith(_COMPUTED) else value
+        else:
+            yield repr(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,1 @@
+"""The log's topics over a WebSocket while the run goes on."""

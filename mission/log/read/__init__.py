@@ -1,0 +1,1 @@
+"""Logs read back: framing, verification, salvage, values."""

@@ -1,0 +1,1 @@
+"""A run's events as log messages, written while they happen."""

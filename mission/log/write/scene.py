@@ -1,0 +1,193 @@
+"""What the 3D and map panels show beside the aircraft: ground, devices, links, plan."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from foxglove import messages as fox
+
+from mission.base import palette
+from mission.base.area import Area
+from mission.log.records import UplinkRecord
+from mission.log.topics import FRAME
+from mission.log.values import Devices, Floats, PlanRecord, Zone
+from mission.log.write.messages import geojson, timestamp
+
+_LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
+_DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
+_LABEL_M = 18.0  # so far above what it names that it does not hide it
+_TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+_OCTAGON = np.column_stack((np.cos(_TURN), np.sin(_TURN)))  # (8, 2) what a disc is on the map
+
+
+def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
+    """SceneUpdate of the area's edge, the take-off point and the fence."""
+    width, height = area.size_m
+    corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
+    edge = _loop(corners, palette.PLANNED, thickness=2.0)
+    home = fox.CylinderPrimitive(
+        pose=_at(*area.home_m, 0.1),
+        size=fox.Vector3(x=12.0, y=12.0, z=0.2),
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=_colour(palette.rgb(palette.PLANNED), 0.9),
+    )
+    return _update(
+        [
+            _entity(t_ns, "area", lines=[edge]),
+            _entity(t_ns, "home", cylinders=[home], texts=[_label(*area.home_m, _LABEL_M, "home")]),
+            *(_zone(t_ns, f"fence {index}", zone) for index, zone in enumerate(fence)),
+        ]
+    )
+
+
+def _zone(t_ns: int, name: str, zone: Zone) -> Any:
+    """A loop on the ground, and what it is at its first corner."""
+    corners = zone.outline_m.tolist()
+    x, y = corners[0]
+    return _entity(
+        t_ns,
+        name,
+        lines=[_loop(corners, palette.FENCE, thickness=3.0)],
+        texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no entry")],
+        metadata=[fox.KeyValuePair(key="keep", value="in" if zone.keep_in else "out")],
+    )
+
+
+def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
+    """SceneUpdate of the devices: colour says community, size says importance."""
+    sizes_m = _sizes_m(importance)
+    entities = []
+    for k, (xy, community) in enumerate(zip(world.pos_m.tolist(), world.community_of, strict=True)):
+        size = sizes_m[k]
+        colour = palette.rgb(palette.community_colour(int(community)))
+        body = fox.SpherePrimitive(
+            pose=_at(xy[0], xy[1], size / 2),
+            size=fox.Vector3(x=size, y=size, z=size),
+            color=_colour(colour, 1.0),
+        )
+        facts = {
+            "device": str(k),
+            "community": world.community[k],
+            "importance": repr(float(importance[k])),
+        }
+        entities.append(
+            _entity(
+                t_ns,
+                f"device {k}",
+                spheres=[body],
+                texts=[_label(xy[0], xy[1], size + _LABEL_M, str(k))],
+                metadata=[fox.KeyValuePair(key=key, value=value) for key, value in facts.items()],
+            )
+        )
+    return _update(entities)
+
+
+def _sizes_m(importance: Floats) -> list[float]:
+    """Diameters of the devices; the areas of their discs grow with importance."""
+    largest = float(importance.max(initial=0.0))
+    small, large = _DEVICE_SIZE_M
+    shares = (float(item) / largest if largest > 0 else 0.0 for item in importance)
+    return [small + (large - small) * math.sqrt(max(share, 0.0)) for share in shares]
+
+
+def link(t_ns: int, record: UplinkRecord, world: Devices) -> bytes:
+    """SceneUpdate of one transmission: colour says true PER, a thin line that it was lost."""
+    x, y = world.pos_m[record.device].tolist()
+    line = fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=4.0 if record.delivered else 1.5,
+        scale_invariant=True,
+        points=[
+            fox.Point3(x=record.true_x_m, y=record.true_y_m, z=record.true_alt_m),
+            fox.Point3(x=x, y=y, z=0.0),
+        ],
+        color=_colour(palette.per_colour(record.true_per), 0.95),
+    )
+    entity = _entity(t_ns, f"link {record.device}", lines=[line], lifetime=_LINK_SHOWN)
+    return _update([entity])
+
+
+def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord) -> bytes:
+    """GeoJson of the devices, the planned path and the fence, for the map panel.
+
+    Devices are discs: of a point viewers make a pin, which has no colour and hides the path.
+    """
+    features: list[Mapping[str, Any]] = [
+        _feature(
+            "LineString",
+            _lonlat(area, plan.waypoints_m, plan.altitude_m),
+            {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
+        )
+    ]
+    sizes_m = _sizes_m(plan.importance)
+    for k, community in enumerate(world.community_of):
+        ring = _ring(area, world.pos_m[k] + sizes_m[k] / 2 * _OCTAGON)
+        style = {"color": palette.community_colour(int(community)), "fillOpacity": 0.9}
+        name = f"device {k} ({world.community[k]})"
+        features.append(_feature("Polygon", [ring], {"name": name, "style": style}))
+    for zone in fence:
+        style = {"color": palette.FENCE, "weight": 2}
+        name = "fence" if zone.keep_in else "no entry"
+        ring = _ring(area, zone.outline_m)
+        features.append(_feature("LineString", ring, {"name": name, "style": style}))
+    return geojson(features)
+
+
+def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
+    """Corners (n, 2) in degrees, the first again at the end."""
+    around = _lonlat(area, corners_m, 0.0)
+    return [*around, around[0]]
+
+
+def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, float]]:
+    frame = area.frame
+    points = [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
+    return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
+
+
+def _feature(kind: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": dict(properties),
+    }
+
+
+def _at(x: float, y: float, z: float) -> Any:
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(w=1.0))
+
+
+def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) -> Any:
+    return fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineLoop,
+        thickness=thickness,
+        scale_invariant=True,
+        points=[fox.Point3(x=x, y=y, z=0.0) for x, y in corners],
+        color=_colour(palette.rgb(colour), 0.9),
+    )
+
+
+def _label(x: float, y: float, z: float, text: str) -> Any:
+    return fox.TextPrimitive(
+        pose=_at(x, y, z),
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=_colour(palette.rgb(palette.FLOWN), 1.0),
+        text=text,
+    )
+
+
+def _colour(rgb: palette.RGB, alpha: float) -> Any:
+    return fox.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=alpha)
+
+
+def _entity(t_ns: int, name: str, **parts: Any) -> Any:
+    return fox.SceneEntity(timestamp=timestamp(t_ns), frame_id=FRAME, id=name, **parts)
+
+
+def _update(entities: Sequence[Any]) -> bytes:
+    data: bytes = fox.SceneUpdate(entities=list(entities)).encode()
+    return data

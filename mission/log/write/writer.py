@@ -1,0 +1,252 @@
+"""Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from mission.base.area import Area
+from mission.log import topics
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.topics import Topic
+from mission.log.values import NS_PER_S, Devices, Floats, PlanRecord, Zone, area_to_text
+from mission.log.write import messages, scene
+from mission.log.write.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
+from mission.log.write.classic_layout import classic
+from mission.log.write.layout import ATTACHMENT as LAYOUT
+from mission.log.write.layout import layout
+from mission.log.write.rates import LogRates
+from mission.log.write.sink import McapSink, Sink
+from mission.log.write.vehicle import NOTICE, VehicleTopics
+from mission.planner.problem import RoundPlan, RoundProblem
+from sitl.observer import VehicleEvent, VehicleSample
+
+_FRAME_S = 0.05  # wall time after which a viewer is shown what is new
+
+
+class FlightLog:
+    """The log of one run. A `VehicleObserver`; use it as a context manager.
+
+    Whatever happened up to a second of simulated time ago is out of this process's hands, so a
+    killed run loses at most that; leaving the context, also by an exception, completes the file.
+    The same run gives the same bytes.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        area: Area,
+        devices: Devices,
+        fence: Sequence[Zone] = (),
+        rates: LogRates | None = None,
+        mirrors: Sequence[Sink] = (),
+        raw_mavlink: bool = False,
+    ) -> None:
+        """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
+
+        `raw_mavlink`: whether `mavlink` will be called.
+
+        Raises:
+            LogError: the file cannot be made.
+        """
+        self._area = area
+        self._frame = area.frame
+        self._devices = devices
+        self._fence = tuple(fence)
+        self._file = McapSink(path, raw=raw_mavlink)
+        self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
+        self._mirrored = bool(mirrors)
+        self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
+        self._now_ns = 0
+        self._flushed_ns = 0
+        self._shown_s = 0.0
+        self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
+        self._write_world(0)
+        look = layout(area, devices.communities)
+        self.attach(LAYOUT, "application/json", look)
+        self.attach(CLASSIC_LAYOUT, "application/json", classic(look))
+
+    def sampled(self, sample: VehicleSample) -> None:
+        """Take one sample of the vehicle; it is written within a second of simulated time."""
+        self._now_ns = sample.t_ns
+        self._vehicle.take(sample)
+        if sample.t_ns - self._flushed_ns >= NS_PER_S:
+            self._flush()
+        elif self._mirrored and time.monotonic() - self._shown_s >= _FRAME_S:
+            self._show()
+
+    def happened(self, event: VehicleEvent) -> None:
+        """Write one event: a line for people, a record for programs."""
+        self._now_ns = event.t_ns
+        self._vehicle.write_taken()
+        self._vehicle.event(event)
+
+    def plan(
+        self,
+        t_ns: int,
+        round_number: int,
+        problem: RoundProblem,
+        plan: RoundPlan,
+        *,
+        speed_mps: float,
+        ideal_slot_s: Sequence[float] | None = None,
+        height_m: Floats | None = None,
+    ) -> None:
+        """Write a round's plan at the instant at which the round starts.
+
+        `ideal_slot_s` (N,) says when each step would be passed, in seconds after the start, by
+        an aircraft that is always at its planned speed; by default the path length to the step
+        over `speed_mps`. A plan that hovers has to say it. `height_m` (N,) is above home; by
+        default the problem's altitude everywhere.
+        """
+        self._now_ns = t_ns
+        if ideal_slot_s is None:
+            legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
+            ideal_slot_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
+        written = PlanRecord(
+            round=round_number,
+            t_ns=t_ns,
+            waypoints_m=plan.waypoints_m,
+            schedule=plan.schedule,
+            importance=problem.importance,
+            value=plan.value,
+            upper_bound=plan.upper_bound,
+            path_budget_m=problem.path_budget_m,
+            speed_mps=speed_mps,
+            altitude_m=problem.channel.altitude_m,
+            height_m=(
+                np.full(len(plan.waypoints_m), problem.channel.altitude_m)
+                if height_m is None
+                else height_m
+            ),
+            ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+        )
+        self._write(topics.PLAN, t_ns, messages.plan(written))
+        stamp = messages.timestamp(t_ns)
+        points = np.column_stack((plan.waypoints_m, written.height_m))
+        self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
+        on_map = scene.plan_map(self._area, self._devices, self._fence, written)
+        self._write(topics.PLAN_MAP, t_ns, on_map)
+        seen = scene.devices(t_ns, self._devices, problem.importance)
+        self._write(topics.SCENE_DEVICES, t_ns, seen)
+        self._write_world(t_ns)
+        self._vehicle.begin_path()
+        self._flush()
+
+    def uplinks(self, records: Sequence[UplinkRecord]) -> None:
+        """Write a round's uplinks, each at the instant of its transmission."""
+        for item in records:
+            reached = np.isfinite(item.slot_t_s)
+            t_ns = round(item.slot_t_s * NS_PER_S) if reached else self._now_ns
+            self._write(topics.UPLINKS, t_ns, messages.record(asdict(item)))
+            if reached:
+                self._write(topics.SCENE_LINKS, t_ns, scene.link(t_ns, item, self._devices))
+
+    def round(self, record: RoundRecord) -> None:
+        """Write a finished round, and hand the file to the disk."""
+        t_ns = self._now_ns
+        self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
+        self._vehicle.write_flown_path(t_ns)
+        self._vehicle.begin_path()
+        self._flush()
+        self._file.sync()
+
+    def learning(
+        self,
+        round_number: int,
+        *,
+        accuracy: Mapping[str, float],
+        cov: Mapping[str, float],
+        loss: Mapping[str, float],
+    ) -> None:
+        """Write what each community had learnt after a round; same keys in all three."""
+        for community, value in accuracy.items():
+            values = {
+                "round": round_number,
+                "community": community,
+                "accuracy": float(value),
+                "cov": float(cov[community]),
+                "loss": float(loss[community]),
+            }
+            self._write(topics.LEARNING, self._now_ns, messages.record(values))
+
+    def mavlink(self, data: bytes, *, to_vehicle: bool) -> None:
+        """Write raw MAVLink; see `RecordedLink`. What is sent when depends on the wall clock, so
+        a log with raw MAVLink is not the same twice."""
+        topic = topics.MAVLINK_TO_VEHICLE if to_vehicle else topics.MAVLINK_FROM_VEHICLE
+        self._write(topic, self._now_ns, data)
+
+    def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
+        """Write a line of our own, at the present simulated time."""
+        line = messages.log_line(self._now_ns, text, severity=severity, source=source)
+        self._write(topics.LOG, self._now_ns, line)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Put a file into the file."""
+        self._flush()
+        self._file.attach(self._now_ns, name, media_type, data)
+        self._file.flush()
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Put a named set of strings into the file. Nothing of the wall clock, please."""
+        self._flush()
+        self._file.metadata(name, values)
+        self._file.flush()
+
+    def close(self) -> None:
+        """Complete the file. Closing twice is fine."""
+        try:
+            self._vehicle.write_taken()
+        finally:
+            for sink in self._sinks:
+                sink.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        """Write a message after the samples that came before it."""
+        self._vehicle.write_taken()
+        self._emit(topic, t_ns, data)
+
+    def _emit(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        for sink in self._sinks:
+            sink.write(topic, t_ns, data)
+
+    def _show(self) -> None:
+        """Let viewers see what was sampled."""
+        self._shown_s = time.monotonic()
+        self._vehicle.write_taken()
+
+    def _flush(self) -> None:
+        self._vehicle.write_taken()
+        self._flushed_ns = self._now_ns
+        for sink in self._sinks:
+            sink.flush()
+
+    def _write_world(self, t_ns: int) -> None:
+        """Ground, devices and fence, at the start and with every plan.
+
+        No damage takes them away, and viewers that drop what comes at the very start have them.
+        """
+        self._write(topics.SCENE_GROUND, t_ns, scene.ground(t_ns, self._area, self._fence))
+        values = {
+            "pos_m": self._devices.pos_m.tolist(),
+            "community": list(self._devices.community),
+        }
+        self._write(topics.DEVICES, t_ns, messages.record(values))
+        if self._fence:
+            self._write(topics.FENCE, t_ns, messages.fence(self._fence))

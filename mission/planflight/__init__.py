@@ -1,0 +1,1 @@
+"""One `aerofed fly`: a plan file checked, flown and recorded."""

@@ -1,0 +1,1 @@
+"""The paper's planner: schedule and path in alternation."""

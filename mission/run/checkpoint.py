@@ -1,0 +1,140 @@
+"""What a run must remember to go on after it was killed, always whole on the disk.
+
+A flight is a function of plan, configuration and seed, so it need not be remembered: a resumed
+run flies the finished rounds again, by the remembered plans, in a fraction of the time, and the
+log, the tables and the aircraft are the same to the last bit. Remembered are the plans and what
+was learnt, which would take long to compute again.
+"""
+
+import hashlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.errors import CheckpointError
+from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.federation.rounds import Federation, FederationState
+from mission.base.errors import InputError
+from mission.base.run_folder import write_atomically
+from mission.log.records import Learnt
+from mission.planner.problem import RoundPlan
+from mission.run.resume import ROUNDS, header, sealed
+from mission.scenario.strategies import Sortie
+
+
+@dataclass(frozen=True)
+class RoundMemory:
+    """One finished round: what flying it again does not tell."""
+
+    importance: NDArray[np.float64]  # (K,)
+    sortie: Sortie | None  # None: ideal
+    learnt: Learnt
+    true_objective: float  # flying again must give this very number
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run after its last finished round."""
+
+    rounds: tuple[RoundMemory, ...]
+    state: FederationState
+
+
+class CheckpointFolder:
+    """The checkpoint of one run: `rounds.json`, and the learning's state that it names."""
+
+    def __init__(self, path: Path, *, config_toml: str, data_dir: Path | None) -> None:
+        self.path = path
+        self._header = header(config_toml, data_dir)
+        self._rounds: list[dict[str, Any]] = []
+
+    def save(
+        self, federation: Federation, state: FederationState, memory: RoundMemory | None
+    ) -> None:
+        """Remember one more round (None: nothing was flown yet) and the learning after it.
+
+        A reader finds the old checkpoint or the new one, whatever happens meanwhile.
+        """
+        if memory is not None:
+            self._rounds.append(_plain(memory))
+        self.path.mkdir(exist_ok=True)
+        name = f"learning-{len(self._rounds):05}.bin"
+        data = to_bytes(federation, state)
+        write_atomically(self.path / name, data)
+        values = {
+            **self._header,
+            "learning": name,
+            "learning_sha256": hashlib.sha256(data).hexdigest(),
+            "rounds": self._rounds,
+        }
+        write_atomically(self.path / ROUNDS, sealed(values))
+        for old in self.path.glob("learning-*.bin"):
+            if old.name != name:
+                old.unlink()
+
+    def load(self, federation: Federation, values: dict[str, Any]) -> Checkpoint:
+        """Go on from the checkpoint whose `values` `read_checkpoint` has found.
+
+        Raises:
+            InputError: damaged, or of other data.
+        """
+        try:
+            path = self.path / str(values["learning"])
+            data = path.read_bytes()
+            if hashlib.sha256(data).hexdigest() != values["learning_sha256"]:
+                raise InputError(f"{path}: damaged: its checksum differs")
+            state = from_bytes(federation, data)
+            self._rounds = list(values["rounds"])
+            rounds = tuple(_memory(item, len(federation.p)) for item in self._rounds)
+        except OSError as error:
+            raise InputError(f"{path}: cannot read: {error.strerror}") from None
+        except CheckpointError as error:
+            raise InputError(f"{path}: {error}") from None
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InputError(f"{self.path / ROUNDS}: damaged: {error!r}") from None
+        return Checkpoint(rounds, state)
+
+
+def _plain(memory: RoundMemory) -> dict[str, Any]:
+    return {
+        "importance": memory.importance.tolist(),
+        "sortie": None if memory.sortie is None else _plain_sortie(memory.sortie),
+        "learnt": asdict(memory.learnt),
+        "true_objective": memory.true_objective,
+    }
+
+
+def _plain_sortie(sortie: Sortie) -> dict[str, Any]:
+    plan = sortie.plan
+    return {
+        "waypoints_m": plan.waypoints_m.tolist(),
+        "schedule": np.argwhere(plan.schedule).tolist(),
+        "value": float(plan.value),
+        "upper_bound": float(plan.upper_bound),
+        "nodes": int(plan.nodes),
+        "hold_s": sortie.hold_s,
+        "cost_m": sortie.cost_m,
+    }
+
+
+def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
+    plan, sortie = values["sortie"], None
+    if plan is not None:
+        waypoints = np.array(plan["waypoints_m"], dtype=np.float64).reshape(-1, 2)
+        schedule = np.zeros((len(waypoints), devices), dtype=bool)
+        for step, device in plan["schedule"]:
+            schedule[step, device] = True
+        sortie = Sortie(
+            RoundPlan(waypoints, schedule, plan["value"], plan["upper_bound"], plan["nodes"]),
+            hold_s=plan["hold_s"],
+            cost_m=plan["cost_m"],
+        )
+    return RoundMemory(
+        np.array(values["importance"], dtype=np.float64),
+        sortie,
+        Learnt(**values["learnt"]),
+        values["true_objective"],
+    )

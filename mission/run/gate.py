@@ -1,0 +1,113 @@
+"""The radio meets the truth: which scheduled updates arrive, given where the aircraft was."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.radio.channel import Channel, average_per
+from fl.radio.uplink import Gate, deliver
+from mission.base.area import Area
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.track import Flight, Passage
+from mission.log.records import UplinkRecord
+from mission.planner.problem import RoundPlan, RoundProblem
+
+Floats = NDArray[np.float64]
+
+
+def slots(plan: FlightPlan, flight: Flight, *, seq_of_stop: Sequence[int]) -> dict[int, Passage]:
+    """The passage of every time step that was reached, by 0-based step.
+
+    A step transmits when its stop is passed. Several steps at one stop share that instant, or
+    the stop's hover where it has one: evenly spread, the first at the arrival.
+    """
+    passages: dict[int, Passage] = {}
+    for stop, seq in zip(plan.stops, seq_of_stop, strict=True):
+        arrival = flight.reached.get(seq)
+        if arrival is None:
+            continue
+        for rank, step in enumerate(stop.steps):
+            if stop.hold_s == 0.0 or rank == 0:
+                passages[step] = arrival
+                continue
+            instant = arrival.t_ns + round(1e9 * stop.hold_s * rank / len(stop.steps))
+            if instant <= flight.t_ns[-1]:
+                passages[step] = flight.at(instant)
+    return passages
+
+
+def uplinks(
+    round_number: int,
+    problem: RoundProblem,
+    plan: RoundPlan,
+    passages: dict[int, Passage],
+    *,
+    area: Area,
+    community_of: Sequence[str],
+    gate: Gate,
+    rng: np.random.Generator,
+) -> tuple[UplinkRecord, ...]:
+    """One record per scheduled device, in order of step and device.
+
+    Updates are drawn at the true positions; `rng` is this round's own stream.
+    """
+    served = [
+        (int(step), int(device), passages.get(int(step)))
+        for step, device in np.argwhere(plan.schedule)
+    ]
+    count = len(problem.devices_m)
+    horizontal, height = np.zeros(count), np.zeros(count)
+    transmitted = np.zeros(count, dtype=bool)
+    for _, device, passage in served:
+        if passage is not None:
+            x, y, height[device] = _place(area, passage.true_ned_m)
+            horizontal[device] = math.dist((x, y), problem.devices_m[device])
+            transmitted[device] = True
+    arrivals = deliver(
+        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng, gate=gate
+    )
+
+    records = []
+    for step, device, passage in served:
+        where, ground = plan.waypoints_m[step], problem.devices_m[device]
+        t_s = est_per = math.nan
+        est = true = (math.nan, math.nan, math.nan)
+        if passage is not None:
+            t_s = passage.t_ns / 1e9
+            est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
+            est_per = _per(problem.channel, ground, est)
+        records.append(
+            UplinkRecord(
+                round=round_number,
+                device=device,
+                community=community_of[device],
+                step=step,
+                slot_t_s=t_s,
+                plan_x_m=float(where[0]),
+                plan_y_m=float(where[1]),
+                est_x_m=est[0],
+                est_y_m=est[1],
+                est_alt_m=est[2],
+                true_x_m=true[0],
+                true_y_m=true[1],
+                true_alt_m=true[2],
+                plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
+                est_per=est_per,
+                true_per=float(arrivals.per[device]),
+                importance=float(problem.importance[device]),
+                delivered=bool(arrivals.delivered[device]),
+            )
+        )
+    return tuple(records)
+
+
+def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:
+    x, y = area.from_ned(pos_ned_m)
+    return float(x), float(y), -float(pos_ned_m[2])
+
+
+def _per(channel: Channel, device_m: Floats, at: tuple[float, float, float]) -> float:
+    horizontal = math.hypot(at[0] - device_m[0], at[1] - device_m[1])
+    return float(average_per(channel, horizontal, height_m=at[2]))

@@ -1,0 +1,66 @@
+"""How a flight ended: the first thing that went wrong counts."""
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from fl.errors import first_line
+from mission.base.errors import AerofedError, UsersCodeError
+from mission.base.run_folder import write_atomically
+
+
+@dataclass
+class Ending:
+    """Status and error of a flight, and of what is made of it afterwards."""
+
+    # Until something else is known, so that a bug is a failure too.
+    status: Literal["finished", "interrupted", "failed"] = "failed"
+    error: AerofedError | None = None
+
+    @contextmanager
+    def flight(self) -> Iterator[None]:
+        """Fly in the block. What may go wrong, and Ctrl-C, end it and are kept here."""
+        try:
+            yield
+            self.status = "finished"
+        except KeyboardInterrupt:
+            self.status = "interrupted"
+        except AerofedError as failure:
+            self.error = failure
+        except MemoryError:
+            self.error = AerofedError("out of memory")
+
+    @contextmanager
+    def aftermath(self) -> Iterator[None]:
+        """Draw and tabulate in the block what was flown."""
+        try:
+            yield
+        except AerofedError as failure:
+            self._consequence(failure)
+        # What a library says that finds no memory, for itself or for what it loads.
+        except (MemoryError, ImportError, OSError) as failure:
+            self._consequence(AerofedError(f"figures: {first_line(failure)}"))
+
+    def _consequence(self, failure: AerofedError) -> None:
+        if self.error is None:  # otherwise of what went wrong before
+            self.status, self.error = "failed", failure
+
+    @property
+    def summary(self) -> dict[str, str]:
+        """For `summary.json`."""
+        why = {} if self.error is None else {"error": str(self.error)}
+        return {"status": self.status, **why}
+
+    def raise_error(self, folder: Path) -> None:
+        """Raise what went wrong, if anything did, and say what is left of the flight."""
+        if self.error is None:
+            return
+        left = f"; what was flown is in {folder}"
+        if isinstance(self.error, UsersCodeError):
+            path = folder / "traceback.txt"
+            write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
+            left = f"; the whole traceback is in {path}"
+        raise self.error.in_words(f"{self.error}{left}") from self.error

@@ -1,0 +1,155 @@
+"""What a person sees of a run: a live table on a terminal, plain lines elsewhere, or nothing."""
+
+import time
+from collections import deque
+from typing import Protocol
+
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from mission.log.records import RoundRecord
+
+
+class Progress(Protocol):
+    """Shows a run as it goes."""
+
+    def phase(self, name: str) -> None:
+        """What is going on now."""
+        ...
+
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
+        """A round is over."""
+        ...
+
+    def notice(self, text: str) -> None:
+        """Something that a person should know."""
+        ...
+
+    def close(self) -> None:
+        """Leave the terminal as it should stay."""
+        ...
+
+
+class Quiet:
+    """Shows nothing."""
+
+    def notice(self, text: str) -> None: ...
+
+    def phase(self, name: str) -> None: ...
+
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class PlainLines:
+    """A line a round, for pipes and logs."""
+
+    def __init__(self, console: Console, *, rounds: int) -> None:
+        self._console, self._rounds = console, rounds
+
+    def phase(self, name: str) -> None:
+        """Phases would only be noise in a file."""
+
+    def notice(self, text: str) -> None:
+        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
+        accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
+        flight = (
+            f"t {record.start_t_s + record.duration_s:.0f} s, {real_time_factor:.0f}x, "
+            f"objective {record.true_objective:.3f} flown, {record.plan_objective:.3f} planned "
+            f"({_change(record)})"
+            if _is_flown(record)
+            else "nothing flown"
+        )
+        self.notice(
+            f"round {record.round}/{self._rounds}: {flight}, "
+            f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}"
+        )
+
+    def close(self) -> None: ...
+
+
+class LiveTable:
+    """A table that grows by a row a round; under it what is going on, and for how long."""
+
+    ROWS = 12  # of the newest rounds; a terminal has no room for hundreds
+
+    def __init__(self, console: Console, *, rounds: int) -> None:
+        self._rounds = rounds
+        # The newest rounds, each with how much faster than real time it was flown.
+        self._newest: deque[tuple[RoundRecord, float]] = deque(maxlen=self.ROWS)
+        self._phase, self._since_s = "starting", time.monotonic()
+        self._live = Live(self, console=console, refresh_per_second=8)
+        self._live.start()
+
+    def phase(self, name: str) -> None:
+        self._phase, self._since_s = name, time.monotonic()
+
+    def notice(self, text: str) -> None:
+        self._live.console.print(text, highlight=False, markup=False)
+
+    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
+        self._newest.append((record, real_time_factor))
+
+    def close(self) -> None:
+        self._phase = ""
+        self._live.stop()
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The rounds so far, and the present phase."""
+        if self._newest:
+            yield self._table()
+        if self._phase:
+            seconds = time.monotonic() - self._since_s
+            # So many that a person wonders whether it still lives.
+            waited = f", {seconds:.0f} s" if seconds >= 2.0 else ""
+            yield Text(f"{self._phase} ...{waited}", style="dim")
+
+    def _table(self) -> Table:
+        newest, _ = self._newest[-1]
+        flown = _is_flown(newest)
+        # Narrow enough for two communities in 80 columns.
+        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+        flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
+        communities = list(newest.accuracy)
+        for name in ("round", *flight, "delivered", *(f"accuracy\n{name}" for name in communities)):
+            table.add_column(name, justify="right", vertical="bottom")
+        for record, real_time_factor in self._newest:
+            cells = (
+                f"{record.start_t_s + record.duration_s:.0f} s",
+                f"{real_time_factor:.0f}x",
+                f"{record.plan_objective:.3f}",
+                f"{record.true_objective:.3f}",
+                _change(record),
+            )
+            table.add_row(
+                f"{record.round}/{self._rounds}",
+                *(cells if flown else ()),
+                f"{record.delivered}/{record.scheduled}",
+                *(f"{record.accuracy[name]:.3f}" for name in communities),
+            )
+        return table
+
+
+def _is_flown(record: RoundRecord) -> bool:
+    """Whether the round was flown: a hover takes time, `ideal` takes none."""
+    return record.duration_s > 0.0
+
+
+def _change(record: RoundRecord) -> str:
+    """What the flight made of the planned objective."""
+    if record.plan_objective == 0.0:
+        return "0.0 %"
+    return f"{100 * (record.true_objective / record.plan_objective - 1):+.1f} %"
+
+
+def make_progress(console: Console, *, rounds: int, quiet: bool) -> Progress:
+    """The progress that fits where it goes; at most `rounds` are to come."""
+    if quiet:
+        return Quiet()
+    kind = LiveTable if console.is_terminal else PlainLines
+    return kind(console, rounds=rounds)

@@ -1,0 +1,143 @@
+"""What a run leaves while it goes on: log, tables, plans, checkpoint; and what it shows."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+
+from mission.base.console import Audience
+from mission.base.interrupted_files import SetAside
+from mission.base.run_folder import RunFolder, environment
+from mission.base.stopwatch import Stopwatch
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.plan_file_writing import write_round_plan
+from mission.log.records import DeviceRecord, Learnt, RoundRecord
+from mission.log.tables import LearningTable, RoundTable, UplinkTable
+from mission.log.values import Devices
+from mission.log.write.sink import Sink
+from mission.log.write.writer import FlightLog
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.run.checkpoint import CheckpointFolder
+from mission.run.progress import Progress, make_progress
+from mission.run.round_result import RoundResult
+from mission.run.setup import World
+
+
+@dataclass
+class FolderRecorder:
+    """Hands what happens to all who keep or show it."""
+
+    world: World
+    folder: RunFolder
+    log: FlightLog
+    rounds: RoundTable
+    uplinks: UplinkTable
+    devices: LearningTable
+    checkpoint: CheckpointFolder
+    progress: Progress
+    stopwatch: Stopwatch
+    # Up to the end of the last round: simulated seconds, and wall seconds spent on flying them.
+    _flown_s: float = field(default=0.0, init=False)
+    _wall_s: float = field(default=0.0, init=False)
+
+    def planned(
+        self,
+        t_ns: int,
+        round_number: int,
+        problem: RoundProblem,
+        plan: RoundPlan,
+        flight_plan: FlightPlan,
+    ) -> None:
+        """Log a plan before it is flown."""
+        self.log.plan(
+            t_ns,
+            round_number,
+            problem,
+            plan,
+            speed_mps=flight_plan.speed_mps,
+            ideal_slot_s=flight_plan.ideal_slot_s(),
+        )
+        path = self.folder.plans / f"round-{round_number:03d}.plan"
+        write_round_plan(path, flight_plan, self.world.area)
+
+    def finished(self, result: RoundResult) -> None:
+        """Log and tabulate a finished round; from here on it is kept whatever happens."""
+        record, learnt = result.record, result.memory.learnt
+        if record.scheduled == 0:
+            self.progress.notice(
+                f"round {record.round}: no device is within reach of the path; "
+                "area.home_m, mission.path_budget_m and the channel decide who is"
+            )
+        self.log.uplinks(result.uplinks)
+        self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        self.log.round(record)
+        self.uplinks.extend(result.uplinks)
+        self.devices.extend(self._devices(record.round, learnt))
+        self.rounds.append(record)
+        if not result.remembered:
+            SetAside(self.folder).discard()  # log and tables hold all that the old ones held
+            self.checkpoint.save(self.world.federation, result.state, result.memory)
+        self.progress.round_done(record, real_time_factor=self._speed(record))
+
+    def phase(self, name: str) -> None:
+        """Show the phase."""
+        self.progress.phase(name)
+
+    def notice(self, text: str) -> None:
+        """Log and show a line."""
+        self.log.note(text, severity=4)
+        self.progress.notice(text)
+
+    def _speed(self, record: RoundRecord) -> float:
+        """Simulated seconds a second, from the end of the round before to that of this one."""
+        flown_s = record.start_t_s + record.duration_s
+        wall_s = self.stopwatch.wall_s.get("fly", 0.0)
+        sim, wall = flown_s - self._flown_s, wall_s - self._wall_s
+        self._flown_s, self._wall_s = flown_s, wall_s
+        return sim / wall if wall > 0.0 else 0.0
+
+    def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
+        each = zip(self.world.community_of, learnt.device_accuracy, learnt.device_loss, strict=True)
+        for device, (community, accuracy, loss) in enumerate(each):
+            yield DeviceRecord(round_number, device, community, accuracy, loss)
+
+
+@contextmanager
+def recording(
+    world: World,
+    folder: RunFolder,
+    checkpoint: CheckpointFolder,
+    *,
+    audience: Audience,
+    stopwatch: Stopwatch,
+    mirrors: Sequence[Sink] = (),
+) -> Iterator[FolderRecorder]:
+    """Open log (`mirrors` see it too) and tables; they are closed whole however the block ends."""
+    devices = Devices(world.devices_m, world.community_of)
+    with ExitStack() as stack:
+        progress = make_progress(
+            audience.console, rounds=world.config.mission.rounds, quiet=audience.quiet
+        )
+        stack.callback(progress.close)
+        log = stack.enter_context(
+            FlightLog(
+                folder.log,
+                area=world.area,
+                devices=devices,
+                fence=world.flyers.fence(),
+                mirrors=mirrors,
+                raw_mavlink=audience.log_mavlink,
+            )
+        )
+        rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
+        uplinks = stack.enter_context(UplinkTable(folder.uplinks))
+        learnt = stack.enter_context(LearningTable(folder.learning))
+        # What is needed to understand the log goes with it.
+        log.attach("config.toml", "application/toml", world.config.to_toml().encode())
+        log.attach("devices.csv", "text/csv", world.devices_csv().encode())
+        log.metadata("libraries", environment()["libraries"])
+        recorder = FolderRecorder(
+            world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
+        )
+        for notice in world.notices():
+            recorder.notice(notice)
+        yield recorder

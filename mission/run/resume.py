@@ -1,0 +1,111 @@
+"""Whether a folder holds a run that can go on here: the head of its checkpoint, read and judged.
+
+It needs nothing heavy, so that a wrong folder is refused at once.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from fl.errors import first_line
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder, environment
+
+FORMAT = 2
+ROUNDS = "rounds.json"
+SEAL = "sha256"
+_HEAD = {"format", "config_sha256", "data_dir", "libraries"}
+
+
+def sealed(values: dict[str, Any]) -> bytes:
+    """A checkpoint as it is written, closed by the digest of all of it."""
+    text = json.dumps(values)
+    return f'{text[:-1]}, "{SEAL}": "{hashlib.sha256(text.encode()).hexdigest()}"}}'.encode()
+
+
+def _digest(values: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values).encode()).hexdigest()
+
+
+def header(config_toml: str, data_dir: Path | None) -> dict[str, Any]:
+    """What a checkpoint says about the run that it belongs to."""
+    return {
+        "format": FORMAT,
+        "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
+        "data_dir": str(data_dir.resolve()) if data_dir else None,
+        "libraries": environment()["libraries"],
+    }
+
+
+def data_dir_of(values: dict[str, Any]) -> Path | None:
+    """The data folder that the run was started with."""
+    name = values.get("data_dir")
+    return Path(name) if name else None
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """The values of the checkpoint in the run's folder `path`.
+
+    Raises:
+        InputError: no folder of a run, damaged, or of another configuration or version.
+    """
+    folder = RunFolder(path)
+    _refuse_others(folder)
+    file = folder.checkpoint / ROUNDS
+    try:
+        values = json.loads(file.read_text(encoding="utf-8"))
+        text = folder.config.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: damaged: {first_line(error)}") from None
+    if not isinstance(values, dict) or not values.keys() >= _HEAD:
+        raise InputError(f"{file}: damaged: not what aerofed run writes")
+    # An older format has no seal; what it is, is said before that.
+    seal = values.pop(SEAL, None)
+    if values["format"] == FORMAT and seal != _digest(values):
+        raise InputError(f"{file}: damaged: its checksum differs, so it was changed or cut short")
+    change = _change(values, header(text, None))
+    if change:
+        raise InputError(
+            f"{path}: cannot be resumed: {change}; the run would not be the same, start a new one"
+        )
+    return values
+
+
+def _refuse_others(folder: RunFolder) -> None:
+    path = folder.path
+    if not path.exists():
+        raise InputError(f"--resume {path}: no such folder")
+    if not path.is_dir():
+        raise InputError(f"--resume {path}: a file; give the folder that aerofed run left")
+    if (folder.checkpoint / ROUNDS).exists():
+        return
+    if (path / ROUNDS).exists():
+        hint = f"it is the checkpoint itself; give {path.parent}"
+    elif (path / "sweep.json").exists():
+        hint = "it holds a sweep, which goes on when the same aerofed sweep command is given again"
+    elif folder.stillborn:
+        hint = "the run ended before its first checkpoint; the command that began it begins it anew"
+    else:
+        hint = f"it has no {folder.checkpoint.name}/{ROUNDS}"
+    raise InputError(f"--resume {path}: not a folder that aerofed run left: {hint}")
+
+
+def _change(then: dict[str, Any], now: dict[str, Any]) -> str | None:
+    """What is different now, in words."""
+    if not isinstance(then["libraries"], dict):
+        return "its checkpoint does not say what wrote it"
+    if then["format"] != now["format"]:
+        wrote = then["libraries"].get("aerofed", "?")
+        return (
+            f"its checkpoint is of format {then['format']}, written by aerofed {wrote}, and this "
+            f"is aerofed {now['libraries']['aerofed']}, which reads format {now['format']}"
+        )
+    if then["config_sha256"] != now["config_sha256"]:
+        return "its config.toml was changed"
+    names = sorted(then["libraries"].keys() | now["libraries"].keys())
+    versions = [(n, then["libraries"].get(n), now["libraries"].get(n)) for n in names]
+    changed = [f"{n} was {old}, is {new}" for n, old, new in versions if old != new]
+    return f"versions of libraries differ: {', '.join(changed)}" if changed else None

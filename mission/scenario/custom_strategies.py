@@ -1,0 +1,124 @@
+"""A researcher's own strategy, held to what every strategy must keep."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base.area import Area
+from mission.base.errors import InputError, PlanError
+from mission.base.user_code import make_from, users_code
+from mission.config.models import MissionConfig
+from mission.planner.errors import InfeasiblePlanError
+from mission.planner.evaluate import check_plan
+from mission.planner.problem import Planner, RoundProblem
+from mission.scenario.strategies import Sortie, Strategy
+
+Floats = NDArray[np.float64]
+
+KEY = "mission.strategy"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a strategy's factory is given: `factory(setting) -> Strategy`."""
+
+    mission: MissionConfig
+    planner: Planner  # the one that the configuration names
+    devices_m: Floats  # (K, 2) area coordinates
+    area: Area
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the UAV knows before a round, for a strategy that weighs devices in its own way."""
+
+    round: int  # about to be planned, from 1
+    delta: Floats  # (K,) the paper's importance, with or without fairness as the strategy says
+    p: Floats  # (K,) share of each device in its community's data
+    cov: Floats  # (K,) psi of each device's community
+    community_of: NDArray[np.int64]  # (K,)
+    last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
+
+    @property
+    def age_rounds(self) -> NDArray[np.int64]:
+        """(K,) age of information: rounds since the last update; 1 for one of the last round."""
+        return self.round - self.last_heard
+
+
+@runtime_checkable
+class Weighing(Protocol):
+    """A strategy with an importance of its own, which the planner then maximises."""
+
+    def importance(self, known: Known) -> Floats:
+        """(K,) finite, not negative; a function of `known` alone, so that runs can be resumed."""
+        ...
+
+
+@dataclass(frozen=True)
+class CustomStrategy:
+    """Checks what the researcher's strategy answers, so that an error is found where it is made."""
+
+    path: str
+    inner: Strategy
+
+    @property
+    def fairness(self) -> bool:
+        """As the researcher's strategy has it."""
+        with users_code(self.path, key=KEY, doing="fairness"):
+            return bool(self.inner.fairness)
+
+    @property
+    def approach_m(self) -> Floats | None:
+        """As the researcher's strategy has it."""
+        with users_code(self.path, key=KEY, doing="approach_m"):
+            return self.inner.approach_m
+
+    def importance(self, known: Known) -> Floats:
+        """Its own importance, or the paper's.
+
+        Raises:
+            InputError: of the wrong shape, negative or not finite.
+        """
+        if not isinstance(self.inner, Weighing):
+            return known.delta
+        with users_code(self.path, key=KEY, doing=f"importance() in round {known.round}"):
+            importance = np.asarray(self.inner.importance(known), dtype=np.float64)
+        if importance.shape != known.delta.shape:
+            self._refuse(f"importance is of shape {importance.shape}, not {known.delta.shape}")
+        if not (np.isfinite(importance) & (importance >= 0.0)).all():
+            self._refuse(f"importance is negative or not finite: {importance.tolist()}")
+        return importance
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
+        """Its sortie, if its plan keeps the round's constraints.
+
+        Raises:
+            InputError: no `Sortie`.
+            PlanError: the plan breaks a constraint.
+        """
+        with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
+            sortie: Any = self.inner.sortie(round_index, problem)
+        if not isinstance(sortie, Sortie):
+            self._refuse(f"sortie() gives a {type(sortie).__name__}, not a Sortie")
+        try:
+            with users_code(self.path, key=KEY, doing="its plan"):
+                check_plan(problem, sortie.plan)
+        except InfeasiblePlanError as error:
+            raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
+        found: Sortie = sortie
+        return found
+
+    def _refuse(self, reason: str) -> None:
+        raise InputError(f"{KEY} = {self.path!r}: {reason}")
+
+
+def custom_strategy(path: str, setting: Setting) -> CustomStrategy:
+    """The strategy that the factory at `path` makes.
+
+    Raises:
+        InputError: it cannot be imported, or what it makes is no strategy.
+    """
+    made = make_from(path, setting, key=KEY, members=("fairness", "approach_m", "sortie"))
+    return CustomStrategy(path, made)

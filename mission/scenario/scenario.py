@@ -1,0 +1,122 @@
+"""What planning needs of a run: who stands where, what they own and how the radio reaches them.
+
+Nothing of the vehicle is imported: with its filter it takes longer than planning does.
+"""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.errors import LearningInputError
+from fl.federation import rounds as learning
+from fl.radio.channel import Channel, link_budget
+from flightdyn.random import RandomStreams
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.base.user_code import is_import_path
+from mission.config.models import RunConfig
+from mission.planner.factory import make_planner
+from mission.planner.problem import RoundProblem
+from mission.scenario.custom_strategies import Setting, custom_strategy
+from mission.scenario.strategies import Strategy, make_strategy
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Area, devices, communities and strategy of one run."""
+
+    config: RunConfig
+    streams: RandomStreams
+    area: Area
+    devices_m: Floats  # (K, 2) area coordinates
+    channel: Channel
+    federation: learning.Federation
+    strategy: Strategy | None  # None: ideal, nothing is flown
+
+    @property
+    def community_of(self) -> tuple[str, ...]:
+        """(K,) the name of each device's community."""
+        return tuple(self.federation.names[c] for c in self.federation.community_of)
+
+    def first_problem(self) -> RoundProblem:
+        """The planning problem of the first round, from above home."""
+        mission = self.config.mission
+        return RoundProblem(
+            devices_m=self.devices_m,
+            importance=learning.first_importance(self.federation),
+            start_m=np.array(self.area.home_m, dtype=np.float64),
+            steps=mission.steps,
+            per_step=mission.devices_per_step,
+            path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
+            channel=self.channel,
+        )
+
+    def devices_csv(self) -> str:
+        """Where every device stands and what it owns: `labels` lists class:samples."""
+        lines = ["device,community,x_m,y_m,samples,p,labels"]
+        communities = self.federation.communities
+        counts = [row for community in communities for row in community.counts]
+        for device, (place, row) in enumerate(zip(self.devices_m, counts, strict=True)):
+            owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
+            x, y = place.tolist()
+            p = float(self.federation.p[device])
+            lines.append(
+                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned}"
+            )
+        return "\n".join(lines) + "\n"
+
+    def notices(self) -> list[str]:
+        """What a user should know before the first round, a line each."""
+        lines = []
+        budget = link_budget(self.channel)
+        if budget.per > 0.5:
+            lines.append(f"the channel hardly reaches anybody; {budget}")
+        for community in self.federation.communities:
+            source = community.dataset.provenance
+            if not source.official:
+                lines.append(
+                    f"{community.name}: data in {source.source} are intact, but not the official "
+                    "files (a subset?); used as they are"
+                )
+            orphans = np.flatnonzero(community.counts.sum(axis=0) == 0).tolist()
+            if orphans:
+                lines.append(
+                    f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
+                    f"so accuracy cannot reach 1 (communities.*.coverage = true gives all an owner)"
+                )
+        return lines
+
+    def data_sources(self) -> dict[str, dict[str, object]]:
+        """Per community: where its data come from, and whether they are the official files."""
+        return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
+
+
+def build_ground(config: RunConfig, *, data_dir: Path | None) -> Ground:
+    """Place the devices, read the data and deal it out, and set up the strategy.
+
+    Raises:
+        InputError: data is missing or damaged, or a setting contradicts another.
+    """
+    streams = RandomStreams(config.seed)
+    area = config.area.build()
+    count = sum(community.devices for community in config.communities)
+    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    devices_m.flags.writeable = False
+    try:
+        channel = config.channel.channel(altitude_m=config.mission.altitude_m)
+        federation = learning.build(
+            config.communities, config.learning, data_dir=data_dir, stream=streams.generator
+        )
+    except LearningInputError as error:
+        raise InputError(str(error)) from None
+    mission, planner = config.mission, make_planner(config.planner)
+    strategy = (
+        custom_strategy(mission.strategy, Setting(mission, planner, devices_m, area))
+        if is_import_path(mission.strategy)
+        else make_strategy(mission, planner, devices_m=devices_m, area=area)
+    )
+    return Ground(config, streams, area, devices_m, channel, federation, strategy)

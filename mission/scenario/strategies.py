@@ -1,0 +1,148 @@
+"""The paper's method and its baselines: where a round goes and whom it serves."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.config.models import MissionConfig
+from mission.planner.evaluate import finish, fit_budget
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sortie:
+    """What one round flies, and what it costs of the budget."""
+
+    plan: RoundPlan
+    hold_s: float = 0.0  # hover at each stop
+    cost_m: float | None = None  # of L_total; None: the metres flown, L_max at most
+
+
+class Strategy(Protocol):
+    """Chooses path and schedule, round by round."""
+
+    @property
+    def fairness(self) -> bool:
+        """Whether importance carries the coefficient of variation."""
+        ...
+
+    @property
+    def approach_m(self) -> Floats | None:
+        """(2,) where to be before the first round; None: above home."""
+        ...
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
+        """Plan one round from the start in `problem`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Optimised:
+    """Path and schedule by a planner: the paper's method, or No-CoV without fairness."""
+
+    planner: Planner
+    fairness: bool
+    approach_m: Floats | None = None
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
+        """The planner's best path for this round's importance."""
+        return Sortie(self.planner.plan(problem))
+
+
+@dataclass(frozen=True)
+class Barycenter:
+    """Baseline 1: hover at the mean device position; a fixed time and budget a round."""
+
+    approach_m: Floats
+    hover_s: float
+    cost_m: float
+    fairness: bool = True
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
+        """All N steps at the hovering point, with the best schedule there."""
+        path = np.tile(problem.start_m, (problem.steps, 1))
+        return Sortie(finish(problem, path), hold_s=self.hover_s, cost_m=self.cost_m)
+
+
+@dataclass(frozen=True)
+class Rectangular:
+    """Baseline 2: a fixed rectangular tour; each round covers its next L_max metres.
+
+    The N steps of a round are points spread evenly over that stretch, the tour's corners among
+    them, so that no step cuts across.
+    """
+
+    corners_m: Floats  # (4, 2) in order of flight
+    length_m: float  # L_max
+    fairness: bool = True
+
+    @property
+    def approach_m(self) -> Floats:
+        """The tour starts at its first corner."""
+        return np.asarray(self.corners_m[0])
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
+        """The next stretch of the tour, with the best schedule on it."""
+        # Shorter than L_max where less of L_total is left.
+        length_m = min(self.length_m, problem.path_budget_m)
+        tour = stretch(self.corners_m, round_index * self.length_m, length_m, problem.steps)
+        # Where the last round ended, which is on the tour but for the error of flight.
+        tour[0] = problem.start_m
+        return Sortie(finish(problem, fit_budget(tour, problem.path_budget_m)))
+
+
+def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:
+    """(steps, 2) points over `length_m` metres of a closed polygon from arc length `start_m`.
+
+    Corners on the way are among the points where there are enough steps for all of them.
+    """
+    sides = np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1)
+    knots = np.concatenate(([0.0], np.cumsum(sides)))
+    perimeter = float(knots[-1])
+    start = math.fmod(start_m, perimeter)
+    laps = np.arange(math.ceil((start + length_m) / perimeter) + 1)[:, None] * perimeter
+    inner = (knots[None, :-1] + laps).ravel()
+    inner = inner[(inner > start + 1e-6) & (inner < start + length_m - 1e-6)]
+    ends = np.concatenate(([start], inner, [start + length_m]))
+    if steps - 1 < len(ends) - 1:
+        arc = np.linspace(start, start + length_m, steps)
+    else:
+        lengths = np.diff(ends)
+        legs = np.ones(len(lengths), dtype=int)
+        for _ in range(steps - 1 - len(lengths)):
+            legs[np.argmax(lengths / legs)] += 1
+        pieces = [
+            np.linspace(a, b, n, endpoint=False)
+            for a, b, n in zip(ends[:-1], ends[1:], legs, strict=True)
+        ]
+        arc = np.concatenate([*pieces, ends[-1:]])
+    closed = np.vstack((corners_m, corners_m[:1]))
+    arc = np.mod(arc, perimeter)
+    return np.column_stack([np.interp(arc, knots, closed[:, axis]) for axis in (0, 1)])
+
+
+def make_strategy(
+    config: MissionConfig, planner: Planner, *, devices_m: Floats, area: Area
+) -> Strategy | None:
+    """The strategy that the configuration names; None for `ideal`, which flies nothing."""
+    match config.strategy:
+        case "cov" | "no_cov":
+            return Optimised(planner, fairness=config.strategy == "cov")
+        case "barycenter":
+            return Barycenter(devices_m.mean(axis=0), config.hover_s, config.hover_cost_m)
+        case "rectangular":
+            width, height = area.size_m
+            low, high = config.tour_inset, 1.0 - config.tour_inset
+            corners = np.array([[low, low], [high, low], [high, high], [low, high]])
+            return Rectangular(corners * (width, height), config.path_budget_m)
+        case "ideal":
+            return None
+        case other:
+            raise InputError(f"mission.strategy = {other!r}: no strategy of ours")

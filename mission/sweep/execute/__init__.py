@@ -1,0 +1,1 @@
+"""The runs of a sweep in worker processes: here, or on a Ray cluster."""

@@ -1,0 +1,92 @@
+"""Runs in processes of this machine: the one home of joblib.
+
+Every slot is a pool of one process, so that a worker that is killed takes no other run with it.
+"""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+
+import joblib
+from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
+
+
+class LocalEngine:
+    """joblib's loky processes, one slot each."""
+
+    def __init__(self, jobs: int | None) -> None:
+        self._free: list[ProcessPoolExecutor] = []
+        self._running: dict[Future[RunEnd], tuple[RunOrder, ProcessPoolExecutor]] = {}
+        self._slots = jobs or joblib.cpu_count()
+
+    @property
+    def slots(self) -> int:
+        """As many as asked for; by default one for each core."""
+        return self._slots
+
+    def start(self, order: RunOrder) -> None:
+        """Begin a run in an idle process, or in a new one."""
+        pool = self._free.pop() if self._free else _pool()
+        # A worker inherits the mask: Ctrl-C is for the sweep, which ends its workers itself.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            future = pool.submit(execute, order)
+            self._running[future] = (order, pool)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def wait(self, timeout_s: float) -> tuple[Ended, ...]:
+        """Runs that ended; one whose process was killed has no end.
+
+        Raises:
+            Exception: whatever a run raised that is no error of the application, once every
+                other run that ended was told.
+        """
+        done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
+        ended: list[Ended] = []
+        bug: BaseException | None = None
+        for future in done:
+            error = future.exception()
+            if error is not None and not isinstance(error, TerminatedWorkerError):
+                bug = error  # stays among the running: the next call raises it
+                continue
+            order, pool = self._running.pop(future)
+            if error is None:
+                self._free.append(pool)
+            else:
+                pool.shutdown(kill_workers=True)
+            ended.append(Ended(order, None if error else future.result()))
+        if bug is not None and not ended:
+            raise bug
+        return tuple(ended)
+
+    def close(self) -> None:
+        """Kill the processes: what they had not finished is repeated by the next sweep."""
+        for pool in (*self._free, *(pool for _, pool in self._running.values())):
+            pool.shutdown(kill_workers=True)
+        self._free.clear()
+        self._running.clear()
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(
+        max_workers=1, initializer=_prepare, initargs=(os.getpid(),), env=ENVIRONMENT
+    )
+
+
+def _prepare(parent: int) -> None:
+    """In the worker: leave Ctrl-C to the sweep, and do not outlive it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent-watch", daemon=True).start()

@@ -1,0 +1,214 @@
+"""What a sweep shows: groups of runs, and curves over rounds, distance and time."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.sweep.outcome.stats import band
+from mission.sweep.results import FINAL_ROUNDS, RunResult
+
+Floats = NDArray[np.float64]
+Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
+
+_POINTS = 200  # of a curve over distance or time
+
+
+def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:
+    """Results by what they have in common beside the seed, in order of appearance."""
+    groups: dict[str, list[RunResult]] = {}
+    for result in results:
+        groups.setdefault(result.label, []).append(result)
+    return groups
+
+
+def flies(runs: Sequence[RunResult]) -> bool:
+    """Whether the group leaves the ground; `ideal` does not."""
+    return float(runs[0].summary["simulated_s"]) > 0.0
+
+
+def communities_of(results: Sequence[RunResult]) -> list[str]:
+    """Names of all communities, in order of appearance."""
+    prefix = "final_accuracy_"
+    names = (key.removeprefix(prefix) for r in results for key in r.summary if prefix in key)
+    return list(dict.fromkeys(names))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A group's mean along an axis, and the interval as far as the quantity can be; (points,)."""
+
+    x: Floats
+    mean: Floats
+    low: Floats  # NaN where there is one seed
+    high: Floats
+    flown: bool
+
+
+Sampling: TypeAlias = Callable[[Sequence[RunResult], str, int], tuple[Floats, Floats]]
+
+
+def by_round(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
+    """Round numbers that every run has, and (runs, rounds) means of `window` rounds."""
+    shortest = min(len(run.rounds) for run in runs)
+    values = np.array([running_mean(run.curve(column), window)[:shortest] for run in runs])
+    return np.arange(1.0, shortest + 1.0), values
+
+
+def by_distance(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
+    """Kilometres of path budget, and what held there: the value after the last round before."""
+    return _held(runs, column, window, "budget_used_m", 1000.0)
+
+
+def by_time(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
+    """Simulated minutes, and what held then."""
+    return _held(runs, column, window, "end_t_s", 60.0)
+
+
+def running_mean(values: Floats, window: int) -> Floats:
+    """Mean of every value and the `window` - 1 before it, of fewer at the start; skips NaN."""
+    padded = np.concatenate((np.full(window - 1, math.nan), values))
+    known = np.lib.stride_tricks.sliding_window_view(np.isfinite(padded), window).sum(axis=1)
+    sums = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(padded), window).sum(axis=1)
+    mean: Floats = np.divide(sums, known, out=np.full(len(values), math.nan), where=known > 0)
+    return mean
+
+
+def _held(
+    runs: Sequence[RunResult], column: str, window: int, clock: str, unit: float
+) -> tuple[Floats, Floats]:
+    """Where every run has finished a round and none has ended."""
+    ends = [run.curve(clock) / unit for run in runs]
+    grid = np.linspace(max(e[0] for e in ends), min(e[-1] for e in ends), _POINTS)
+    values = [
+        running_mean(run.curve(column), window)[
+            np.maximum(np.searchsorted(end, grid, side="right") - 1, 0)
+        ]
+        for run, end in zip(runs, ends, strict=True)
+    ]
+    return grid, np.array(values)
+
+
+_LABELS: dict[Sampling, str] = {
+    by_round: "round",
+    by_distance: "distance flown (km); in a hover, its cost",
+    by_time: "simulated time (min)",
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One column of `rounds.csv` and how it is shown."""
+
+    column: str
+    title: str
+    unit: float = 1.0  # what it is multiplied by: 100 for percent
+    most: float = math.inf  # what it can be, as shown; nothing here can be negative
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Columns of `rounds.csv` against one axis."""
+
+    name: str
+    panels: tuple[Panel, ...]
+    sampling: Sampling
+    groups: Groups
+    order: tuple[str, ...]  # of all groups of the sweep, which gives each its colour
+
+    @property
+    def window(self) -> int:
+        """Rounds that every point is a mean of: itself and those before; 1 for short runs.
+
+        One round swings by points, and so the last point is the final accuracy of the tables.
+        """
+        rounds = min(len(run.rounds) for runs in self.groups.values() for run in runs)
+        return FINAL_ROUNDS if rounds >= 3 * FINAL_ROUNDS else 1
+
+    @property
+    def about(self) -> str:
+        """What the lines and areas are, in words."""
+        seeds = sorted({len(runs) for runs in self.groups.values()})
+        parts = []
+        if seeds[-1] > 1:
+            count = "/".join(map(str, seeds))
+            parts.append(f"mean over {count} seeds, 95 % interval")
+        if self.window > 1:
+            parts.append(f"running mean of {self.window} rounds")
+        return ", ".join(parts)
+
+    @property
+    def end(self) -> float | None:
+        """Where an axis of rounds ends so that the shorter runs can be seen; None: at its end."""
+        if self.sampling is not by_round:
+            return None
+        ends = sorted(max(len(run.rounds) for run in runs) for runs in self.groups.values())
+        usual = ends[(len(ends) - 1) // 2]
+        return float(usual) if ends[-1] > 2 * usual else None
+
+    @property
+    def x_label(self) -> str:
+        """What is along the axis, and who goes on beyond its end."""
+        label, end = _LABELS[self.sampling], self.end
+        if end is None:
+            return label
+        beyond = [
+            f"{name} to {len(runs[0].rounds)}"
+            for name, runs in self.groups.items()
+            if len(runs[0].rounds) > 2 * end
+        ]
+        return f"{label} ({', '.join(beyond)})"
+
+    def curves(self, panel: Panel) -> dict[str, Curve]:
+        """Every group that has the panel's column, as shown."""
+        found = {}
+        for label, runs in self.groups.items():
+            having = [run for run in runs if run.rounds and panel.column in run.rounds[0]]
+            if not having:
+                continue
+            x, values = self.sampling(having, panel.column, self.window)
+            if self.end is not None:
+                values = values[:, x <= self.end]
+                x = x[x <= self.end]
+            mean, half = band(panel.unit * values)
+            low, high = (np.clip(edge, 0.0, panel.most) for edge in (mean - half, mean + half))
+            found[label] = Curve(x, mean, low, high, flown=flies(runs))
+        return found
+
+
+def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
+    """Everything that is worth a look.
+
+    Strategies that fly nothing are left out where distance, time or packet error rates matter.
+    """
+    groups, communities = groups_of(results), communities_of(results)
+    order = tuple(groups)
+    flying = {label: runs for label, runs in groups.items() if flies(runs)}
+    accuracy = tuple(
+        Panel(f"accuracy_{name}", f"{name}: validation accuracy (%)", 100.0, 100.0)
+        for name in communities
+    )
+    pictures = [Picture("accuracy-rounds", accuracy, by_round, groups, order)]
+    if flying:
+        per = (
+            Panel("plan_per", "mean PER, planned", most=1.0),
+            Panel("true_per", "mean PER, true position", most=1.0),
+        )
+        pictures += [
+            Picture("accuracy-distance", accuracy, by_distance, flying, order),
+            Picture("accuracy-time", accuracy, by_time, flying, order),
+            Picture("per", per, by_round, flying, order),
+        ]
+    arrived = (Panel("participation", "devices whose update arrived (%)", 100.0, 100.0),)
+    fairness = (
+        Panel("jain_communities", "Jain index over communities", most=1.0),
+        *(Panel(f"cov_{name}", f"{name}: CoV ψ over devices") for name in communities),
+    )
+    return (
+        *pictures,
+        Picture("participation", arrived, by_round, groups, order),
+        Picture("fairness", fairness, by_round, groups, order),
+    )

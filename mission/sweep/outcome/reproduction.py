@@ -1,0 +1,58 @@
+"""A sweep as the tables of `docs/reproduction.md`: the outcome, and what fairness gains."""
+
+from collections.abc import Sequence
+
+from mission.sweep.outcome.curves import communities_of, groups_of
+from mission.sweep.outcome.gains import gain_table, paired_gains
+from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
+from mission.sweep.state import SweepState
+
+# What the paper reports of its method against the same without fairness (section V).
+PAPER = {("no_cov", "cifar10"): "+14 %", ("no_cov", "mnist"): "about equal"}
+
+
+def reproduction(state: SweepState) -> str:
+    """Markdown tables of a sweep, finished or not."""
+    lines = [state.progress, "", *_outcome(state)]
+    gains = paired_gains(state.results)
+    if gains:
+        heads, rows = gain_table(gains)
+        rows = [
+            [*row, PAPER.get((gain.other, gain.community), "")]
+            for row, gain in zip(rows, gains, strict=True)
+        ]
+        note = "Points: mean difference within a seed, ± 95 % interval (Student's t)."
+        lines += ["", *_table([*heads, "paper"], rows), "", note]
+    return "\n".join(lines) + "\n"
+
+
+def _outcome(state: SweepState) -> list[str]:
+    communities = communities_of(state.results)
+    heads = ["strategy", "seeds", *(f"{name}, %" for name in communities)]
+    heads += [*(f"{name} arrived, %" for name in communities), "scheduled arrived, %"]
+    heads += ["PER planned", "PER true", "rounds", "km flown"]
+    rows = [
+        [
+            label,
+            state.seeds(label),
+            *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
+            *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
+            percent(over_seeds(runs, "delivered_share")),
+            number(over_seeds(runs, "plan_per"), 3),
+            number(over_seeds(runs, "true_per"), 3),
+            number(over_seeds(runs, "rounds"), 0),
+            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
+        ]
+        for label, runs in groups_of(state.results).items()
+    ]
+    note = (
+        f"First columns: accuracy on the validation set, {final_rounds(state.results)}. Arrived: "
+        "devices whose update arrived, of the community's devices, or of those scheduled. "
+        "±: 95 % interval over seeds (Student's t)."
+    )
+    return [*_table(heads, rows), "", note]
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    rule = ["---", *("---:" for _ in heads[1:])]
+    return [f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows)]

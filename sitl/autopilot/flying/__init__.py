@@ -1,0 +1,1 @@
+"""What the aircraft does: orders, missions, routes, manoeuvres."""

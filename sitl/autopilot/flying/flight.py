@@ -1,0 +1,476 @@
+"""What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.flying import manoeuvres as do
+from sitl.autopilot.flying import route
+from sitl.autopilot.flying.mission import Mission
+from sitl.autopilot.flying.navigator import Navigator
+from sitl.autopilot.flying.rally import refuge
+from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.protocol.items import NAVIGATION
+from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.values.enums import LandedState, Severity
+from sitl.autopilot.values.messages import MissionItem
+
+_LEAST_CLIMB_M = 0.5  # of a take-off
+_STARTING = "starting up"
+
+
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """Where a position order leads."""
+
+    pos_ned_m: tuple[float, ...]
+    yaw_rad: float | None
+
+
+class SpeedLimits(NamedTuple):
+    """What whoever flies the vehicle may ask for at most."""
+
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+
+
+class Flight:
+    """Mode and manoeuvre of one aircraft.
+
+    Orders return None when they are carried out, or the reason why not. An order for what is
+    already being done changes nothing, so that a repeated command repeats nothing.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        parameters: Parameters,
+        *,
+        home: GeodeticPoint,
+        reporter: Reporter,
+    ) -> None:
+        self.mode = Mode.HOLD
+        self.mission = Mission()
+        self.home = home
+        self.rally: tuple[MissionItem, ...] = ()
+        # What others have to say about where the aircraft is, and where it may be.
+        self.position_ok: Callable[[], bool] = lambda: True
+        self.forbidden: Callable[[Vector], str] = lambda _: ""
+        self.needs: dict[Need, Callable[[], bool]] = {}
+        self.arming_denied: Callable[[], str] = lambda: ""
+        self.flights = 0
+        self.armed_t_ns = 0
+        self.frame = aircraft.frame
+        self._aircraft = aircraft
+        self._parameters = parameters
+        self._report = reporter
+        self._ordered_speed_mps: float | None = None
+        self._goal: _Goal | None = None  # of a position order under way
+        self._last_stage: route.Stage | None = None  # that ended the mission by itself
+        self.navigator = Navigator(aircraft, parameters)
+        self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
+        self._settling = True
+        self._released = False  # the motors, by order
+        self._wrecked = False
+
+    # --- what is going on -----------------------------------------------------------------------
+
+    @property
+    def moving(self) -> bool:
+        """Whether something is being done that needs simulated time."""
+        return self._manoeuvre is not None
+
+    @property
+    def airborne(self) -> bool:
+        """Flying, under its own power."""
+        return self._aircraft.armed and not self._aircraft.on_ground
+
+    @property
+    def landed_state(self) -> LandedState:
+        """On the ground, climbing from it, sinking to it, or in the air."""
+        if self._aircraft.crashed:
+            return LandedState.UNDEFINED  # down, but whoever waits for a landing has not got one
+        if self._aircraft.on_ground:
+            return LandedState.ON_GROUND
+        if self.mode is Mode.TAKEOFF:
+            return LandedState.TAKEOFF
+        return LandedState.LANDING if self.mode is Mode.LAND else LandedState.IN_AIR
+
+    @property
+    def home_ned_m(self) -> Vector:
+        """Home in the aircraft's frame."""
+        home = self.home
+        return self.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
+
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """By the parameters."""
+        p = self._parameters
+        return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+
+    def not_ready(self) -> str:
+        """Why the aircraft cannot be armed; empty if it can."""
+        if not self._aircraft.ready:
+            return self._aircraft.why_not_ready
+        if self.mode is Mode.TERMINATED:
+            return "flight was terminated"
+        if self._settling:
+            return _STARTING
+        return self.arming_denied()
+
+    def here(self) -> Vector:
+        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        return self._here()
+
+    def not_at_rest(self) -> str:
+        """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
+        if self._aircraft.armed:
+            return "armed"
+        return "" if self._aircraft.on_ground else "in the air"
+
+    def too_far(self, pos_ned_m: Vector) -> str:
+        """How a place is farther away than anything may be; empty if it is not."""
+        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
+
+    def tick(self) -> bool:
+        """Look after the manoeuvre, after every physics tick; whether there still is one."""
+        manoeuvre = self._manoeuvre
+        if manoeuvre is None:
+            return False
+        try:
+            if manoeuvre.tick():
+                self._finished()
+                return self._manoeuvre is not None
+        except do.StuckError as stuck:
+            self._stuck(str(stuck))
+            return self._manoeuvre is not None
+        except Exception as error:
+            self._report.internal_error("flying", error)
+            self._give_up()
+            return self._manoeuvre is not None
+        return True
+
+    def _stuck(self, why: str) -> None:
+        """What is being flown leads nowhere: land; if that is what leads nowhere, let go."""
+        if self.notice_crash():
+            return
+        self._manoeuvre = None
+        self._report.failsafe(f"{why[0].upper()}{why[1:]}")
+        if not self.airborne:
+            self._stop_motors()
+            self._enter(Mode.HOLD, why, None)
+        elif self.mode is Mode.LAND or self.land(why) is not None:
+            self.terminate(why)
+
+    def _give_up(self) -> None:
+        """What was being flown cannot be: hold, or stand where the aircraft is."""
+        self._manoeuvre = None
+        self._settling = False
+        if self.airborne and self.mode is not Mode.TERMINATED:
+            self._enter(Mode.HOLD, "internal error", self.navigator.stop())
+
+    # --- orders ---------------------------------------------------------------------------------
+
+    def arm(self) -> str | None:
+        """Release the motors."""
+        if self._aircraft.armed:
+            return None
+        reason = self.not_ready()
+        if reason:
+            return reason
+        self._aircraft.arm()
+        self._released = True
+        self.flights += 1
+        self.armed_t_ns = self._aircraft.t_ns
+        self._report.armed(True)
+        return None
+
+    def disarm(self, *, force: bool = False) -> str | None:
+        """Stop the motors; in the air only by force, which ends the flight."""
+        if not self._aircraft.armed:
+            return None
+        if not self._aircraft.on_ground:
+            return self.terminate("forced disarming in the air") if force else "in the air"
+        self._stop_motors()
+        if self.mode is not Mode.TERMINATED:
+            self._enter(Mode.HOLD, "disarmed", None)
+        return None
+
+    def terminate(self, why: str = Trigger.ORDER_TERMINATE.value) -> str | None:
+        """Stop the motors wherever the aircraft is."""
+        self._settling = False
+        self._stop_motors()
+        self._enter(Mode.TERMINATED, why, do.Fall(self._aircraft))
+        return None
+
+    def notice_crash(self) -> bool:
+        """Whether the aircraft is a wreck; then nothing is under way, nor ever will be."""
+        impact_mps = self._aircraft.impact_mps
+        if impact_mps is not None and not self._wrecked:
+            self._wrecked = True
+            self._report.say(Severity.CRITICAL, f"Crashed: hit the ground at {impact_mps:.1f} m/s")
+            self._settling = False
+            self._stop_motors()
+            self._enter(Mode.TERMINATED, "crashed", None)
+        return self._wrecked
+
+    def take_off(self, altitude_msl_m: float | None) -> str | None:
+        """Climb straight up to an altitude, or to the parameter's height above home."""
+        if self.mode is Mode.TAKEOFF and self.moving:
+            return None
+        height = self._parameters["MIS_TAKEOFF_ALT"]
+        altitude = self.home.alt_msl_m + height if altitude_msl_m is None else altitude_msl_m
+        here = self._here()
+        down_m = self.frame.origin.alt_msl_m - altitude
+        if down_m > here[2] - _LEAST_CLIMB_M:
+            return f"take-off altitude {altitude:.1f} m is not above the aircraft"
+        if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
+            return f"the end of the take-off is {forbidden}"
+        return self._order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
+
+    def fly_mission(self) -> str | None:
+        """Start the mission, or go on with it."""
+        if self.mode is Mode.MISSION:
+            return None
+        stages = self._stages()
+        if self.mission.items and not stages:
+            return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
+        paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
+        if paths and (forbidden := self.forbidden(np.vstack(paths))):
+            return f"the mission leads {forbidden}"
+        return self._order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+
+    def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
+        """Have another mission on board, to be started; not while one is being flown."""
+        if self.mode is Mode.MISSION:
+            if self.moving:
+                return "Mission is being flown: hold before a new one"
+            self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
+        self.mission.replace(items)
+        self._report.mission_changed()
+        return None
+
+    def rewind_mission(self, seq: int) -> str | None:
+        """Go on with item `seq`, at once if the mission is being flown."""
+        if seq >= max(len(self.mission.items), 1):
+            return f"mission has {len(self.mission.items)} items, no item {seq}"
+        flying = self.mode is Mode.MISSION
+        if not (flying and seq == self.mission.current):
+            self.mission.rewind(seq)
+            if flying:
+                self._manoeuvre = self._fly_on(self._stages())
+        self._report.mission_changed()
+        return None
+
+    def hold(self, why: str | None = None) -> str | None:
+        """Brake and stay."""
+        if self.mode is Mode.HOLD and self._goal is None:
+            return None
+        return self._order(Trigger.ORDER_HOLD, self.navigator.stop, why)
+
+    def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
+        """Fly straight to a position and stay there."""
+        goal = _Goal(tuple(float(part) for part in pos_ned_m), yaw_rad)
+        if goal == self._goal:
+            return None
+        if forbidden := self.forbidden(np.array(goal.pos_ned_m)):
+            return f"the position is {forbidden}"
+        reason = self._order(Trigger.ORDER_GOTO, lambda: self._go(goal))
+        if reason is None:
+            self._goal = goal
+        return reason
+
+    def turn_to(self, yaw_rad: float) -> str | None:
+        """Turn to a heading on the spot."""
+        if self.mode is not Mode.HOLD or self.moving:
+            return "the heading can be set only while holding"
+        place = self._here()
+        return self._order(
+            Trigger.ORDER_GOTO,
+            lambda: self.navigator.turn(place, yaw_rad),
+        )
+
+    def return_home(self, why: str | None = None) -> str | None:
+        """Fly home, or to a rally point that is closer, at a safe height and land."""
+        if self.mode is Mode.RETURN:
+            return None
+        return self._order(Trigger.ORDER_RETURN, self._return, why)
+
+    def land(self, why: str | None = None) -> str | None:
+        """Land here."""
+        if self.mode is Mode.LAND:
+            return None
+        return self._order(Trigger.ORDER_LAND, self._land_here, why)
+
+    def fly_by(
+        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
+    ) -> str | None:
+        """Let somebody else fly, by the manoeuvre that `make` begins."""
+        return self._order(trigger, make, why)
+
+    def change_speed(self, speed_mps: float | None) -> None:
+        """Speed for what is being flown and what will be, until disarmed; None for the default."""
+        self._ordered_speed_mps = speed_mps
+        self.mission.item_speed_mps = None
+        if self.mode is Mode.MISSION and self.moving:
+            self._manoeuvre = self._fly_on(self._stages())
+        elif self._goal is not None:
+            self._manoeuvre = self._go(self._goal)
+
+    def set_home(self, home: GeodeticPoint) -> None:
+        """Home is there from now on."""
+        self.home = home
+        self._report.home_changed()
+
+    # --- transitions ----------------------------------------------------------------------------
+
+    def _order(
+        self,
+        trigger: Trigger,
+        make: Callable[[], do.Manoeuvre],
+        why: str | None = None,
+    ) -> str | None:
+        if self._settling:
+            return _STARTING
+        row = transition(self.mode, trigger)
+        if row is None:
+            return f"not possible in mode {self.mode.name}"
+        for need in row.needs:
+            if not self._met(need):
+                return need.value
+        if row.target is Mode.HOLD and not self.airborne:
+            self._aircraft.idle()
+            self._enter(row.target, why or trigger.value, None)
+        else:
+            self._enter(row.target, why or trigger.value, make())
+        return None
+
+    def _met(self, need: Need) -> bool:
+        match need:
+            case Need.ARMED:
+                return self._aircraft.armed
+            case Need.ON_GROUND:
+                return self._aircraft.on_ground
+            case Need.AIRBORNE:
+                return not self._aircraft.on_ground
+            case Need.MISSION:
+                return bool(self.mission.items)
+            case Need.POSITION:
+                return self.position_ok()
+            case _:
+                return self.needs[need]()
+
+    def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
+        self._manoeuvre = manoeuvre
+        self._goal = None
+        self._report.landed_state()
+        if mode is not self.mode:
+            self.mode = mode
+            self._report.mode(mode, why)
+
+    def _finished(self) -> None:
+        if self.notice_crash():
+            return
+        self._manoeuvre = None
+        if self._settling:
+            self._settling = False
+            self._ready()
+        elif self.mode is Mode.MISSION:
+            self._mission_ended()
+        elif self.mode is Mode.RETURN:
+            self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_here())
+        elif self.mode is Mode.LAND or self.mode in PILOTED:
+            self._landed()
+        else:
+            self._follow_up(Trigger.DONE)
+
+    def _follow_up(self, trigger: Trigger) -> None:
+        row = transition(self.mode, trigger)
+        if row is not None:
+            self._enter(row.target, trigger.value, None)
+
+    def _ready(self) -> None:
+        if self._aircraft.ready:
+            self._report.say(Severity.INFO, "Ready for takeoff")
+        else:
+            self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
+
+    def _mission_ended(self) -> None:
+        last = self._last_stage
+        if isinstance(last, route.Loiter):
+            return  # stays in the mission, at an item without end
+        self.mission.finish()
+        self._report.mission_changed()
+        if isinstance(last, route.GoHome) and self.return_home("mission") is None:
+            return
+        if isinstance(last, route.Land):
+            self._landed()
+        else:
+            self._follow_up(Trigger.DONE)
+
+    def _landed(self) -> None:
+        self._stop_motors()
+        self._follow_up(Trigger.DONE)
+
+    def _stop_motors(self) -> None:
+        if self._released:  # a crash stops the motors without an order
+            self._released = False
+            self._aircraft.disarm()
+            self._ordered_speed_mps = None
+            self._report.armed(False)
+
+    def _go(self, goal: _Goal) -> do.Manoeuvre:
+        return self.navigator.go_to(
+            self._here(),
+            np.array(goal.pos_ned_m),
+            speed_mps=self._ordered_speed_mps,
+            yaw_rad=goal.yaw_rad,
+        )
+
+    def _return(self) -> do.Manoeuvre:
+        here = self._here()
+        goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
+        self._report.say(Severity.INFO, f"Returning to {goal.name}")
+        return self.navigator.return_to(
+            here,
+            goal.pos_ned_m,
+            home_down_m=float(self.home_ned_m[2]),
+            speed_mps=self._ordered_speed_mps,
+        )
+
+    def _here(self) -> Vector:
+        return self.navigator.here(resting=not self.moving)
+
+    def _land_here(self) -> do.Manoeuvre:
+        return self.navigator.land(
+            self._here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
+        )
+
+    def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
+        self.mission.start()
+        self._last_stage = None
+        self._report.mission_changed()
+        return self.navigator.fly(
+            stages,
+            reached=self._reached,
+            ended=self._ended_by,
+            ground_down_m=float(self.home_ned_m[2]),
+        )
+
+    def _stages(self) -> tuple[route.Stage, ...]:
+        return self.navigator.stages(
+            self.mission, self._here(), home=self.home, speed_mps=self._ordered_speed_mps
+        )
+
+    def _ended_by(self, stage: route.Stage) -> None:
+        self._last_stage = stage
+
+    def _reached(self, seq: int) -> None:
+        self.mission.reached(seq)
+        self._report.reached(seq, place=self.mission.items[seq].command in NAVIGATION)

@@ -1,0 +1,295 @@
+"""Things the aircraft does until they are done. Each starts when it is made.
+
+`tick` runs after every guidance step, and after every physics tick where corners are passed; it is
+all that flying costs the autopilot, so it is short.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.frames import wrap_pi, yaw_of
+from flightdyn.guidance.path import FlightPath
+from flightdyn.state import Vector
+
+_READY_TIMEOUT_S = 120.0
+_TURN_TOLERANCE_RAD = math.radians(2.0)
+_TURN_TIMEOUT_S = 30.0
+_FALL_TIMEOUT_S = 120.0
+_CLIMB_TOLERANCE_M = 2.0
+_LANDING_SLACK_S = 120.0
+_LANDING_PATIENCE = 4.0  # times the time that sinking at the landing speed would take
+_BELOW_GROUND_M = 3.0  # where a landing aims: the estimate of the height may be off
+
+
+class StuckError(Exception):
+    """A manoeuvre that leads nowhere any more; the message says how it is told."""
+
+
+class Manoeuvre(Protocol):
+    """One thing to do."""
+
+    def tick(self) -> bool:
+        """Look after it; True once it is done. Raises StuckError once it will never be."""
+
+
+class Timer:
+    """Simulated time from now on."""
+
+    def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
+        self._aircraft = aircraft
+        self._duration_ns = max(1, round(duration_s * 1e9))
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._until_ns = self._aircraft.t_ns + self._duration_ns
+
+    @property
+    def over(self) -> bool:
+        """Whether the duration has passed."""
+        return self._aircraft.t_ns >= self._until_ns
+
+
+class Settle:
+    """Stand until the estimator has found itself."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._patience = Timer(aircraft, _READY_TIMEOUT_S)
+
+    def tick(self) -> bool:
+        return self._aircraft.ready or self._patience.over
+
+
+class Follow:
+    """Fly a path to its end; `passed(i)` is called on the tick point i is passed."""
+
+    def __init__(
+        self, aircraft: Aircraft, path: FlightPath, passed: Callable[[int], None] | None = None
+    ) -> None:
+        self._passed = passed
+        self._count = 0
+        self._points = len(path.points_ned_m)
+        aircraft.follow(path)
+        self._progress = aircraft.progress  # of this very path
+
+    def tick(self) -> bool:
+        progress = self._progress
+        if progress.passed != self._count:
+            self._report(progress.passed)
+        if progress.stalled:
+            raise StuckError("the aircraft does not follow its path")
+        return progress.finished
+
+    def _report(self, passed: int) -> None:
+        first, self._count = self._count, passed
+        if self._passed is not None:
+            for point in range(first, passed):
+                self._passed(point)
+
+
+class Climb(Follow):
+    """Straight up from the ground; it says so where the height is not reached."""
+
+    def tick(self) -> bool:
+        done = super().tick()
+        missed_m = self._progress.missed_m
+        if done and missed_m > _CLIMB_TOLERANCE_M:
+            raise StuckError(f"take-off ended {missed_m:.0f} m from its height")
+        return done
+
+
+class Stop:
+    """Brake and hold where the aircraft comes to rest."""
+
+    def __init__(self, aircraft: Aircraft, *, deceleration_mps2: float) -> None:
+        self._aircraft = aircraft
+        belief = aircraft.belief
+        velocity = np.asarray(belief.vel_ned_mps)
+        speed = float(np.linalg.norm(velocity))
+        ahead = velocity * speed / (2.0 * deceleration_mps2)
+        aircraft.hold(np.asarray(belief.pos_ned_m) + ahead, yaw_of(belief.q_frd_to_ned))
+
+    def tick(self) -> bool:
+        if self._aircraft.progress.stalled:
+            raise StuckError("the aircraft does not stop")
+        return self._aircraft.progress.finished
+
+
+class Turn:
+    """Turn on the spot to a heading."""
+
+    def __init__(self, aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> None:
+        self._aircraft = aircraft
+        self._yaw_rad = yaw_rad
+        self._patience = Timer(aircraft, _TURN_TIMEOUT_S)
+        aircraft.hold(pos_ned_m, yaw_rad)
+
+    def tick(self) -> bool:
+        error = wrap_pi(yaw_of(self._aircraft.belief.q_frd_to_ned) - self._yaw_rad)
+        return abs(error) < _TURN_TOLERANCE_RAD or self._patience.over
+
+
+class Pause:
+    """Let simulated time pass."""
+
+    def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
+        self._pause = Timer(aircraft, duration_s)
+
+    def tick(self) -> bool:
+        return self._pause.over
+
+
+class _Landing:
+    """On the ground for a while means landed; not in a multiple of the time it takes, never."""
+
+    def __init__(
+        self, aircraft: Aircraft, *, ground_down_m: float, landing_mps: float, settle_s: float
+    ) -> None:
+        self._aircraft = aircraft
+        self._settled = Timer(aircraft, settle_s)
+        height_m = max(0.0, ground_down_m - float(aircraft.belief.pos_ned_m[2]))
+        self._patience = Timer(
+            aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / landing_mps
+        )
+
+    def tick(self) -> bool:
+        if not self._aircraft.on_ground:
+            self._settled.restart()
+        if self._patience.over:
+            raise StuckError("the landing does not come to the ground")
+        return self._settled.over
+
+    def _sink(self, speed_mps: float) -> None:
+        yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
+        self._aircraft.velocity(np.array([0.0, 0.0, speed_mps]), yaw)
+
+
+class Descend(_Landing):
+    """Sink until on the ground, slowly at the end; done when it has stood there for a while."""
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        *,
+        start_ned_m: Vector,
+        ground_down_m: float,
+        descent_mps: float,
+        landing_mps: float,
+        landing_height_m: float,
+        settle_s: float,
+    ) -> None:
+        super().__init__(
+            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
+        )
+        self._landing_mps = landing_mps
+        self._blind = False
+        north, east, down = map(float, start_ned_m)
+        slow = max(ground_down_m - landing_height_m, down)
+        end = max(ground_down_m, slow) + _BELOW_GROUND_M
+        aircraft.follow(
+            FlightPath(
+                np.array([[north, east, down], [north, east, slow], [north, east, end]]),
+                np.array([descent_mps, landing_mps]),
+                np.array([1.0, 1.0, 1.0]),
+            )
+        )
+
+    def tick(self) -> bool:
+        if self._aircraft.progress.finished and not self._blind:
+            # The ground is lower than believed: go on until it comes.
+            self._blind = True
+            self._sink(self._landing_mps)
+        return super().tick()
+
+
+class DescendUnsure(_Landing):
+    """Sink without a position: no place to keep, just no speed over ground as far as that is known.
+
+    Landing speed rules from higher up, for the barometer's height drifts too.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        *,
+        ground_down_m: float,
+        descent_mps: float,
+        landing_mps: float,
+        landing_height_m: float,
+        settle_s: float,
+    ) -> None:
+        super().__init__(
+            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
+        )
+        self._slow_down_m = ground_down_m - landing_height_m
+        self._landing_mps = landing_mps
+        self._slow = False
+        self._sink(descent_mps)
+
+    def tick(self) -> bool:
+        if not self._slow and float(self._aircraft.belief.pos_ned_m[2]) > self._slow_down_m:
+            self._slow = True
+            self._sink(self._landing_mps)
+        return super().tick()
+
+
+class Fall:
+    """Nobody flies the aircraft any more; done when it lies still."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._patience = Timer(aircraft, _FALL_TIMEOUT_S)
+
+    def tick(self) -> bool:
+        return self._aircraft.on_ground or self._patience.over
+
+
+class Piloted:
+    """Somebody else flies: `fly` is called now and then; done when it has landed and stood a while.
+
+    Without `fly` the orders come by themselves.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        fly: Callable[[], None] | None = None,
+        *,
+        every_s: float = 0.1,
+        settle_s: float,
+    ) -> None:
+        self._aircraft = aircraft
+        self._fly = fly
+        self._due = Timer(aircraft, every_s)
+        self._settled = Timer(aircraft, settle_s)
+        self._flown = False
+        if fly is not None:
+            fly()
+
+    def tick(self) -> bool:
+        if self._due.over:
+            self._due.restart()
+            if self._fly is not None:
+                self._fly()
+        if not self._aircraft.on_ground:
+            self._flown = True
+            self._settled.restart()
+        return self._flown and self._settled.over
+
+
+class Sequence:
+    """Manoeuvres one after another; each is made when the one before is done."""
+
+    def __init__(self, parts: Iterator[Manoeuvre]) -> None:
+        self._parts = parts
+        self._current = next(parts, None)
+
+    def tick(self) -> bool:
+        if self._current is not None and self._current.tick():
+            self._current = next(self._parts, None)
+        return self._current is None

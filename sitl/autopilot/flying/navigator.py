@@ -1,0 +1,189 @@
+"""How the aircraft gets where it is wanted: manoeuvres made from parameters and positions."""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.frames import yaw_of
+from flightdyn.guidance.path import FlightPath
+from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.flying import manoeuvres as do
+from sitl.autopilot.flying import route
+from sitl.autopilot.flying.mission import Mission
+from sitl.autopilot.parameters import Parameters
+
+_SAME_PLACE_M = 2.0  # the guidance's own reference is as good as the estimate within this
+_UNSURE = 3.0  # times the height from which the landing speed rules, without GNSS
+
+MissionEnd: TypeAlias = Callable[[route.Stage], None]
+
+
+class Navigator:
+    """Makes manoeuvres of one aircraft. A manoeuvre starts when it is made."""
+
+    def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
+        self._aircraft = aircraft
+        self._parameters = parameters
+
+    def here(self, *, resting: bool) -> Vector:
+        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        belief = np.asarray(self._aircraft.belief.pos_ned_m)
+        held = self._aircraft.cmd_pos_ned_m
+        if held is None or not resting or self._aircraft.on_ground:
+            return np.array(belief)
+        near = float(np.linalg.norm(held - belief)) < _SAME_PLACE_M
+        return np.array(held if near else belief)
+
+    def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:
+        """Straight up."""
+        up = np.array([start[0], start[1], down_m])
+        return do.Climb(self._aircraft, self._path([start, up], self._parameters["MPC_TKO_SPEED"]))
+
+    def stop(self) -> do.Manoeuvre:
+        """Brake, and hold where the aircraft comes to rest."""
+        return do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
+
+    def turn(self, place: Vector, yaw_rad: float) -> do.Manoeuvre:
+        """Turn on the spot."""
+        return do.Turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad)
+
+    def go_to(
+        self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float | None
+    ) -> do.Manoeuvre:
+        """Straight to a position; then to a heading, if one is given."""
+
+        def parts() -> Iterator[do.Manoeuvre]:
+            yield self._follow([start, goal], self._speed(speed_mps))
+            if yaw_rad is not None:
+                yield self.turn(goal, yaw_rad)
+
+        return do.Sequence(parts())
+
+    def return_to(
+        self, start: Vector, goal: Vector, *, home_down_m: float, speed_mps: float | None
+    ) -> do.Manoeuvre:
+        """Up to the return height, or the goal's own if that is higher, and over the goal.
+
+        Nobody climbs where the goal is near.
+        """
+        p = self._parameters
+        far = float(np.hypot(*(start - goal)[:2])) > p["RTL_MIN_DIST"]
+        ceiling = min(float(goal[2]), home_down_m - p["RTL_RETURN_ALT"])
+        down = min(float(start[2]), ceiling) if far else float(start[2])
+        above_start = np.array([start[0], start[1], down])
+        above_goal = np.array([goal[0], goal[1], down])
+        return self._follow([start, above_start, above_goal], self._speed(speed_mps))
+
+    def land(self, start: Vector, *, ground_down_m: float, sure: bool = True) -> do.Manoeuvre:
+        """Straight down until on the ground; keeping the position where that is `sure`."""
+        p = self._parameters
+        speeds = {"descent_mps": p["MPC_Z_VEL_MAX_DN"], "landing_mps": p["MPC_LAND_SPEED"]}
+        height, settle = p["MPC_LAND_ALT2"], p["COM_DISARM_LAND"]
+        if not sure:
+            return do.DescendUnsure(
+                self._aircraft,
+                ground_down_m=ground_down_m,
+                landing_height_m=_UNSURE * height,
+                settle_s=settle,
+                descent_mps=speeds["descent_mps"],
+                landing_mps=0.7 * speeds["landing_mps"],
+            )
+        return do.Descend(
+            self._aircraft,
+            start_ned_m=start,
+            ground_down_m=ground_down_m,
+            landing_height_m=height,
+            settle_s=settle,
+            **speeds,
+        )
+
+    def stages(
+        self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
+    ) -> tuple[route.Stage, ...]:
+        """What the mission comes to from where it would start."""
+        first, item_speed = mission.next_start
+        return route.compile_route(
+            mission.items,
+            first=first,
+            start=route.Start(
+                start,
+                on_ground=self._aircraft.on_ground,
+                speed_mps=speed_mps if item_speed is None else item_speed,
+            ),
+            frame=self._aircraft.frame,
+            home=home,
+            limits=self._limits(),
+        )
+
+    def fly(
+        self,
+        stages: Sequence[route.Stage],
+        *,
+        reached: Callable[[int], None],
+        ended: MissionEnd,
+        ground_down_m: float,
+    ) -> do.Manoeuvre:
+        """Stage after stage; `ended` hears of a stage that ends the mission before its last."""
+
+        def parts() -> Iterator[do.Manoeuvre]:
+            for stage in stages:
+                match stage:
+                    case route.Fly(path, at):
+                        yield do.Follow(self._aircraft, path, _reporter(at, reached))
+                    case route.Wait(duration_s, seq, reports):
+                        if duration_s > 0:
+                            yield do.Pause(self._aircraft, duration_s)
+                        if reports:
+                            reached(seq)
+                    case route.Turn(yaw_rad, relative, seq):
+                        now = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
+                        yield self.turn(self.here(resting=True), now + yaw_rad)
+                        reached(seq)
+                    case route.Land(seq):
+                        yield self.land(self.here(resting=True), ground_down_m=ground_down_m)
+                        reached(seq)
+                        ended(stage)
+                        return
+                    case route.GoHome() | route.Loiter():
+                        if isinstance(stage, route.GoHome):
+                            reached(stage.seq)
+                        ended(stage)
+                        return
+
+        return do.Sequence(parts())
+
+    def _speed(self, ordered_mps: float | None) -> float:
+        return self._parameters["MPC_XY_CRUISE"] if ordered_mps is None else ordered_mps
+
+    def _follow(self, points: Sequence[Vector], speed_mps: float) -> do.Manoeuvre:
+        return do.Follow(self._aircraft, self._path(points, speed_mps))
+
+    def _path(self, points: Sequence[Vector], speed_mps: float) -> FlightPath:
+        limits = self._limits()
+        speeds = [
+            route.leg_speed(a, b, speed_mps=speed_mps, limits=limits) for a, b in pairwise(points)
+        ]
+        radii = np.full(len(points), limits.acceptance_m)
+        return FlightPath(np.array(points), np.array(speeds), radii)
+
+    def _limits(self) -> route.Limits:
+        p = self._parameters
+        return route.Limits(
+            cruise_mps=p["MPC_XY_CRUISE"],
+            max_speed_mps=p["MPC_XY_VEL_MAX"],
+            climb_mps=p["MPC_Z_VEL_MAX_UP"],
+            descent_mps=p["MPC_Z_VEL_MAX_DN"],
+            takeoff_mps=p["MPC_TKO_SPEED"],
+            acceptance_m=p["NAV_ACC_RAD"],
+        )
+
+
+def _reporter(at: Sequence[Sequence[int]], reached: Callable[[int], None]) -> Callable[[int], None]:
+    def passed(point: int) -> None:
+        for seq in at[point]:
+            reached(seq)
+
+    return passed

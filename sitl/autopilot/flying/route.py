@@ -1,0 +1,331 @@
+"""From mission items to what the navigator does one after another: the mission's meaning.
+
+Waypoints without hold time are flown through without stopping, so everything between two stops
+becomes one path. DO_CHANGE_SPEED rules the legs after it. A pure function of items and start.
+"""
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from flightdyn.frames import LocalFrame
+from flightdyn.guidance.path import FlightPath
+from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.protocol.items import NAVIGATION, PLACES
+from sitl.autopilot.values import ranges
+from sitl.autopilot.values.enums import RELATIVE_FRAMES, Command
+from sitl.autopilot.values.messages import MissionItem
+
+_JUMPS = frozenset({Command.DO_JUMP})
+_ENDS = frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LOITER_UNLIM})
+MAX_STEPS = 10_000  # items carried out, jumps included
+MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
+
+
+@dataclass(frozen=True, slots=True)
+class Fly:
+    """Fly `path` to its end; `reached[i]` are the items reached when point i is passed."""
+
+    path: FlightPath
+    reached: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """Hold still for some simulated time."""
+
+    duration_s: float
+    seq: int
+    reports: bool  # the item counts as reached when the wait is over
+
+
+@dataclass(frozen=True, slots=True)
+class Loiter:
+    """Stay here until somebody orders something else: the mission goes no further."""
+
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Turn to a heading, or by an angle."""
+
+    yaw_rad: float
+    relative: bool
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class Land:
+    """Descend here until on the ground."""
+
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class GoHome:
+    """Leave the mission for the return."""
+
+    seq: int
+
+
+Stage: TypeAlias = Fly | Wait | Turn | Land | GoHome | Loiter
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the vehicle adds to the items."""
+
+    cruise_mps: float
+    max_speed_mps: float
+    climb_mps: float
+    descent_mps: float
+    takeoff_mps: float
+    acceptance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a route begins."""
+
+    pos_ned_m: Vector  # (3,)
+    on_ground: bool
+    speed_mps: float | None = None  # rules until an item says otherwise; None: the cruise speed
+
+
+@dataclass(slots=True)
+class _Leg:
+    points: list[Vector]
+    speeds: list[float] = field(default_factory=list)
+    acceptance: list[float] = field(default_factory=list)
+    reached: list[list[int]] = field(default_factory=list)
+
+
+def leg_speed(start: Vector, end: Vector, *, speed_mps: float, limits: Limits) -> float:
+    """Speed along a leg such that neither the vertical nor the overall limit is exceeded."""
+    delta = np.asarray(end) - np.asarray(start)
+    length = float(np.linalg.norm(delta))
+    speed = min(speed_mps, limits.max_speed_mps)
+    climb_share = -float(delta[2]) / length if length > 1e-6 else 0.0
+    if climb_share > 1e-6:
+        speed = min(speed, limits.climb_mps / climb_share)
+    elif climb_share < -1e-6:
+        speed = min(speed, limits.descent_mps / -climb_share)
+    return max(speed, ranges.SPEED.low)
+
+
+def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
+    """Altitude above mean sea level in metres of an item with a global frame."""
+    return item.z + (home.alt_msl_m if item.frame in RELATIVE_FRAMES else 0.0)
+
+
+class _Compiler:
+    """Walks through the items once and collects stages."""
+
+    def __init__(
+        self, frame: LocalFrame, *, home: GeodeticPoint, start: Start, limits: Limits
+    ) -> None:
+        self._frame = frame
+        self._home = home
+        self._limits = limits
+        self._here = np.array(start.pos_ned_m, dtype=float)
+        self._speed = limits.cruise_mps if start.speed_mps is None else start.speed_mps
+        self._climb_first = start.on_ground
+        self._leg = _Leg([self._here], acceptance=[limits.acceptance_m], reached=[[]])
+        self.stages: list[Stage] = []
+
+    def add(self, item: MissionItem) -> None:
+        """Carry out one item after those added before."""
+        match item.command:
+            case Command.NAV_WAYPOINT:
+                self._go(self._place(item), item.seq, acceptance_m=item.params[1])
+                if item.params[0] > 0:
+                    self._then(Wait(item.params[0], item.seq, reports=False))
+            case Command.NAV_LOITER_TIME:
+                self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
+                self._then(Wait(max(item.params[0], 0.0), item.seq, reports=True))
+            case Command.NAV_LOITER_UNLIM:
+                self._go(self._place(item), item.seq, acceptance_m=math.nan)
+                self._then(Loiter(item.seq))
+            case Command.NAV_TAKEOFF:
+                self._takeoff(item)
+            case Command.NAV_LAND:
+                place = self._place(item)
+                above = np.array([place[0], place[1], min(self._here[2], place[2])])
+                self._go(above, item.seq, acceptance_m=math.nan, report=False)
+                self._then(Land(item.seq))
+            case Command.NAV_RETURN_TO_LAUNCH:
+                self._then(GoHome(item.seq))
+            case Command.NAV_DELAY | Command.CONDITION_DELAY:
+                self._then(Wait(item.params[0], item.seq, reports=True))
+            case Command.CONDITION_YAW:
+                self._then(
+                    Turn(math.radians(item.params[0]), relative=item.params[3] == 1, seq=item.seq)
+                )
+            case Command.DO_CHANGE_SPEED:
+                self.change_speed(item.params[1])
+                self._leg.reached[-1].append(item.seq)
+
+    def change_speed(self, speed_mps: float) -> None:
+        """The speed of the legs to come: -1 keeps it, -2 returns to the default."""
+        if speed_mps == -2.0:
+            self._speed = self._limits.cruise_mps
+        elif speed_mps > 0:
+            self._speed = speed_mps
+
+    def close(self) -> None:
+        """End the path that is being collected, with a stop at its last point."""
+        leg = self._leg
+        if leg.speeds or any(leg.reached):
+            if not leg.speeds:  # items before any movement: a path of no length reports them
+                leg.points.append(leg.points[0])
+                leg.speeds.append(self._limits.cruise_mps)
+                leg.acceptance.append(self._limits.acceptance_m)
+                leg.reached = [[], leg.reached[0]]
+            self.stages.append(
+                Fly(
+                    FlightPath(
+                        np.array(leg.points), np.array(leg.speeds), np.array(leg.acceptance)
+                    ),
+                    tuple(tuple(seqs) for seqs in leg.reached),
+                )
+            )
+        self._leg = _Leg([self._here], acceptance=[self._limits.acceptance_m], reached=[[]])
+
+    def _then(self, stage: Stage) -> None:
+        self.close()
+        self.stages.append(stage)
+
+    def _place(self, item: MissionItem) -> Vector:
+        lat_deg, lon_deg = item.x, item.y
+        if math.isnan(lat_deg):  # "right here"
+            here = self._frame.to_geodetic(self._here)
+            lat_deg, lon_deg = here.lat_deg, here.lon_deg
+        return self._frame.to_ned(lat_deg, lon_deg, item_altitude(item, self._home))
+
+    def _takeoff(self, item: MissionItem) -> None:
+        place = self._place(item)
+        up = np.array([self._here[0], self._here[1], min(place[2], self._here[2])])
+        self._climb_first = False
+        self._append(up, self._limits.takeoff_mps, self._limits.acceptance_m, [])
+        self._go(np.array([place[0], place[1], up[2]]), item.seq, acceptance_m=item.params[1])
+        self.close()
+
+    def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:
+        if self._climb_first:
+            # From the ground straight up first: nobody flies sideways through the grass.
+            self._climb_first = False
+            up = np.array([self._here[0], self._here[1], min(point[2], self._here[2])])
+            self._append(up, self._limits.takeoff_mps, self._limits.acceptance_m, [])
+            self.close()
+        radius = acceptance_m if acceptance_m > 0 else self._limits.acceptance_m
+        self._append(point, self._speed, radius, [seq] if report else [])
+
+    def _append(
+        self, point: Vector, speed_mps: float, acceptance_m: float, reached: list[int]
+    ) -> None:
+        self._leg.speeds.append(
+            leg_speed(self._here, point, speed_mps=speed_mps, limits=self._limits)
+        )
+        self._leg.points.append(point)
+        self._leg.acceptance.append(acceptance_m)
+        self._leg.reached.append(reached)
+        self._here = point
+
+
+def compile_route(
+    items: Sequence[MissionItem],
+    *,
+    first: int,
+    start: Start,
+    frame: LocalFrame,
+    home: GeodeticPoint,
+    limits: Limits,
+) -> tuple[Stage, ...]:
+    """The stages from item `first` on of a mission that `check_mission` has nothing against."""
+    compiler = _Compiler(frame, home=home, start=start, limits=limits)
+    jumps_left = {item.seq: int(item.params[1]) for item in items if item.command in _JUMPS}
+    index = first
+    while index < len(items):
+        item = items[index]
+        index += 1
+        if item.command in _JUMPS:
+            if jumps_left[item.seq] > 0:
+                jumps_left[item.seq] -= 1
+                index = int(item.params[0])
+        else:
+            compiler.add(item)
+            if item.command in _ENDS:
+                break
+    compiler.close()
+    return tuple(compiler.stages)
+
+
+def _jump_trouble(items: Sequence[MissionItem]) -> str:
+    """Why the jumps lead nowhere or almost without end, from whichever item the mission starts."""
+    jumps = {item.seq: item for item in items if item.command in _JUMPS}
+    if len(jumps) > MAX_JUMPS:
+        return f"{len(jumps)} items jump; at most {MAX_JUMPS} may"
+    for item in jumps.values():
+        if not item.params[0] < len(items):
+            return f"item {item.seq} jumps to item {item.params[0]:g}, which is not there"
+    # Where a walk goes without jumping is the same from every item between two of these.
+    stops = sorted({len(items), *jumps, *(i.seq for i in items if i.command in _ENDS)})
+    for before, stop in zip([-1, *stops], stops, strict=False):
+        if stop - before > 1 or stop in jumps:
+            first = before + 1
+            if _steps(first, jumps, stops) > MAX_STEPS:
+                return f"from item {first} on it is more than {MAX_STEPS} items with its jumps"
+    return ""
+
+
+def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -> int:
+    """Items carried out from `first` on, jumps included; counted no farther than the limit."""
+    left = {seq: int(item.params[1]) for seq, item in jumps.items()}
+    index, steps = first, 0
+    while steps <= MAX_STEPS:
+        stop = stops[bisect_left(stops, index)]
+        steps += stop - index + 1
+        if stop not in jumps:
+            break
+        index = stop + 1
+        if left[stop] > 0:
+            left[stop] -= 1
+            index = int(jumps[stop].params[0])
+    return steps
+
+
+def next_navigation(items: Sequence[MissionItem], seq: int) -> int:
+    """The first item from `seq` on that the vehicle flies to; the last item if there is none."""
+    for item in items[seq:]:
+        if item.command in NAVIGATION:
+            return item.seq
+    return max(len(items) - 1, 0)
+
+
+def check_mission(
+    items: Sequence[MissionItem], *, frame: LocalFrame, home: GeodeticPoint, farthest_m: float
+) -> str:
+    """What keeps a whole mission from being flown; empty if nothing."""
+    for item in items:
+        if item.command in PLACES and not math.isnan(item.x):
+            place = frame.to_ned(item.x, item.y, item_altitude(item, home))
+            if far := too_far(place, farthest_m=farthest_m):
+                return f"item {item.seq} is {far}"
+    return _jump_trouble(items)
+
+
+def too_far(place_ned_m: Vector, *, farthest_m: float) -> str:
+    """How a place is too far away, in words; empty if it is not."""
+    distance_m = float(np.hypot(place_ned_m[0], place_ned_m[1]))
+    if distance_m <= farthest_m:
+        return ""
+    return f"{_distance(distance_m)} from home, MIS_DIST_1WP allows {_distance(farthest_m)}"
+
+
+def _distance(metres: float) -> str:
+    return f"{metres:.0f} m" if metres < 10_000 else f"{metres / 1000:.0f} km"

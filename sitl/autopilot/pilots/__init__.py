@@ -1,0 +1,1 @@
+"""Everybody outside who may fly the vehicle: programs, sticks, a target to follow."""

@@ -1,0 +1,106 @@
+"""Follow me: FOLLOW_TARGET says where somebody is, and the vehicle keeps its place beside him."""
+
+import math
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.frames import Triple, wrap_pi
+from flightdyn.guidance.pursuit import Target
+from sitl.autopilot.flying import manoeuvres as do
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.modes import Mode, Trigger
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.pilots.stream import WallClock
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values import ranges
+from sitl.autopilot.values import setpoints as s
+
+_KEPT_S = 3.0  # wall time for which a target that has fallen silent is thought to go on
+_COURSE_MPS = 1.0  # slower than that a target has no course; its last one counts
+_LOWEST_M = 2.0  # above home: a target's own altitude may be anything
+_PERIOD_S = 0.1
+
+
+class Follower:
+    """Takes the target's positions, and flies beside it in the mode FOLLOW."""
+
+    def __init__(
+        self, aircraft: Aircraft, flight: Flight, parameters: Parameters, *, clock: WallClock
+    ) -> None:
+        self._aircraft = aircraft
+        self._flight = flight
+        self._parameters = parameters
+        self._clock = clock
+        self._heard_at = -math.inf
+        self._pos: Triple = (0.0, 0.0, 0.0)
+        self._vel: Triple = (0.0, 0.0, 0.0)
+        self._course_rad = 0.0
+
+    def receive(self, body: m.Incoming) -> bool:
+        """Take a position of the target; False for what is none. An impossible one is dropped."""
+        if not isinstance(body, s.FollowTarget):
+            return False
+        vel = tuple(0.0 if math.isnan(part) else part for part in body.vel_mps)
+        possible = (
+            body.lat_deg in ranges.LATITUDE
+            and body.lon_deg in ranges.LONGITUDE
+            and body.alt_msl_m in ranges.ALTITUDE
+            and all(part in ranges.VELOCITY for part in vel)
+        )
+        if not possible:
+            return True
+        place = self._flight.frame.to_ned(body.lat_deg, body.lon_deg, body.alt_msl_m)
+        if np.hypot(place[0], place[1]) not in ranges.AWAY:
+            return True
+        self._heard_at = self._clock.now
+        self._pos = (float(place[0]), float(place[1]), float(place[2]))
+        self._vel = (vel[0], vel[1], vel[2])
+        if math.hypot(vel[0], vel[1]) > _COURSE_MPS:
+            turn = wrap_pi(math.atan2(vel[1], vel[0]) - self._course_rad)
+            self._course_rad += (1 - self._parameters["FLW_TGT_RS"]) * turn
+        return True
+
+    def enter(self) -> str | None:
+        """Follow from now on; until there is a target the vehicle stays where it is."""
+        if self._flight.mode is Mode.FOLLOW:
+            return None
+        return self._flight.fly_by(Trigger.ORDER_FOLLOW, self._piloted)
+
+    def _piloted(self) -> do.Manoeuvre:
+        self._aircraft.pursue(Target())  # brakes and stays
+        return do.Piloted(
+            self._aircraft,
+            self._fly,
+            every_s=_PERIOD_S,
+            settle_s=self._parameters["COM_DISARM_LAND"],
+        )
+
+    def _fly(self) -> None:
+        age_s = self._clock.now - self._heard_at
+        if age_s > _KEPT_S:
+            self._aircraft.pursue(Target())
+            return
+        p = self._parameters
+        x, y, z = (self._pos[i] + self._vel[i] * age_s for i in range(3))
+        beside = self._course_rad + math.radians(p["FLW_TGT_FA"])
+        distance = p["FLW_TGT_DST"]
+        by_target = int(p["FLW_TGT_ALT_M"]) == 2
+        floor = z if by_target else float(self._flight.home_ned_m[2])
+        place = (
+            x + distance * math.cos(beside),
+            y + distance * math.sin(beside),
+            min(floor - p["FLW_TGT_HT"], float(self._flight.home_ned_m[2]) - _LOWEST_M),
+        )
+        limits, own_mps = self._flight.speed_limits, math.hypot(self._vel[0], self._vel[1])
+        here = self._aircraft.belief.pos_ned_m
+        self._aircraft.pursue(
+            Target(
+                pos=place,
+                vel=(self._vel[0], self._vel[1], self._vel[2] if by_target else 0.0),
+                yaw=math.atan2(y - here[1], x - here[0]),
+                speed_mps=min(limits.speed_mps, own_mps + p["FLW_TGT_MAX_VEL"]),
+                climb_mps=limits.climb_mps,
+                descent_mps=limits.descent_mps,
+            )
+        )

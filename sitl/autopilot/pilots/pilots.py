@@ -1,0 +1,76 @@
+"""Everybody outside who may fly the vehicle: programs, sticks, a target, an order to circle."""
+
+from collections.abc import Callable, Mapping
+
+from flightdyn.aircraft import Aircraft
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.orbit import Orbit, Orbits
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.pilots.follow import Follower
+from sitl.autopilot.pilots.offboard import Offboard
+from sitl.autopilot.pilots.sticks import Sticks
+from sitl.autopilot.pilots.stream import WallClock
+from sitl.autopilot.protocol.commands import Handler
+from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.safety.failsafe import Failsafes
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import Command
+
+
+class Pilots:
+    """Takes what is streamed to the vehicle, and the orders to fly by it."""
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        flight: Flight,
+        parameters: Parameters,
+        *,
+        failsafes: Failsafes,
+        reporter: Reporter,
+    ) -> None:
+        self._clock = clock = WallClock()
+        self._offboard = Offboard(
+            aircraft, flight, parameters, clock=clock, failsafes=failsafes, reporter=reporter
+        )
+        self._sticks = Sticks(aircraft, flight, parameters, clock=clock, failsafes=failsafes)
+        failsafes.by_sticks = self._sticks.enter
+        self._follower = Follower(aircraft, flight, parameters, clock=clock)
+        self._orbits = Orbits(aircraft, flight)
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """The circle being flown; None where none is."""
+        return self._orbits.current
+
+    def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
+        """What enters each mode; the reason if that cannot be."""
+        return {
+            Mode.OFFBOARD: self._offboard.enter,
+            Mode.FOLLOW: self._follower.enter,
+            **self._sticks.modes(),
+        }
+
+    def handlers(self) -> Mapping[Command, Handler]:
+        """By command."""
+        return {Command.DO_ORBIT: self._orbits.command}
+
+    def note_time(self, now: float) -> None:
+        """Tell the wall time, before anything that is to happen at it."""
+        self._clock.now = now
+
+    def receive(self, _peer: m.Peer, body: m.Incoming, _now: float) -> bool:
+        """Take something streamed; False for what is nothing of that."""
+        return any(pilot.receive(body) for pilot in (self._offboard, self._sticks, self._follower))
+
+    def poll(self, now: float) -> None:
+        """Look after the streams."""
+        self._clock.now = now
+        self._offboard.poll()
+        self._sticks.poll()
+
+    def due(self) -> float | None:
+        """When `poll` has something to do; None for never."""
+        timers = (self._offboard.due(), self._sticks.due())
+        return min((timer for timer in timers if timer is not None), default=None)

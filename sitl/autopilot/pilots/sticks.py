@@ -1,0 +1,160 @@
+"""Flying by sticks: position, altitude and manual control, by MANUAL_CONTROL or RC channels.
+
+Names and meanings of the modes are PX4's. Sticks that fall silent are a failsafe (COM_RC_LOSS_T,
+NAV_RCL_ACT).
+"""
+
+import math
+from collections.abc import Callable, Mapping
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.frames import quaternion_from_euler, wrap_pi, yaw_of
+from flightdyn.guidance.control import AttitudeOrder
+from flightdyn.guidance.pursuit import Target
+from sitl.autopilot.flying import manoeuvres as do
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.modes import Mode, Need, Trigger
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.pilots.stream import Stream, WallClock
+from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values import setpoints as s
+
+_MIDDLE_US, _HALF_US = 1500, 500
+_DEADZONE = 0.1  # of the throttle's middle, and of sticks that hold a position
+_PERIOD_S = 0.02  # between looks at the sticks
+_ORDERS: Mapping[Mode, Trigger] = {
+    Mode.POSITION: Trigger.ORDER_POSITION,
+    Mode.ALTITUDE: Trigger.ORDER_ALTITUDE,
+    Mode.STABILIZED: Trigger.ORDER_STABILIZED,
+    Mode.MANUAL: Trigger.ORDER_MANUAL,
+}
+
+
+class Sticks:
+    """Takes the position of the sticks, and flies by it in the modes for that."""
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        flight: Flight,
+        parameters: Parameters,
+        *,
+        clock: WallClock,
+        failsafes: Failsafes,
+    ) -> None:
+        self._aircraft = aircraft
+        self._flight = flight
+        self._parameters = parameters
+        self._at = s.ManualControl(0.0, 0.0, 0.0, 0.0)
+        self._channels_us = [0] * 8
+        self._yaw_rad = 0.0  # wanted
+        self._stream = Stream(
+            clock, failsafes, Cause.STICKS_LOST, patience_s=lambda: parameters["COM_RC_LOSS_T"]
+        )
+        flight.needs[Need.STICKS] = lambda: self._stream.alive
+
+    def receive(self, body: m.Incoming) -> bool:
+        """Take a position of the sticks; False for what is none."""
+        match body:
+            case s.ManualControl():
+                self._at = body
+            case s.RcOverride(channels_us):
+                if not self._override(channels_us):
+                    return True
+            case _:
+                return False
+        self._stream.heard()
+        return True
+
+    def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
+        """What enters each mode; the reason if that cannot be."""
+        return {mode: lambda mode=mode: self.enter(mode) for mode in _ORDERS}  # type: ignore[misc]
+
+    def enter(self, mode: Mode, why: str | None = None) -> str | None:
+        """Fly by the sticks from now on; the reason if that cannot be."""
+        if self._flight.mode is mode:
+            return None
+        return self._flight.fly_by(_ORDERS[mode], lambda: self._piloted(mode), why)
+
+    def poll(self) -> None:
+        """Look after the stream."""
+        if self._aircraft.armed:
+            self._stream.watch(flown_by=self._flight.mode in _ORDERS)
+        else:
+            self._stream.forget()
+
+    def due(self) -> float | None:
+        """When `poll` has something to do; None for never."""
+        return self._stream.due() if self._flight.mode in _ORDERS else None
+
+    def _override(self, channels_us: tuple[int, ...]) -> bool:
+        """Take channels in the usual order: roll, pitch, throttle, yaw. False: all let go."""
+        for i, width in enumerate(channels_us):
+            if width != 65535:
+                self._channels_us[i] = width
+        if not any(self._channels_us[:4]):
+            return False
+        roll, pitch, throttle, yaw = (
+            0.0 if width == 0 else min(1.0, max(-1.0, (width - _MIDDLE_US) / _HALF_US))
+            for width in self._channels_us[:4]
+        )
+        self._at = s.ManualControl(pitch, roll, throttle, yaw)
+        return True
+
+    def _piloted(self, mode: Mode) -> do.Manoeuvre:
+        self._yaw_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
+        fly = {Mode.POSITION: self._fly_position, Mode.ALTITUDE: self._fly_altitude}.get(
+            mode, self._fly_attitude
+        )
+        return do.Piloted(
+            self._aircraft, fly, every_s=_PERIOD_S, settle_s=self._parameters["COM_DISARM_LAND"]
+        )
+
+    def _fly_position(self) -> None:
+        """Sticks are velocities, in the direction of the nose; in the middle it stays."""
+        at, p = self._at, self._parameters
+        speed = p["MPC_VEL_MANUAL"]
+        forward, right = _beyond_deadzone(at.pitch) * speed, _beyond_deadzone(at.roll) * speed
+        size = math.hypot(forward, right)
+        if size > speed:
+            forward, right = forward * speed / size, right * speed / size
+        yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
+        c, s_ = math.cos(yaw), math.sin(yaw)
+        velocity = (c * forward - s_ * right, s_ * forward + c * right, -self._climb_mps())
+        self._aircraft.pursue(
+            Target(vel=velocity, yaw_rate=self._yaw_rate(), **self._flight.speed_limits._asdict())
+        )
+
+    def _fly_altitude(self) -> None:
+        """Sticks lean the aircraft; the height is kept."""
+        q, rates = self._lean()
+        self._aircraft.keep_attitude(AttitudeOrder(q, rates, climb_mps=self._climb_mps()))
+
+    def _fly_attitude(self) -> None:
+        """Sticks lean the aircraft; the throttle is the rotors' speed."""
+        q, rates = self._lean()
+        throttle = (self._at.throttle + 1) / 2
+        self._aircraft.keep_attitude(AttitudeOrder(q, rates, throttle**2))
+
+    def _lean(self) -> tuple[tuple[float, float, float, float], tuple[float, float, float]]:
+        most = math.radians(self._parameters["MPC_MAN_TILT_MAX"])
+        rate = self._yaw_rate()
+        if self._aircraft.on_ground:
+            self._yaw_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
+        self._yaw_rad = wrap_pi(self._yaw_rad + rate * _PERIOD_S)
+        # Forward is nose down.
+        q = quaternion_from_euler(self._at.roll * most, -self._at.pitch * most, self._yaw_rad)
+        return q, (0.0, 0.0, rate)
+
+    def _climb_mps(self) -> float:
+        stick, p = _beyond_deadzone(self._at.throttle), self._parameters
+        return stick * (p["MPC_Z_VEL_MAX_UP"] if stick > 0 else p["MPC_Z_VEL_MAX_DN"])
+
+    def _yaw_rate(self) -> float:
+        return _beyond_deadzone(self._at.yaw) * math.radians(self._parameters["MPC_MAN_Y_MAX"])
+
+
+def _beyond_deadzone(stick: float) -> float:
+    """Nothing about the middle; from there on evenly to the end."""
+    return math.copysign(max(0.0, abs(stick) - _DEADZONE) / (1 - _DEADZONE), stick)

@@ -1,0 +1,194 @@
+"""Failsafes: what the vehicle does by itself when something is wrong. One table."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.values.enums import Severity
+
+
+class Action(IntEnum):
+    """What is done; a greater one overrides a smaller one."""
+
+    NOTHING = 0
+    WARN = 1
+    STABILIZED = 2
+    ALTITUDE = 3
+    POSITION = 4
+    HOLD = 5
+    RETURN = 6
+    LAND = 7
+    TERMINATE = 8
+
+
+# Somebody at the sticks takes over.
+BY_STICKS = {
+    Action.STABILIZED: Mode.STABILIZED,
+    Action.ALTITUDE: Mode.ALTITUDE,
+    Action.POSITION: Mode.POSITION,
+}
+
+
+class Cause(Enum):
+    """What can be wrong; the value is how it is said."""
+
+    FENCE_BREACHED = "Fence breached"
+    BATTERY_LOW = "Battery low"
+    BATTERY_CRITICAL = "Battery critical"
+    BATTERY_EMERGENCY = "Battery almost empty"
+    GNSS_LOST = "GNSS lost"
+    GROUND_STATION_LOST = "Ground station lost"
+    SETPOINTS_LOST = "Offboard setpoints lost"
+    STICKS_LOST = "Manual control lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """The parameter that chooses the action, and the actions for its values."""
+
+    parameter: str
+    actions: Mapping[int, Action]
+
+
+RULES: Mapping[Cause, Rule] = {
+    Cause.FENCE_BREACHED: Rule(
+        "GF_ACTION",
+        {
+            0: Action.NOTHING,
+            1: Action.WARN,
+            2: Action.HOLD,
+            3: Action.RETURN,
+            4: Action.TERMINATE,
+            5: Action.LAND,
+        },
+    ),
+    Cause.BATTERY_LOW: Rule("COM_LOW_BAT_ACT", dict.fromkeys(range(4), Action.WARN)),
+    Cause.BATTERY_CRITICAL: Rule(
+        "COM_LOW_BAT_ACT", {0: Action.WARN, 1: Action.WARN, 2: Action.LAND, 3: Action.RETURN}
+    ),
+    Cause.BATTERY_EMERGENCY: Rule(
+        "COM_LOW_BAT_ACT", {0: Action.WARN, 1: Action.WARN, 2: Action.LAND, 3: Action.LAND}
+    ),
+    # No return: it would be flown by the very position that is in doubt.
+    Cause.GNSS_LOST: Rule(
+        "COM_POSLOSS_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.WARN,
+            2: Action.HOLD,
+            3: Action.LAND,
+            4: Action.TERMINATE,
+        },
+    ),
+    Cause.GROUND_STATION_LOST: Rule(
+        "NAV_DLL_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.HOLD,
+            2: Action.RETURN,
+            3: Action.LAND,
+            4: Action.WARN,
+            5: Action.TERMINATE,
+        },
+    ),
+    Cause.SETPOINTS_LOST: Rule(
+        "COM_OBL_RC_ACT",
+        {
+            0: Action.POSITION,
+            1: Action.ALTITUDE,
+            2: Action.STABILIZED,
+            3: Action.RETURN,
+            4: Action.LAND,
+            5: Action.HOLD,
+            6: Action.TERMINATE,
+            7: Action.TERMINATE,
+        },
+    ),
+    Cause.STICKS_LOST: Rule(
+        "NAV_RCL_ACT",
+        {
+            0: Action.NOTHING,
+            1: Action.HOLD,
+            2: Action.RETURN,
+            3: Action.LAND,
+            4: Action.WARN,
+            5: Action.TERMINATE,
+            6: Action.TERMINATE,
+        },
+    ),
+}
+# What the vehicle is doing already, in terms of actions.
+_UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATED: Action.TERMINATE}
+
+
+class Failsafes:
+    """Acts once when a cause appears; whoever flies may override it afterwards."""
+
+    def __init__(self, flight: Flight, parameters: Parameters, *, reporter: Reporter) -> None:
+        self._flight = flight
+        self._parameters = parameters
+        self._report = reporter
+        self._present: set[Cause] = set()
+        self.by_sticks: Callable[[Mode, str], str | None] = lambda *_: "there are no sticks"
+
+    def present(self, cause: Cause) -> bool:
+        """Whether a cause is there."""
+        return cause in self._present
+
+    @property
+    def acting(self) -> bool:
+        """Whether a cause is there that asks for more than a warning."""
+        return any(self._action(cause) > Action.WARN for cause in self._present)
+
+    def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
+        """Tell whether a cause is there now; acts on the change, which `detail` puts in words."""
+        if present == (cause in self._present):
+            return
+        if not present:
+            self._present.discard(cause)
+            if self._action(cause) is not Action.NOTHING:
+                self._report.say(Severity.NOTICE, f"{cause.value}: over")
+            return
+        self._present.add(cause)
+        words = detail()
+        self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)
+
+    def _action(self, cause: Cause) -> Action:
+        rule = RULES[cause]
+        return rule.actions[int(self._parameters[rule.parameter])]
+
+    def _act(self, action: Action, why: str) -> None:
+        if action is Action.NOTHING:
+            return
+        flight = self._flight
+        stronger = action > _UNDER_WAY.get(flight.mode, Action.WARN)
+        if action is Action.WARN or not flight.airborne or not stronger:
+            self._report.failsafe(why)
+            return
+        self._report.failsafe(f"{why}, {action.name.lower()}")
+        refused = self._carry_out(action, why)
+        while refused is not None and action not in (Action.LAND, Action.TERMINATE):
+            # Sticks may be silent; returning needs a position; sinking where it is needs neither.
+            instead = Action.RETURN if action in BY_STICKS else Action.LAND
+            self._report.failsafe(
+                f"{action.name.lower()} not possible ({refused}), {instead.name.lower()}"
+            )
+            action = instead
+            refused = self._carry_out(action, why)
+
+    def _carry_out(self, action: Action, why: str) -> str | None:
+        match action:
+            case _ if action in BY_STICKS:
+                return self.by_sticks(BY_STICKS[action], why)
+            case Action.HOLD:
+                return self._flight.hold(why)
+            case Action.RETURN:
+                return self._flight.return_home(why)
+            case Action.LAND:
+                return self._flight.land(why)
+            case _:
+                return self._flight.terminate(why)

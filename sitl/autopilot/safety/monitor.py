@@ -1,0 +1,164 @@
+"""The state of health: what telemetry reports of it, and what is said when it changes."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.faults import Fault
+from flightdyn.state import GnssFix
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.orbit import Orbit
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.values.enums import LandedState, Sensor, Severity, SystemState
+from sitl.autopilot.values.snapshot import Dials, Snapshot
+
+_GNSS_CURRENT_S = 1.5  # a solution is current for so long
+_SATELLITES_UNKNOWN = 255
+_PRESENT = (
+    Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.BARO | Sensor.GNSS
+    | Sensor.RATE_CONTROL | Sensor.ATTITUDE_CONTROL | Sensor.YAW_CONTROL
+    | Sensor.ALTITUDE_CONTROL | Sensor.POSITION_CONTROL | Sensor.MOTORS
+    | Sensor.AHRS | Sensor.BATTERY | Sensor.PREARM_CHECK
+)  # fmt: skip
+_NEEDS_GNSS = Sensor.GNSS | Sensor.POSITION_CONTROL
+_ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
+
+
+class Monitor:
+    """Watches the aircraft in simulated time and describes it for telemetry."""
+
+    def __init__(self, aircraft: Aircraft, flight: Flight, *, reporter: Reporter) -> None:
+        self._aircraft = aircraft
+        self._flight = flight
+        self._report = reporter
+        self._gnss: GnssFix | None = None
+        self._gnss_at_ns = 0
+        self._landed = LandedState.UNDEFINED
+        self._limited = False
+        self._faults: tuple[Fault, ...] = ()
+        self.fenced: Callable[[], bool] = lambda: False
+        self.ground_station_at = math.nan  # wall time of the last heartbeat from one
+
+    def heard_ground_station(self, now: float) -> None:
+        """A ground station is alive."""
+        self.ground_station_at = now
+
+    def watch(self) -> None:
+        """Look at what may have changed; a few times a simulated second."""
+        self._note_gnss()
+        self.watch_faults()
+        self._flight.notice_crash()
+        landed = self._flight.landed_state
+        if landed is not self._landed:
+            self._landed = landed
+            self._report.landed_state()
+        limited = self._aircraft.progress.speed_limited
+        if limited is not self._limited:
+            self._limited = limited
+            if limited:
+                self._report.say(Severity.WARNING, "Ordered speed cannot be held")
+
+    def watch_faults(self) -> None:
+        """Tell of faults that have begun or ended."""
+        faults = self._aircraft.faults
+        if faults == self._faults:
+            return
+        for fault in faults:
+            if fault not in self._faults:
+                self._report.fault(f"Fault begins: {fault.kind}")
+        for fault in self._faults:
+            if fault not in faults:
+                self._report.fault(f"Fault ends: {fault.kind}")
+        self._faults = faults
+
+    def _note_gnss(self) -> None:
+        aircraft = self._aircraft
+        fix = aircraft.gnss
+        if fix is None and aircraft.ready:
+            # No receiver, and yet it knows where it is: flown on the truth. That is a fix, too.
+            at = aircraft.belief
+            fix = GnssFix(at.t_ns, at.pos_ned_m, at.vel_ned_mps, 0.0, 0.0, 0.0, _SATELLITES_UNKNOWN)
+        if fix is not self._gnss:
+            self._gnss, self._gnss_at_ns = fix, aircraft.t_ns
+
+    def gnss_age_s(self) -> float:
+        """Simulated seconds since a solution arrived; infinite where there was none."""
+        self._note_gnss()
+        if self._gnss is None:
+            return math.inf
+        return (self._aircraft.t_ns - self._gnss_at_ns) * 1e-9
+
+    def gnss_current(self) -> bool:
+        """Whether the last solution is a recent one."""
+        return self.gnss_age_s() < _GNSS_CURRENT_S
+
+    def snapshot(self, failsafes: Failsafes) -> Snapshot:
+        """The vehicle as it is."""
+        aircraft, flight = self._aircraft, self._flight
+        belief, truth = aircraft.belief, aircraft.truth
+        fix = self._gnss if self.gnss_current() else None
+        return Snapshot(
+            t_ns=aircraft.t_ns,
+            belief=belief,
+            position=aircraft.frame.to_geodetic(np.asarray(belief.pos_ned_m)),
+            truth=truth,
+            true_position=aircraft.frame.to_geodetic(np.asarray(truth.pos_ned_m)),
+            origin=aircraft.frame.origin,
+            home=flight.home,
+            home_ned_m=flight.home_ned_m,
+            gnss=fix,
+            gnss_position=None if fix is None else aircraft.frame.to_geodetic(fix.pos_ned_m),
+            battery=aircraft.battery,
+            battery_low=failsafes.present(Cause.BATTERY_LOW),
+            battery_critical=failsafes.present(Cause.BATTERY_CRITICAL),
+            custom_mode=flight.mode.custom_mode,
+            armed=aircraft.armed,
+            system_state=self._system_state(failsafes),
+            landed_state=flight.landed_state,
+            sensors_present=_PRESENT | (Sensor.GEOFENCE if self.fenced() else Sensor(0)),
+            sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
+            armed_t_ns=flight.armed_t_ns,
+            flights=flight.flights,
+        )
+
+    def dials(self, orbit: Orbit | None) -> Dials:
+        """What only some telemetry needs."""
+        aircraft = self._aircraft
+        instruments, frame = aircraft.instruments(), aircraft.frame
+        to = instruments.setpoint
+        ratios = {i.kind: i.ratio for i in aircraft.innovations_after(-(2**63))}
+        circle = None
+        if orbit is not None:
+            middle = frame.to_geodetic(np.array(orbit.center_ned_m))
+            circle = (math.copysign(orbit.radius_m, orbit.speed_mps), middle)
+        return Dials(
+            instruments=instruments,
+            target=None if to is None else frame.to_geodetic(np.array(to.p)),
+            innovation_ratios=ratios,
+            orbit=circle,
+        )
+
+    def _system_state(self, failsafes: Failsafes) -> SystemState:
+        if self._flight.mode is Mode.TERMINATED:
+            return SystemState.FLIGHT_TERMINATION
+        if failsafes.acting and self._aircraft.armed:
+            return SystemState.CRITICAL
+        if self._aircraft.armed:
+            return SystemState.ACTIVE
+        return SystemState.STANDBY if self._aircraft.ready else SystemState.CALIBRATING
+
+    def _healthy(self, failsafes: Failsafes, *, gnss: bool) -> Sensor:
+        healthy = _PRESENT
+        if not failsafes.present(Cause.FENCE_BREACHED):
+            healthy |= Sensor.GEOFENCE
+        if not self._aircraft.ready:
+            healthy &= ~_ALIGNED
+        if not gnss:
+            healthy &= ~_NEEDS_GNSS
+        if self._flight.not_ready():
+            healthy &= ~Sensor.PREARM_CHECK
+        return healthy

@@ -1,0 +1,1 @@
+"""What comes in and goes out over MAVLink, as values in SI units and degrees."""

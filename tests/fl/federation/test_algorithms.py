@@ -1,0 +1,93 @@
+"""Server rules against steps computed by hand, and SCAFFOLD's own invariants."""
+
+import numpy as np
+import pytest
+
+from fl.config import LearningConfig
+from fl.federation.algorithms import FedAdam, FedAvg, FedAvgM, Scaffold, Update, make_algorithm
+
+MODEL = np.array([1.0, -2.0], dtype=np.float32)
+UPDATES = (
+    Update(device=0, p=0.1, model=np.array([2.0, -2.0], np.float32), steps=4),
+    Update(device=2, p=0.3, model=np.array([1.0, 2.0], np.float32), steps=2),
+)
+STEP = np.array([0.25, 3.0])  # (.1 (1, 0) + .3 (0, 4)) / .4
+
+
+def test_average_is_weighted_over_the_arrivals_alone() -> None:
+    model, state = FedAvg(momentum=0.9).apply({}, MODEL, UPDATES)
+    np.testing.assert_allclose(model, MODEL + STEP, rtol=1e-6)
+    assert state == {}
+
+
+def test_fedavgm_by_hand() -> None:
+    algorithm = FedAvgM(momentum=0.9, server_learning_rate=0.5, server_momentum=0.8)
+    first, state = algorithm.apply(algorithm.init(MODEL, 3), MODEL, UPDATES)
+    np.testing.assert_allclose(first, MODEL + 0.5 * STEP, rtol=1e-6)
+    still = (Update(device=1, p=0.2, model=first, steps=1),)  # its step is zero: momentum only
+    second, _ = algorithm.apply(state, first, still)
+    np.testing.assert_allclose(second, first + 0.5 * 0.8 * STEP, rtol=1e-6)
+
+
+def test_fedadam_by_hand() -> None:
+    algorithm = FedAdam(momentum=0.9, server_learning_rate=0.1, beta1=0.9, beta2=0.99, tau=0.01)
+    first, state = algorithm.apply(algorithm.init(MODEL, 3), MODEL, UPDATES)
+    m, v = 0.1 * STEP, 0.99 * 0.01**2 + 0.01 * STEP**2
+    np.testing.assert_allclose(first, MODEL + 0.1 * m / (np.sqrt(v) + 0.01), rtol=1e-6)
+    again = tuple(Update(u.device, u.p, first + (u.model - MODEL), u.steps) for u in UPDATES)
+    second, _ = algorithm.apply(state, first, again)
+    m, v = 0.9 * m + 0.1 * STEP, 0.99 * v + 0.01 * STEP**2
+    np.testing.assert_allclose(second, first + 0.1 * m / (np.sqrt(v) + 0.01), rtol=1e-5)
+
+
+def test_scaffold_by_hand() -> None:
+    algorithm = Scaffold(learning_rate=0.5, server_learning_rate=1.0)
+    state = algorithm.init(MODEL, 3)
+    assert algorithm.correction(state, 1) == pytest.approx(0.0)
+    model, state = algorithm.apply(state, MODEL, UPDATES)
+    np.testing.assert_allclose(model, MODEL + STEP, rtol=1e-6)
+    # c_k = (theta - theta_k) / (steps eta): (-1, 0) / 2 and (0, -4) / 1
+    controls = [[-0.5, 0.0], [0.0, 0.0], [0.0, -4.0]]
+    np.testing.assert_allclose(state["device_controls"], controls, rtol=1e-6)
+    control = np.array([0.1 * -0.5, 0.3 * -4.0])
+    np.testing.assert_allclose(state["control"], control, rtol=1e-6)
+    np.testing.assert_allclose(
+        algorithm.correction(state, 2), control - np.array([0.0, -4.0]), rtol=1e-6
+    )
+
+
+def test_scaffold_control_stays_the_weighted_mean_of_the_devices() -> None:
+    algorithm = Scaffold(learning_rate=0.1, server_learning_rate=0.7)
+    rng = np.random.Generator(np.random.PCG64(3))
+    p = np.array([0.2, 0.5, 0.3])
+    model = rng.standard_normal(20).astype(np.float32)
+    state = algorithm.init(model, 3)
+    for arrived in ((0, 1), (2,), (0, 1, 2), (1,)):
+        updates = [
+            Update(k, float(p[k]), model + 0.1 * rng.standard_normal(20).astype(np.float32), 5)
+            for k in arrived
+        ]
+        model, state = algorithm.apply(state, model, updates)
+        np.testing.assert_allclose(
+            state["control"], p @ state["device_controls"].astype(float), atol=1e-5
+        )
+
+
+def test_states_of_a_round_are_not_changed_by_the_next() -> None:
+    for name in ("fedavgm", "fedadam", "scaffold"):
+        algorithm = make_algorithm(LearningConfig.model_validate({"algorithm": name}))
+        state = algorithm.init(MODEL, 3)
+        kept = {key: value.copy() for key, value in state.items()}
+        algorithm.apply(state, MODEL, UPDATES)
+        for key, value in state.items():
+            np.testing.assert_array_equal(value, kept[key])
+
+
+def test_settings_choose_the_algorithm() -> None:
+    prox = make_algorithm(LearningConfig(mu=0.3, momentum=0.5))
+    assert (prox.mu, prox.momentum) == (0.3, 0.5)
+    for name in ("fedavg", "fedavgm", "fedadam", "scaffold"):
+        settings = LearningConfig.model_validate({"algorithm": name, "mu": 0.3})
+        assert make_algorithm(settings).mu == 0.0
+    scaffold = make_algorithm(LearningConfig(algorithm="scaffold"))
+    assert scaffold.momentum == 0.0

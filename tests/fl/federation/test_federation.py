@@ -1,0 +1,328 @@
+"""Rounds of a federation against the specification, retold with loops and plain torch modules."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference_net import train_plainly
+
+from fl.config import CommunityConfig, LearningConfig
+from fl.errors import CheckpointError, DivergedError, LearningInputError, SettingError
+from fl.federation import rounds as fed
+from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.training.convnet import ConvNet
+from fl.training.modules.builtin import PlainNet
+from flightdyn.random import RandomStreams
+
+DIGITS = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
+SHAPES = CommunityConfig(name="shapes", task="colour-shapes", devices=3, partition="iid")
+FAST = LearningConfig(batch_size=64, learning_rate=0.03, cov_period_rounds=3)
+
+
+def build(
+    learning: LearningConfig = FAST, *communities: CommunityConfig, seed: int = 1
+) -> fed.Federation:
+    streams = RandomStreams(seed)
+    return fed.build(communities or (DIGITS,), learning, data_dir=None, stream=streams.generator)
+
+
+def flags(count: int, *true: int) -> np.ndarray:
+    out = np.zeros(count, dtype=bool)
+    out[list(true)] = True
+    return out
+
+
+def play(
+    federation: fed.Federation, state: fed.FederationState, *delivered: int
+) -> tuple[fed.FederationState, fed.RoundLearning]:
+    got = flags(federation.p.size, *delivered)
+    return fed.play_round(federation, state, scheduled=got, delivered=got)
+
+
+def test_setup_numbers_devices_through_and_shares_sum_to_one() -> None:
+    federation = build(FAST, DIGITS, SHAPES)
+    assert federation.names == ("digits", "shapes")
+    assert federation.community_of.tolist() == [0, 0, 0, 0, 1, 1, 1]
+    assert federation.members(1) == slice(4, 7)
+    samples = [share.size for c in federation.communities for share in c.shares]
+    expected = [n / sum(samples[:4]) for n in samples[:4]]
+    expected += [n / sum(samples[4:]) for n in samples[4:]]
+    np.testing.assert_allclose(federation.p, expected, rtol=1e-15)
+
+
+def test_a_round_is_the_weighted_mean_of_what_plain_torch_trains() -> None:
+    federation = build()
+    start = fed.init(federation)
+    after, learnt = play(federation, start, 0, 2)
+    community = federation.communities[0]
+    net, split = community.network, community.dataset.train
+    assert isinstance(net, ConvNet)
+    images = (split.images * community.scaling.scale + community.scaling.shift).astype(np.float32)
+    total, weight = np.zeros(start.models[0].size), 0.0
+    for device in (0, 2):
+        stream = RandomStreams(1).generator(f"fl/digits/device{device}/round1")
+        order = stream.permutation(community.shares[device])
+        batches = [order[i : i + 64] for i in range(0, len(order), 64)]
+        plain = PlainNet(net).load(start.models[0])
+        loss = train_plainly(
+            plain, images, split.labels, batches, learning_rate=0.03, momentum=0.9, mu=0.1
+        )
+        assert learnt.local_loss[device] == pytest.approx(loss, rel=1e-4)
+        p = len(community.shares[device]) / sum(len(s) for s in community.shares)
+        total += p * plain.flat()
+        weight += p
+    np.testing.assert_allclose(after.models[0], total / weight, rtol=1e-3, atol=1e-5)
+    assert np.isnan(learnt.local_loss[[1, 3]]).all()
+    assert after.missed.tolist() == [False, True, False, True]
+
+
+def test_devices_whose_update_is_lost_change_nothing() -> None:
+    """Trained or not, alone or beside others: the model of those that arrive is the same."""
+    federation = build()
+    state = fed.init(federation)
+    everyone, some = flags(4, 0, 1, 2, 3), flags(4, 1, 3)
+    lost, _ = fed.play_round(federation, state, scheduled=everyone, delivered=some)
+    alone, _ = fed.play_round(federation, state, scheduled=some, delivered=some)
+    np.testing.assert_array_equal(lost.models[0], alone.models[0])
+    # Each on its own, then averaged: what arrives does not depend on who else trained.
+    single = [play(federation, state, k)[0].models[0] for k in (1, 3)]
+    p = federation.p[[1, 3]] / federation.p[[1, 3]].sum()
+    joined = p[0] * single[0].astype(float) + p[1] * single[1].astype(float)
+    np.testing.assert_allclose(alone.models[0], joined, rtol=1e-6, atol=1e-7)
+
+
+def test_a_community_without_arrivals_keeps_its_model_and_is_still_measured() -> None:
+    federation = build(FAST, DIGITS, SHAPES)
+    state, _ = play(federation, fed.init(federation), 0, 5)
+    after, learnt = play(federation, state, 4, 6)
+    np.testing.assert_array_equal(after.models[0], state.models[0])
+    assert (after.models[1] != state.models[1]).any()
+    assert learnt.accuracy["digits"] == fed.accuracy(federation, state)["digits"]
+
+
+def retold_cov(
+    federation: fed.Federation, eps_of_models: list[np.ndarray], arrivals: list[set[int]]
+) -> list[float]:
+    """psi per community after the last round, from the paper's sentences, rounds from 1."""
+    period = federation.learning.cov_period_rounds
+    received: dict[int, float] = {}
+    psi = [1.0] * len(federation.communities)
+    for m, arrived in enumerate(arrivals, start=1):
+        for k in arrived:
+            models = range(max(0, m - period), m)  # theta_{m-l} .. theta_{m-1}
+            received[k] = sum(float(eps_of_models[j][k]) for j in models) / len(models)
+        if m % period == 0:
+            for c in range(len(psi)):
+                devices = [k for k, of in enumerate(federation.community_of) if of == c]
+                eps = {k: received.get(k, 0.0) for k in devices}
+                mean = sum(float(federation.p[k]) * eps[k] for k in devices)
+                psi[c] = (
+                    math.sqrt(sum((eps[k] - mean) ** 2 for k in devices)) / mean if mean else 1.0
+                )
+    return psi
+
+
+def test_cov_and_importance_over_rounds_are_as_specified() -> None:
+    federation = build(FAST, DIGITS, SHAPES)
+    state = fed.init(federation)
+    assert state.cov.tolist() == [1.0, 1.0]
+    for fairness in (True, False):
+        first = fed.importance(federation, state, fairness=fairness)
+        np.testing.assert_allclose(first, 1.5 * federation.p)
+        np.testing.assert_array_equal(fed.first_importance(federation), first)
+    eps, rounds = [state.eps_history[0]], []
+    for arrived in ({0, 1, 4}, {2}, {0, 5}, {1, 4, 5, 6}, set(), {3, 0, 4}, {1}):
+        state, learnt = play(federation, state, *arrived)
+        rounds.append(arrived)
+        psi = retold_cov(federation, eps, rounds)
+        np.testing.assert_allclose(list(learnt.cov.values()), psi, rtol=1e-12)
+        eps.append(learnt.device_accuracy)
+        for k, c in enumerate(federation.community_of):
+            boost = 1.0 if k in arrived else 1.5
+            assert fed.importance(federation, state, fairness=True)[k] == pytest.approx(
+                federation.p[k] * psi[c] * boost
+            )
+            assert fed.importance(federation, state, fairness=False)[k] == pytest.approx(
+                federation.p[k] * boost
+            )
+    assert len(set(state.cov.tolist())) == 2
+    assert 1.0 not in state.cov
+
+
+def test_a_scheduled_device_whose_update_is_lost_counts_as_missed() -> None:
+    federation = build()
+    state, _ = fed.play_round(
+        federation, fed.init(federation), scheduled=flags(4, 0, 1), delivered=flags(4, 1)
+    )
+    assert state.missed.tolist() == [True, False, True, True]
+    assert np.isnan(state.eps_received).tolist() == [True, False, True, True]
+
+
+def test_device_accuracy_is_measured_on_the_devices_own_labels() -> None:
+    federation = build()
+    state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
+    community = federation.communities[0]
+    labels = community.dataset.validation.labels
+    for device, row in enumerate(community.counts):
+        own = set(np.flatnonzero(row).tolist())
+        n = sum(int((labels == c).sum()) for c in own)
+        right = sum(int(state.correct[0][c]) for c in own)
+        assert learnt.device_accuracy[device] == pytest.approx(right / n)
+    assert len(set(learnt.device_accuracy.tolist())) > 1
+
+
+def test_fedprox_without_its_term_is_fedavg() -> None:
+    prox = build(FAST.model_copy(update={"mu": 0.0}))
+    average = build(FAST.model_copy(update={"algorithm": "fedavg"}))
+    one, other = fed.init(prox), fed.init(average)
+    for _ in range(2):
+        one, _ = play(prox, one, 0, 1, 3)
+        other, _ = play(average, other, 0, 1, 3)
+    np.testing.assert_array_equal(one.models[0], other.models[0])
+    with_term = build()
+    moved, _ = play(with_term, fed.init(with_term), 0, 1, 3)
+    assert (moved.models[0] != play(prox, fed.init(prox), 0, 1, 3)[0].models[0]).any()
+
+
+@pytest.mark.parametrize("algorithm", ["fedprox", "fedavg", "fedavgm", "fedadam", "scaffold"])
+def test_every_algorithm_learns_the_digits(algorithm: str) -> None:
+    learning = LearningConfig.model_validate(
+        {"algorithm": algorithm, "learning_rate": 0.05, "local_epochs": 2}
+    )
+    federation = build(learning, DIGITS.model_copy(update={"partition": "iid"}))
+    state = fed.init(federation)
+    for _ in range(6):
+        state, learnt = play(federation, state, 0, 1, 2, 3)
+    assert learnt.accuracy["digits"] > 0.6
+
+
+def test_runs_repeat_to_the_bit_and_communities_do_not_disturb_each_other() -> None:
+    def run(*communities: CommunityConfig, seed: int = 1) -> fed.FederationState:
+        federation = build(FAST, *communities, seed=seed)
+        state = fed.init(federation)
+        for _ in range(2):
+            state, _ = play(federation, state, 0, 3)
+        return state
+
+    first, again = run(DIGITS, SHAPES), run(DIGITS, SHAPES)
+    for one, other in zip(first.models, again.models, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(first.models[0], run(DIGITS).models[0])
+    assert (first.models[0] != run(DIGITS, seed=2).models[0]).any()
+
+
+def test_any_number_of_workers_gives_the_same_bytes() -> None:
+    federation = build(FAST, DIGITS, SHAPES)
+    state = fed.init(federation)
+    everyone = np.ones(7, dtype=bool)
+    saved = {
+        to_bytes(
+            federation,
+            fed.play_round(
+                federation, state, scheduled=everyone, delivered=everyone, workers=workers
+            )[0],
+        )
+        for workers in (1, 2, 5)
+    }
+    assert len(saved) == 1
+
+
+def test_divergence_names_round_community_and_device() -> None:
+    federation = build(FAST.model_copy(update={"learning_rate": 10.0, "local_epochs": 5}))
+    state = fed.init(federation)
+    state, _ = play(federation, state)
+    with pytest.raises(DivergedError, match="round 2, community digits, device 2") as caught:
+        play(federation, state, 2)
+    assert (caught.value.round, caught.value.community, caught.value.device) == (2, "digits", 2)
+
+
+@pytest.mark.parametrize("algorithm", ["fedprox", "fedadam", "scaffold"])
+def test_a_resumed_federation_goes_on_to_the_bit(algorithm: str) -> None:
+    learning = FAST.model_copy(update={"algorithm": algorithm})
+    federation = build(learning, DIGITS, SHAPES)
+    state = fed.init(federation)
+    for arrived in ((0, 1, 4), (2, 5)):
+        state, _ = play(federation, state, *arrived)
+    saved = to_bytes(federation, state)
+    assert saved == to_bytes(federation, state)
+    fresh = build(learning, DIGITS, SHAPES)
+    resumed = from_bytes(fresh, saved)
+    for arrived in ((1, 4), (3, 5, 6)):
+        state, _ = play(federation, state, *arrived)
+        resumed, _ = play(fresh, resumed, *arrived)
+    assert to_bytes(federation, state) == to_bytes(fresh, resumed)
+
+
+def damaged(saved: bytes) -> list[bytes]:
+    return [b"", saved[:50], saved[: len(saved) // 2], saved[:-1], b"{}\n", b"[1]\n" + saved]
+
+
+def test_foreign_or_damaged_checkpoints_are_refused() -> None:
+    federation = build()
+    saved = to_bytes(federation, fed.init(federation))
+    for other in (build(seed=2), build(FAST.model_copy(update={"algorithm": "fedadam"}))):
+        with pytest.raises(CheckpointError, match="written with other data"):
+            from_bytes(other, saved)
+    for bad in damaged(saved):
+        with pytest.raises(CheckpointError):
+            from_bytes(federation, bad)
+    newer = saved.replace(b'"format": 1', b'"format": 9', 1)
+    with pytest.raises(CheckpointError, match="format 9"):
+        from_bytes(federation, newer)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"labels_per_device": 11}, r"community digits: labels_per_device = 11: .* 10 classes"),
+        ({"labels_per_device": 2, "coverage": True}, "community digits: coverage"),
+        ({"devices": 900, "partition": "dirichlet"}, "community digits: dirichlet_alpha"),
+        ({"network": "resnet"}, "network 'resnet': it is 'lenet', 'mcmahan' or"),
+        ({"task": "npz", "data_file": "x.npz"}, "no data folder was given"),
+        ({"task": "mnist"}, "mnist: no data folder was given"),
+    ],
+)
+def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:
+    with pytest.raises(LearningInputError, match=message):
+        build(FAST, DIGITS.model_copy(update=change))
+
+
+def test_names_must_differ() -> None:
+    with pytest.raises(LearningInputError, match="'digits': is given twice"):
+        build(FAST, DIGITS, replace_name(SHAPES, "digits"))
+
+
+def test_a_gpu_that_is_not_there_is_refused_before_data_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: False)
+    mnist = CommunityConfig(name="mnist", task="mnist")
+    with pytest.raises(SettingError, match=r"learning\.device = 'cuda': must be 'cpu': torch sees"):
+        build(FAST.model_copy(update={"device": "cuda"}), mnist)
+
+
+def replace_name(config: CommunityConfig, name: str) -> CommunityConfig:
+    return config.model_copy(update={"name": name})
+
+
+def test_delivering_without_being_scheduled_is_a_bug() -> None:
+    federation = build()
+    state = fed.init(federation)
+    with pytest.raises(ValueError, match="cannot deliver"):
+        fed.play_round(federation, state, scheduled=flags(4), delivered=flags(4, 1))
+    with pytest.raises(ValueError, match="must be of shape"):
+        fed.play_round(federation, state, scheduled=flags(5), delivered=flags(5))
+
+
+def test_real_data_learns(shared_data: Path) -> None:
+    """One round of everybody on the small MNIST beats guessing by far."""
+    config = CommunityConfig(name="mnist", task="mnist", devices=4, partition="iid")
+    federation = fed.build(
+        [config], LearningConfig(), data_dir=shared_data / "small",
+        stream=RandomStreams(1).generator,
+    )  # fmt: skip
+    state = fed.init(federation)
+    for _ in range(2):
+        state, learnt = play(federation, state, 0, 1, 2, 3)
+    assert learnt.accuracy["mnist"] > 0.7

@@ -1,0 +1,198 @@
+"""A user's own torch module, by import path: trained, refused, repeatable."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from devices import DEVICES
+from torch import nn
+
+from fl.data.dataset import Split
+from fl.errors import NetworkError
+from fl.training.convnet import ConvNet
+from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.models import make_network
+from fl.training.modules.builtin import PlainNet
+
+SHAPE = (8, 8, 1)
+ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
+
+
+class Small(nn.Module):
+    """What a user might bring, with dropout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Flatten(), nn.Linear(64, 20), nn.ReLU(), nn.Dropout(0.3), nn.Linear(20, 10)
+        )
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        assert x.shape[1:] == (1, 8, 8)
+        return self.layers(x)
+
+
+class Normalised(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm2d(1)
+
+
+class TooFew(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers[4] = nn.Linear(20, 9)
+
+
+class WrongImage(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers[1] = nn.Linear(63, 20)
+
+
+def needs_argument(width: int) -> nn.Module:
+    return nn.Linear(width, 10)
+
+
+def not_a_module() -> int:
+    return 3
+
+
+def double() -> nn.Module:
+    return Small().double()
+
+
+def frozen() -> nn.Module:
+    module = Small()
+    module.layers[1].weight.requires_grad_(False)
+    return module
+
+
+def empty() -> nn.Module:
+    return nn.Flatten()
+
+
+def rng(seed: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def bright_spots(count: int) -> Split:
+    labels = rng(1).integers(0, 10, count)
+    images = rng(2).integers(0, 100, (count, *SHAPE)).astype(np.uint8)
+    images[np.arange(count), labels // 2, 3 + labels % 2] = 255
+    return Split(images, labels.astype(np.int64))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> None:
+    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10, device=device)
+    split = bright_spots(200)
+    model, scaling = net.initial(rng(3)), scaling_of(split)
+    assert model.size == 64 * 20 + 20 + 20 * 10 + 10
+    np.testing.assert_array_equal(model, net.initial(rng(3)))
+    settings = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=10)
+
+    def run(devices: list[int]) -> list[np.ndarray]:
+        tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
+        before = torch.random.get_rng_state()
+        results = net.train(split, model, tasks, scaling=scaling, settings=settings)
+        assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
+        assert results[0].loss < 2.0
+        return [result.model for result in results]
+
+    both = run([0, 1])
+    np.testing.assert_array_equal(both[1], run([1])[0])
+    np.testing.assert_array_equal(both[0], run([0])[0])
+
+
+def lenet() -> nn.Module:
+    return PlainNet(built_in())
+
+
+def built_in() -> ConvNet:
+    net = make_network("lenet", image_shape=SHAPE, classes=10)
+    assert isinstance(net, ConvNet)
+    return net
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("corrected", [False, True])
+def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str) -> None:
+    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10, device=device)
+    net = built_in()
+    assert own.shapes == net.shapes
+    split = bright_spots(70)
+    model, scaling = net.initial(rng(3)), scaling_of(split)
+    shift = 0.01 * rng(4).standard_normal(model.size).astype(np.float32) if corrected else None
+    settings = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
+    mine, theirs = (
+        network.train(
+            split, model, [LocalTask(np.arange(70), rng(1), shift)],
+            scaling=scaling, settings=settings,
+        )[0]
+        for network in (own, net)
+    )  # fmt: skip
+    assert (mine.steps, theirs.steps) == (10, 10)
+    assert mine.loss == pytest.approx(theirs.loss, rel=1e-4)
+    np.testing.assert_allclose(mine.model, theirs.model, rtol=2e-3, atol=2e-4)
+    counts = [
+        network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
+    ]
+    np.testing.assert_array_equal(*counts)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Normalised", "has buffers"),
+        ("TooFew", r"gives \(2, 9\) for 2 images, not \(2, 10\)"),
+        ("WrongImage", r"fails on images of \(2, 1, 8, 8\)"),
+        ("needs_argument", "calling it fails"),
+        ("not_a_module", "gives a int"),
+        ("double", "torch.float64"),
+        ("frozen", r"parameter layers\.1\.weight is frozen"),
+        ("empty", "no parameters"),
+        ("absent", "cannot be imported"),
+        ("SHAPE", "is a tuple, not callable"),
+    ],
+)
+def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
+    with pytest.raises(NetworkError, match=reason) as caught:
+        make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["import nothing_of_this_name", "def broken(:", "x = y"])
+def test_a_module_that_cannot_be_imported_is_one_clear_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    name = f"user_net_{len(text)}"
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(NetworkError, match=r"cannot be imported: [A-Z]") as caught:
+        make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])
+def test_unknown_networks_are_refused(name: str) -> None:
+    with pytest.raises(NetworkError):
+        make_network(name, image_shape=SHAPE, classes=10)
+
+
+def test_images_too_small_for_the_built_in_networks() -> None:
+    with pytest.raises(NetworkError, match="too small"):
+        make_network("lenet", image_shape=(3, 8, 1), classes=10)
+    for size in range(4, 40):
+        split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
+        for name in ("lenet", "mcmahan"):
+            net = make_network(name, image_shape=(size, size, 1), classes=10)
+            plain = PlainNet(net)
+            expected = tuple(tuple(value.shape) for value in plain.parameters())
+            assert net.shapes == expected
+            task = LocalTask(np.arange(3), rng(1))
+            (result,) = net.train(
+                split, net.initial(rng(1)), [task], scaling=scaling_of(split), settings=ONE
+            )
+            assert np.isfinite(result.model).all()

@@ -1,0 +1,153 @@
+"""Sensor models: magnitudes, correlation, delay, independence of the flight."""
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from flightdyn.config import (
+    AircraftConfig,
+    BaroConfig,
+    GnssConfig,
+    ImuConfig,
+    MagConfig,
+    SensorsConfig,
+)
+from flightdyn.frames import quaternion_from_euler
+from flightdyn.physics.sensors import Baro, Gnss, ImuErrors, Magnetometer
+from flightdyn.random import RandomStreams
+
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def imu_rows(config: ImuConfig, seconds: float, seed: int = 1) -> np.ndarray:
+    errors = iter(ImuErrors(config, RandomStreams(seed), dt_s=0.004))
+    return np.array([next(errors) for _ in range(round(seconds / 0.004))])
+
+
+def test_white_noise_has_the_density_asked_for() -> None:
+    config = ImuConfig(gyro_turn_on_radps=0, accel_turn_on_mps2=0, gyro_random_walk=0)
+    config = config.model_copy(update={"accel_random_walk": 0.0})
+    rows = imu_rows(config, 200.0)
+    # Averaged over one second, white noise of density n has the standard deviation n.
+    seconds = rows.reshape(200, 250, 6).mean(axis=1)
+    assert seconds[:, :3].std() == pytest.approx(1.87e-4, rel=0.1)
+    assert seconds[:, 3:].std() == pytest.approx(1.86e-3, rel=0.1)
+    assert rows[:, :3].std() == pytest.approx(1.87e-4 * math.sqrt(250), rel=0.01)
+
+
+def test_bias_walks_with_the_square_root_of_time() -> None:
+    config = ImuConfig(
+        gyro_noise_density=0, accel_noise_density=0, gyro_turn_on_radps=0, accel_turn_on_mps2=0
+    )
+    ends = np.array([imu_rows(config, 25.0, seed)[-1] for seed in range(60)])
+    assert ends[:, :3].std() == pytest.approx(3.88e-5 * 5, rel=0.12)
+    assert ends[:, 3:].std() == pytest.approx(6e-3 * 5, rel=0.12)
+
+
+def test_turn_on_bias_differs_from_flight_to_flight() -> None:
+    biases = np.array(
+        [ImuErrors(ImuConfig(), RandomStreams(s), dt_s=0.004).bias for s in range(300)]
+    )
+    assert biases[:, :3].std() == pytest.approx(0.0087, rel=0.1)
+    assert biases[:, 3:].std() == pytest.approx(0.196, rel=0.1)
+
+
+def test_gnss_position_error_is_correlated_and_its_velocity_error_white() -> None:
+    config = GnssConfig()
+    gnss = Gnss(config, RandomStreams(3))
+    position, velocity = [], []
+    for k in range(40_000):
+        t_ns = k * 200_000_000
+        gnss.measure(t_ns, ORIGIN, ORIGIN)
+        fix = gnss.deliver(t_ns + 120_000_000)
+        assert fix is not None
+        position.append(fix.pos_ned_m)
+        velocity.append(fix.vel_ned_mps)
+    p, v = np.array(position), np.array(velocity)
+    assert p.std(axis=0) == pytest.approx([0.7, 0.7, 1.97], rel=0.1)
+    # Autocorrelation after 12 s: 1/e; after one solution: nearly one.
+    lag = 60
+    for axis in range(3):
+        c = np.mean(p[lag:, axis] * p[:-lag, axis]) / p[:, axis].var()
+        assert c == pytest.approx(math.exp(-1), abs=0.08)
+    assert v.std(axis=0) == pytest.approx([0.09, 0.09, 0.18], rel=0.03)
+    assert abs(np.mean(v[1:] * v[:-1])) < 0.001
+
+
+def test_gnss_solutions_arrive_after_their_delay_and_in_order() -> None:
+    gnss = Gnss(GnssConfig(delay_s=0.3, interval_s=0.2), RandomStreams(1))
+    arrived = []
+    for tick in range(500):
+        t_ns = tick * 4_000_000
+        if tick % 50 == 0:
+            gnss.measure(t_ns, (float(tick), 0.0, 0.0), ORIGIN)
+        fix = gnss.deliver(t_ns)
+        if fix is not None:
+            arrived.append((fix.t_ns, t_ns - fix.t_ns))
+    assert [epoch for epoch, _ in arrived] == [k * 200_000_000 for k in range(len(arrived))]
+    assert {age for _, age in arrived} == {300_000_000}
+
+
+def test_an_outage_does_not_change_later_noise() -> None:
+    plain, broken = (Gnss(GnssConfig(), RandomStreams(5)) for _ in range(2))
+    for k in range(100):
+        broken.on = not 20 <= k < 60
+        plain.measure(k, ORIGIN, ORIGIN)
+        broken.measure(k, ORIGIN, ORIGIN)
+    assert np.array_equal(plain.error_ned_m, broken.error_ned_m)
+
+
+def test_barometer_noise_is_one_pascal_and_drifts() -> None:
+    baro = Baro(BaroConfig(drift_pa=0), RandomStreams(1))
+    samples = np.array([baro.measure(k, 1e5).pressure_pa for k in range(5000)])
+    assert samples.std() == pytest.approx(1.0, rel=0.05)
+    drifts = [Baro(BaroConfig(white_pa=0), RandomStreams(s)).measure(0, 0.0) for s in range(300)]
+    assert np.std([d.pressure_pa for d in drifts]) == pytest.approx(1.2, rel=0.12)
+
+
+def test_magnetometer_turns_the_field_into_the_body() -> None:
+    config = MagConfig(white_gauss=0, hard_iron_gauss=0)
+    sample = Magnetometer(config, RandomStreams(1)).measure(7, quaternion_from_euler(0.2, -0.3, 2))
+    field = np.array([config.field_north_gauss, config.field_east_gauss, config.field_down_gauss])
+    expected = Rotation.from_euler("ZYX", [2, -0.3, 0.2]).inv().apply(field)
+    assert sample.field_frd_gauss == pytest.approx(tuple(expected), abs=1e-12)
+    assert sample.t_ns == 7
+
+
+def test_sensors_draw_from_streams_of_their_own() -> None:
+    """Noise of one sensor is the same whether or not another one is asked."""
+    alone = imu_rows(ImuConfig(), 1.0, 9)
+    streams = RandomStreams(9)
+    Gnss(GnssConfig(), streams).measure(0, ORIGIN, ORIGIN)
+    errors = iter(ImuErrors(ImuConfig(), streams, dt_s=0.004))
+    assert np.array_equal(alone, np.array([next(errors) for _ in range(250)]))
+
+
+@pytest.mark.parametrize(
+    ("data", "path"),
+    [
+        ({"sensors": {"gnss": {"delay_s": -1}}}, ("sensors", "gnss", "delay_s")),
+        ({"wind": {"speed": 3}}, ("wind", "speed")),
+        ({"sensors": {"kind": "magic"}}, ("sensors", "kind")),
+        ({"faults": [{"kind": "motor_loss", "motor": 7}]}, ("faults", 0, "motor_loss", "motor")),
+    ],
+)
+def test_configuration_names_what_is_wrong(data: dict[str, object], path: tuple[str, ...]) -> None:
+    with pytest.raises(ValidationError) as error:
+        AircraftConfig.model_validate(data)
+    assert error.value.errors()[0]["loc"] == path
+
+
+def test_configuration_survives_a_round_trip() -> None:
+    config = AircraftConfig.model_validate(
+        {"sensors": SensorsConfig(kind="perfect"), "faults": [{"kind": "gnss_off", "at_s": 3}]}
+    )
+    assert AircraftConfig.model_validate_json(config.model_dump_json()) == config
+
+
+def test_an_upright_field_tells_no_heading() -> None:
+    with pytest.raises(ValidationError, match="tells no heading"):
+        MagConfig(field_north_gauss=0.0, field_east_gauss=0.0)

@@ -1,0 +1,109 @@
+"""Which point of a path a flown sample belongs to, where the answer is known by construction."""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.analysis.alignment import align, closest_approach
+
+
+def line(start, end, *, step=2.0):
+    start, end = np.array(start, float), np.array(end, float)
+    count = max(2, int(np.linalg.norm(end - start) / step) + 1)
+    return np.linspace(start, end, count)
+
+
+def test_a_parallel_track_has_its_offset_and_its_own_progress() -> None:
+    fit = align(line((0, 3), (400, 3)), np.array([[0.0, 0.0], [400.0, 0.0]]))
+    np.testing.assert_allclose(fit.cross_m, 3.0, atol=1e-12)
+    np.testing.assert_allclose(fit.along_m, np.linspace(0, 400, 201), atol=1e-9)
+    assert fit.length_m == 400.0
+    assert fit.corners_m.size == 0
+
+
+def test_a_path_that_retraces_itself_is_matched_leg_by_leg() -> None:
+    """Out on y = 0 with 1 m of error, back along the same line with 4 m: the nearest point of the
+    whole path cannot tell the legs apart, progress can."""
+    path = np.array([[0.0, 0.0], [200.0, 0.0], [0.0, 0.0]])
+    track = np.vstack((line((0, 1), (200, 1)), line((200, -4), (0, -4))))
+    fit = align(track, path)
+    half = len(track) // 2
+    np.testing.assert_allclose(fit.along_m[: half - 5], track[: half - 5, 0], atol=1e-9)
+    np.testing.assert_allclose(fit.along_m[half + 5 :], 400 - track[half + 5 :, 0], atol=1e-9)
+    np.testing.assert_allclose(fit.corners_m, [200.0])
+
+
+def test_a_path_that_crosses_itself_keeps_to_its_legs() -> None:
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [50.0, 50.0], [50.0, -50.0]])
+    track = np.vstack([line(a, b, step=1.0)[:-1] for a, b in itertools.pairwise(path)]) + np.array(
+        [0.0, 0.25]
+    )
+    fit = align(track, path)
+    flown = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(track, axis=0), axis=1))))
+    assert np.abs(fit.along_m - flown).max() < 1.0
+    assert fit.cross_m.max() <= 0.25 + 1e-9
+
+
+def test_corners_ignore_coincident_and_collinear_waypoints() -> None:
+    path = np.array([[0, 0], [0, 0], [50, 0], [50, 0], [100, 0], [100, 0.0], [100, 100]], float)
+    fit = align(line((0, 0), (100, 0)), path)
+    np.testing.assert_allclose(fit.corners_m, [100.0])
+    np.testing.assert_allclose(fit.corner_points_m, [[100.0, 0.0]])
+    assert fit.length_m == 200.0
+
+
+def test_a_corner_is_a_turn_from_the_leg_before() -> None:
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 90.0], [60.0, 90.0]])
+    fit = align(line((0, 0), (100, 0)), path)
+    np.testing.assert_allclose(fit.corners_m, [100.0, 190.0])
+    np.testing.assert_allclose(fit.corner_points_m, [[100.0, 0.0], [100.0, 90.0]])
+
+
+def test_a_hover_is_one_point() -> None:
+    fit = align(np.array([[3.0, 4.0], [0.0, 1.0]]), np.zeros((5, 2)))
+    np.testing.assert_allclose(fit.cross_m, [5.0, 1.0])
+    np.testing.assert_allclose(fit.along_m, 0.0)
+    assert fit.length_m == 0.0
+
+
+points = st.tuples(st.floats(-300, 300), st.floats(-300, 300))
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    path=st.lists(points, min_size=2, max_size=6), track=st.lists(points, min_size=1, max_size=30)
+)
+def test_never_nearer_than_the_nearest_point_of_the_path(path, track) -> None:
+    waypoints, flown = np.array(path), np.array(track)
+    fit = align(flown, waypoints)
+    legs = list(itertools.pairwise(waypoints))
+    dense = np.vstack([np.linspace(a, b, 4001) for a, b in legs])  # at most 0.21 m apart
+    nearest = np.linalg.norm(flown[:, None] - dense, axis=-1).min(axis=1)
+    assert np.all(fit.cross_m >= nearest - 0.11)
+    assert np.all(np.diff(fit.along_m) >= 0)
+    assert fit.length_m == pytest.approx(sum(np.linalg.norm(b - a) for a, b in legs), abs=1e-3)
+    first = align(flown[:1], waypoints)  # a single sample is free to take the nearest
+    assert first.cross_m[0] <= nearest[0] + 0.26
+
+
+def test_closest_approach_lies_between_samples() -> None:
+    track = np.array([[0.0, 1.0], [10.0, 1.0]])
+    assert closest_approach(track, np.array([5.0, 4.0])) == pytest.approx(3.0)
+    assert closest_approach(track[:1], np.array([3.0, 5.0])) == pytest.approx(5.0)
+
+
+def test_a_long_flight_needs_little_memory() -> None:
+    corner_m = 2000.0 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    track = np.column_stack([np.interp(np.linspace(0, 2, 1000), range(3), x) for x in corner_m.T])
+    tracemalloc.start()
+    try:
+        aligned = align(track, corner_m)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert aligned.cross_m.max() < 1e-6
+    assert most < 2000 * len(track)

@@ -1,0 +1,118 @@
+"""`aerofed plan` and `aerofed link-budget` as a user calls them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.base.errors import PlanError
+from mission.cli import call
+from mission.planner.evaluate import finish
+from mission.planner.problem import RoundPlan, RoundProblem
+
+CHANNEL = {
+    "altitude_m": 60.0, "alpha_los": 2.27, "alpha_nlos": 3.64, "beta_los_db": -30.0,
+    "beta_nlos_db": -40.0, "sigma_los": 0.3257, "sigma_nlos": 0.5149, "a1_per_rad": 24.64,
+    "a2": 3.6835, "tx_power_db": -3.0, "noise_db": -95.0, "snr_threshold": 10.0,
+}  # fmt: skip
+PROBLEM = {
+    "id": "pair", "devices": [[100.0, 0.0], [0.0, 300.0]], "importance": [1.0, 0.5],
+    "start": [0.0, 0.0], "steps": 3, "per_step": 1, "path_budget_m": 250.0, "channel": CHANNEL,
+}  # fmt: skip
+
+
+def test_a_problem_file_is_planned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, out = tmp_path / "problems.json", tmp_path / "plans.json"
+    source.write_text(json.dumps([PROBLEM]))
+    more = ["--out", str(out), "--figure", str(tmp_path / "pictures")]
+    assert call(["plan", "--problem", str(source), *more]) == 0
+    assert "pair" in capsys.readouterr().out
+    plan = json.loads(out.read_text())["pair"]
+    assert plan["waypoints"][0] == [0.0, 0.0]
+    assert 0.0 < plan["value"] <= plan["upper_bound"] <= 1.5
+    assert plan["gap"] <= 0.01
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 1
+
+
+def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
+    qgc, out = tmp_path / "first.plan", tmp_path / "plans.json"
+    assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
+    plan = json.loads(out.read_text())["round-1"]
+    assert (len(plan["waypoints"]), plan["upper_bound"]) == (10, None)
+    assert json.loads(qgc.read_text())["fileType"] == "Plan"
+
+
+class NoWayAcross:
+    """Fails on problems of two steps; others are planned."""
+
+    def plan(self, problem: RoundProblem) -> RoundPlan:
+        if problem.steps == 2:
+            raise PlanError("no way across")
+        return finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+
+
+def test_a_problem_that_fails_is_named_and_the_others_are_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.commands.planning.make_planner", lambda _: NoWayAcross())
+    source, out, pictures = (tmp_path / name for name in ("problems.json", "plans.json", "figures"))
+    more = [{**PROBLEM, "id": "x", "steps": 2}, {**PROBLEM, "id": "y"}]
+    source.write_text(json.dumps([PROBLEM, *more]))
+    tokens = ["plan", "--problem", str(source), "--out", str(out), "--figure", str(pictures)]
+    assert call(tokens) == PlanError.exit_code
+    assert list(json.loads(out.read_text())) == ["pair", "y"]
+    assert sorted(path.name for path in pictures.iterdir()) == ["000-pair.png", "002-y.png"]
+    printed = capsys.readouterr()
+    assert "pair" in printed.out
+    assert printed.err.count("\n") == 1
+    assert "problem 'x': no way across" in printed.err
+
+
+def test_where_every_problem_fails_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.commands.planning.make_planner", lambda _: NoWayAcross())
+    out, qgc = tmp_path / "plans.json", tmp_path / "first.plan"
+    tokens = ["plan", "--set", "mission.steps=2", "--out", str(out), "--qgc", str(qgc)]
+    assert call(tokens) == PlanError.exit_code
+    assert not out.exists()
+    assert not qgc.exists()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "problem 'round-1': no way across" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"importance": [1.0, -0.5]}, ["pair", "importance", "-0.5"]),
+        ({"devices": [[1.0, 2.0]]}, ["pair", "devices"]),
+        ({"steps": 0}, ["pair", "steps", "0"]),
+        ({"colour": 1}, ["pair", "colour"]),
+    ],
+)
+def test_a_wrong_problem_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, object], words: list[str]
+) -> None:
+    source, out = tmp_path / "problems.json", tmp_path / "plans.json"
+    source.write_text(json.dumps([{**PROBLEM, **change}]))
+    assert call(["plan", "--problem", str(source), "--out", str(out)]) == 2
+    printed = capsys.readouterr().err
+    for word in ("problems.json", *words):
+        assert word in printed
+    assert not out.exists()
+
+
+def test_a_wrong_method_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["plan", "--method", "best"]) == 2
+    assert "planner.kind = 'best'" in capsys.readouterr().err
+
+
+def test_link_budget_prints_and_warns(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["link-budget"]) == 0
+    printed = capsys.readouterr()
+    assert "served radius (PER 0.5): 185 m" in printed.out
+    assert printed.err == ""
+    assert call(["link-budget", "--set", "channel.preset=literal"]) == 0
+    assert "warning: PER straight overhead" in capsys.readouterr().err

@@ -1,0 +1,181 @@
+"""The command at its edges: signals, pipes that close, disks that are full."""
+
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from patience import HANG_S, until
+from test_run import SMALL, begun
+
+from mission.base.interrupts import run_flight
+from mission.cli import call
+
+AEROFED = [sys.executable, "-m", "mission"]
+
+
+def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [*AEROFED, "run", "--rounds", "1", "--out", str(out), *SMALL[:-1]]
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert process.returncode == 2
+    assert process.stderr == "aerofed: cannot write to standard output: No space left on device\n"
+    assert json.loads((out / "summary.json").read_text())["status"] == "finished"
+
+
+def test_a_reader_that_has_had_enough_is_no_error() -> None:
+    command = [*AEROFED, "link-budget"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert (process.stderr.read(), process.wait()) == ("", 0)
+    process.stderr.close()
+
+
+@pytest.mark.parametrize("launcher", [[], ["sh", "-c", "trap '' INT; exec \"$@\"", "sh"]])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_polite_kill_is_an_interruption(
+    tmp_path: Path, launcher: list[str], number: signal.Signals
+) -> None:
+    """Of a job that was started deaf to Ctrl-C as well, as scripts start theirs with `&`."""
+    out = tmp_path / "run"
+    command = [*launcher, *AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    until(lambda: process.poll() is not None or begun(out))
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert (process.returncode, "Traceback" in errors) == (130, False)
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+
+
+LOADING = """
+import os, signal, sys
+module = sys.argv[1]
+
+class Interrupts:
+    def find_spec(self, name, *_):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts())
+from mission.__main__ import main
+sys.argv[1:] = ["run", "--out", sys.argv[2]]
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["cyclopts", "rich", "pydantic", "numpy", "mission.run.session"])
+def test_ctrl_c_while_the_program_loads_is_no_traceback(tmp_path: Path, module: str) -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", LOADING, module, tmp_path / "run"], capture_output=True, text=True
+    )
+    assert (process.returncode, process.stderr) == (130, "aerofed: interrupted\n")
+    assert not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_again_and_again_ends_a_run_once(tmp_path: Path) -> None:
+    """Three times within half a second took MAVSDK down under its threads: SIGABRT."""
+    out = tmp_path / "run"
+    command = [*AEROFED, "run", "--rounds", "500", "--out", str(out), *SMALL]
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    until(lambda: process.poll() is not None or begun(out))
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert (process.returncode, "Traceback" in errors) == (130, False), errors
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+
+
+def test_run_flight_ends_in_order_however_often_it_is_interrupted() -> None:
+    told: list[str] = []
+
+    async def flight() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+            await asyncio.sleep(HANG_S)
+        finally:
+            for _ in range(3):
+                signal.raise_signal(signal.SIGINT)
+                await asyncio.sleep(0)
+                told.append("landing")
+
+    with pytest.raises(KeyboardInterrupt):
+        run_flight(flight())
+    assert told == ["landing"] * 3
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_run_flight_hands_on_what_the_flight_gives() -> None:
+    async def flight(outcome: Exception | int) -> int:
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    assert run_flight(flight(7)) == 7
+    with pytest.raises(ZeroDivisionError):
+        run_flight(flight(ZeroDivisionError()))
+
+
+IN_A_CALLBACK = """
+import ctypes, sys, time
+from mission.base.interrupts import hear_interruptions
+
+def interrupted():
+    raise KeyboardInterrupt
+
+hear_interruptions()
+try:
+    ctypes.CFUNCTYPE(None)(interrupted)()
+    time.sleep(30)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=HANG_S
+    )
+    assert (process.returncode, process.stderr) == (130, "")
+
+
+def test_a_value_from_the_command_line_is_not_blamed_on_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(["run", "--rounds", "0", "--out", str(tmp_path / "x")]) == 2
+    assert capsys.readouterr().err.startswith("aerofed: command line: mission.rounds = 0:")
+
+
+def test_plan_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "rounds.csv"
+    mine.write_text("mine")
+    assert call(["plan", "--out", str(mine)]) == 2
+    assert f"{mine}: exists already" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+
+
+def test_an_empty_data_folder_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["data", "check", str(tmp_path)]) == 2
+    assert "holds none of the data sets" in capsys.readouterr().err
+
+
+def test_a_round_that_reaches_nobody_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = ["--set", "area.home_m=[9000.0, 9000.0]", "--set", "mission.path_budget_m=100"]
+    assert call(["run", "--rounds", "1", "--out", str(tmp_path / "x"), *far]) == 0
+    assert "no device is within reach" in capsys.readouterr().out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == "0.1.0"

@@ -1,0 +1,306 @@
+"""Configuration: what is accepted, what is refused, and in which words."""
+
+import itertools
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+
+from mission.base.errors import InputError
+from mission.base.schema import every, top
+from mission.config.loading import builtin_config, load_config
+from mission.config.models import RunConfig
+from mission.config.overrides import parse_override
+
+BASE = """
+[[communities]]
+name = "a"
+task = "digits"
+devices = 2
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def _write(text: str) -> Path:
+        path = tmp_path / "c.toml"
+        path.write_text(text)
+        return path
+
+    return _write
+
+
+@pytest.mark.parametrize("name", ["quickstart.toml", "paper.toml"])
+def test_built_in_configurations_load(name: str) -> None:
+    config = load_config(builtin_config(name))
+    mission = config.mission
+    assert (mission.altitude_m, mission.speed_mps, mission.path_budget_m) == (60.0, 20.0, 800.0)
+    assert (mission.steps, mission.devices_per_step) == (10, 3)
+    assert [c.devices for c in config.communities] == [6, 6]
+
+
+def test_resolved_configuration_reads_back_equal() -> None:
+    config = load_config(builtin_config("paper.toml"), {"mission.rounds": 7})
+    assert RunConfig.model_validate(tomllib.loads(config.to_toml())) == config
+
+
+@pytest.mark.parametrize(
+    ("text", "parsed"),
+    [
+        ("mission.steps=8", ("mission.steps", 8)),
+        ("mission.strategy=no_cov", ("mission.strategy", "no_cov")),
+        ('name = "x"', ("name", "x")),
+        ("area.size_m=[100, 200.5]", ("area.size_m", [100, 200.5])),
+        ("communities.1.devices=3", ("communities.1.devices", 3)),
+    ],
+)
+def test_overrides(text: str, parsed: tuple[str, object]) -> None:
+    assert parse_override(text) == parsed
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "[mission]\nsteps = 'many'",
+            "mission.steps = 'many': must be a whole number from 1 to 500",
+        ),
+        ("[mission]\nsteps = '8'", "mission.steps = '8': must be a whole number from 1 to 500"),
+        ("[mission]\nsteps = true", "mission.steps = true: must be a whole number from 1 to 500"),
+        (
+            "[mission]\naltitude_m = nan",
+            "mission.altitude_m = nan: must be a number from 10 to 500, in m",
+        ),
+        ("mission = 3", "mission = 3: must be a table, written [mission]"),
+        (
+            "[area]\nsize_m = [800.0, 0.0]",
+            "area.size_m.1 = 0.0: must be a number above 0 and at most 100000, in m",
+        ),
+        (
+            "[area]\nsize_m = [800.0]",
+            "area.size_m = [800.0]: must be a list of 2 numbers above 0 and at most 100000, in m",
+        ),
+        (
+            "[area]\nhome_m = [inf, 0.0]",
+            "area.home_m.0 = inf: must be a number from -100000 to 100000, in m",
+        ),
+        ("[link]\nspeed = 0", "link.speed = 0: must be 'max' or a number above 0 and at most 1000"),
+        (
+            "[planner]\nkind = 'certifed'",
+            "planner.kind = 'certifed': must be one of 'certified', 'sqp', 'paper', "
+            "'paper_literal', 'import'; did you mean 'certified'?",
+        ),
+        (
+            "[vehicle.aircraft.faults]\nkind = 'gnss_off'",
+            "vehicle.aircraft.faults = {'kind': 'gnss_off'}: must be a list of tables, "
+            "each written [[vehicle.aircraft.faults]]",
+        ),
+        (
+            "[[vehicle.aircraft.faults]]\nat_s = 3",
+            "vehicle.aircraft.faults.0.kind: must be one of 'gnss_off', 'gnss_jump', "
+            "'motor_loss', 'imu_bias', 'wind_burst'",
+        ),
+        (
+            "[[vehicle.aircraft.faults]]\nkind = 'wind'",
+            "vehicle.aircraft.faults.0.kind = 'wind': must be one of 'gnss_off', 'gnss_jump', "
+            "'motor_loss', 'imu_bias', 'wind_burst'",
+        ),
+        (
+            "[[vehicle.aircraft.faults]]\nkind = 'gnss_jump'\nnorth_m = 'far'",
+            "vehicle.aircraft.faults.0.north_m = 'far': "
+            "must be a number from -100000 to 100000, in m",
+        ),
+        (
+            "[[vehicle.aircraft.wind.gusts]]\neast_mps = 3",
+            "vehicle.aircraft.wind.gusts.0.start_s: missing, and it has no default; "
+            "it is a number from 0 to 1000000, in s",
+        ),
+        (
+            "[vehicle.parameters]\nRTL_RETURN_ALT = 'high'",
+            "vehicle.parameters.RTL_RETURN_ALT = 'high': must be a number",
+        ),
+        ("name = 'a b'", "name = 'a b': must be text such as 'paper-2', matching ^[A-Za-z0-9._-]"),
+    ],
+)
+def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
+    path = write(text + BASE)
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    assert str(caught.value).startswith(f"{path}: {said}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[mission]\nstep = 3" + BASE, ["c.toml", "mission.step", "unknown key", "mean steps?"]),
+        ("rounds = 3" + BASE, ["rounds", "unknown key", "did you mean mission.rounds?"]),
+        ("[mission]\nstrategy = 'best'" + BASE, ["mission.strategy", "'best'", "'no_cov'"]),
+        ("seed = 1", ["communities", "missing", "a list of 1 to 100 tables"]),
+        (BASE + BASE, ["community names must differ", "'a'"]),
+        ("seed = = 1", ["not valid TOML", "line 1"]),
+        ("colour = 1" + BASE, ["colour", "unknown key"]),
+        (BASE + "labels_per_devise = 2", ["communities.0.labels_per_devise", "labels_per_device?"]),
+        (BASE + "labels_per_device = 11", ["communities.0.labels_per_device = 11", "10 classes"]),
+        (BASE + "coverage = true", ["communities.0.coverage = true", "cannot own 10 classes"]),
+        (BASE + "network = 'resnet'", ["communities.0.network = 'resnet'", "'lenet', 'mcmahan'"]),
+        (BASE + "network = 'no_such.net:N'", ["communities.0.network", "No module named"]),
+        ("[mission]\nstrategy = 'no_such:f'" + BASE, ["mission.strategy", "No module named"]),
+        ("[vehicle]\nparameter_file = 'no.parm'" + BASE, ["parameter_file = 'no.parm'", "no such"]),
+        (
+            "[vehicle.parameters]\nFOO = 1" + BASE,
+            ["vehicle.parameters.FOO = 1", "no such parameter", "known: BAT_CRIT"],
+        ),
+        (
+            "[vehicle.parameters]\nRTL_ALT = 1" + BASE,
+            ["vehicle.parameters.RTL_ALT = 1", "no such parameter; did you mean RTL_RETURN_ALT?"],
+        ),
+        (
+            "[vehicle.parameters]\nGF_ACTION = 9" + BASE,
+            ["vehicle.parameters.GF_ACTION = 9", "from 0 to 5"],
+        ),
+    ],
+)
+def test_refused_in_words_that_help(write, text: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        load_config(write(text))
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+# A value of every type that TOML has, and numbers beyond all limits.
+STRANGE = ("?", "", True, 7, -1e300, 1e300, math.nan, math.inf, [], [1], ["?"], [{}], {"q": 1})
+
+
+@pytest.mark.parametrize("key", [key.path for key in every(top(RunConfig))])
+def test_no_key_is_refused_in_the_words_of_a_library(write, key: tuple[str | int, ...]) -> None:
+    for value in STRANGE:
+        data: dict[str, Any] = {"communities": [{"name": "a", "task": "digits", "devices": 3}]}
+        table: Any = data
+        for part, following in itertools.pairwise(key):
+            if isinstance(table, dict):
+                table.setdefault(part, [{}] if following == 0 else {})
+            table = table[part]
+        table[key[-1]] = value
+        path = write(tomli_w.dumps(data))
+        try:
+            load_config(path)
+        except InputError as error:
+            for line in str(error).splitlines():
+                assert line.startswith(f"{path}: {key[0]}"), line
+                assert not re.search(r"nput|instance|tuple|literal\[|constrained", line), line
+
+
+def test_a_gpu_that_is_not_there_is_refused_at_once(write, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write("[learning]\ndevice = 'cuda'" + BASE)
+    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: True)
+    assert load_config(path).learning.device == "cuda"
+    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: False)
+    with pytest.raises(
+        InputError, match=r"learning\.device = 'cuda': must be 'cpu': torch sees no"
+    ):
+        load_config(path)
+
+
+def test_several_faults_are_said_together(write) -> None:
+    with pytest.raises(InputError) as caught:
+        load_config(write("seed = -1\n[mission]\nrounds = 0" + BASE))
+    assert len(str(caught.value).splitlines()) == 2
+
+
+def test_the_command_line_is_blamed_for_its_own(write) -> None:
+    with pytest.raises(InputError, match=r"^command line: foo: unknown key"):
+        load_config(write(BASE), {"foo.bar": 1})
+    with pytest.raises(InputError, match=r"^command line: vehicle.parameters.FOO = 1.0: no such"):
+        load_config(write(BASE), {"vehicle.parameters.FOO": 1})
+
+
+def test_a_parameter_file_is_read_at_once(write, tmp_path: Path) -> None:
+    (tmp_path / "mine.parm").write_text("RTL_RETURN_ALT 45\nGF_ACTION many\n")
+    with pytest.raises(InputError, match=r"mine\.parm, line 2: 'GF_ACTION many'"):
+        load_config(write(BASE), {"vehicle.parameter_file": str(tmp_path / "mine.parm")})
+
+
+def test_a_byte_order_mark_is_no_fault(write) -> None:
+    assert load_config(write("\ufeffseed = 3" + BASE)).seed == 3
+
+
+@pytest.mark.parametrize("text", ["mission.steps", "=3", "a..b=1"])
+def test_an_override_without_key_or_value_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="expected KEY=VALUE"):
+        parse_override(text)
+
+
+FAULTS = "vehicle.aircraft.faults"
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("area.size_m.0=true", "must be a number above 0 and at most 100000, in m"),
+        ("area.size_m.1=[]", "must be a number above 0 and at most 100000, in m"),
+        (
+            "area.size_m.2=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not '2'",
+        ),
+        (
+            "area.size_m.x=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not 'x'",
+        ),
+        (
+            "area.size_m.-1=5",
+            "area.size_m is a list of 2, so an index from 0 to 1 must follow, not '-1'",
+        ),
+        (
+            "area.size_m.0.x=5",
+            "area.size_m.0 is a number above 0 and at most 100000, in m, and has nothing in it",
+        ),
+        (
+            "communities.3.devices=1",
+            "communities is a list of 1, so an index from 0 to 0 must follow, not '3'",
+        ),
+        (
+            "communities.devices=1",
+            "communities is a list of 1, so an index from 0 to 0 must follow, not 'devices'",
+        ),
+        ("communities.0.devices=true", "must be a whole number from 1 to 1000"),
+        ("communities.0=3", "must be a table"),
+        (f"{FAULTS}.0.at_s=true", f"{FAULTS} is a list of tables, and empty; give it as a whole"),
+        ("seed.x=1", "seed is a whole number from 0 to 9223372036854775807, and has nothing in it"),
+        ("mission.steps.x=1", "mission.steps is a whole number from 1 to 500, and has nothing in"),
+        ("planner.kind.x=3", "planner.kind is one of 'certified', 'sqp', 'paper', 'paper_lite"),
+        ("vehicle.parameters.GF_ACTION.x=1", "vehicle.parameters.GF_ACTION is a number, and has"),
+        ("vehicle.parameters.GF_ACTION=true", "must be a number"),
+        ("link.speed=true", "must be 'max' or a number above 0 and at most 1000"),
+        ("mission=3", "must be a table, written [mission]"),
+    ],
+)
+@pytest.mark.parametrize("text", ["", "seed = 1\n[mission]\nsteps = 3\n[area]\nsize_m = [9, 9]"])
+def test_an_override_of_another_type_is_refused(write, text: str, override: str, said: str) -> None:
+    key, _, value = override.partition("=")
+    with pytest.raises(InputError) as caught:
+        load_config(write(text + BASE), dict([parse_override(override)]))
+    assert str(caught.value).startswith(f"command line: {key} = {value}: {said}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "[area]\nsize_m = [800.0, 800.0]"])
+def test_one_element_of_a_list_is_overridden(write, text: str) -> None:
+    assert load_config(write(text + BASE), {"area.size_m.1": 500}).area.size_m == (800.0, 500.0)
+
+
+def test_a_file_s_own_fault_is_not_the_command_line_s(write) -> None:
+    path = write("[area]\nsize_m = 800" + BASE)
+    with pytest.raises(InputError) as caught:
+        load_config(path, {"area.size_m.1": 500})
+    assert str(caught.value).startswith(f"{path}: area.size_m = 800: must be a list of 2 numbers")
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nothing\.toml: cannot read.*No such file"):
+        load_config(tmp_path / "nothing.toml")

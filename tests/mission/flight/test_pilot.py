@@ -1,0 +1,67 @@
+"""What the pilot says of a refused order: the vehicle's own words about that order, no others."""
+
+import asyncio
+from collections.abc import Sequence
+
+import pytest
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.base.errors import FlightError
+from mission.flight.pilot.connection import connect
+from mission.flight.pilot.orders import Pilot
+from sitl.config import VehicleConfig
+from sitl.links import RawLink
+from sitl.pace import Simulation
+from sitl.vehicle import Vehicle
+
+OLDER = "Set current item refused: mission has 0 items, no item 99"
+
+
+class TextsComeLate(RawLink):
+    """Status texts arrive `delay_s` after everything else; None: never again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.delay_s: float | None = 0.0
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        texts = [f for f in frames if int.from_bytes(f[7:10], "little") == 253]
+        super().send([frame for frame in frames if frame not in texts])
+        if texts and self.delay_s is not None:
+            asyncio.get_running_loop().call_later(self.delay_s, super().send, texts)
+
+
+async def heard(pilot: Pilot, text: str) -> None:
+    for _ in range(1000):
+        if pilot.watch.last_warning == text:
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError(f"not heard: {text}")
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "words"),
+    [
+        (0.0, " (it said: DO_SET_MODE refused: not armed)"),
+        (0.3, " (it said: DO_SET_MODE refused: not armed)"),
+        (None, ""),
+    ],
+)
+def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, words: str) -> None:
+    async def run() -> str:
+        home = GeodeticPoint(43.6145, 7.0715, 130.0)
+        vehicle = Vehicle(VehicleConfig(), home=home, streams=RandomStreams(1))
+        link = TextsComeLate()
+        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+            await pilot.ready()
+            station = mav.MAVLink(None, srcSystem=250, srcComponent=190)
+            link.feed(bytes(mav.MAVLink_mission_set_current_message(1, 1, 99).pack(station)))
+            await heard(pilot, OLDER)
+            link.delay_s = delay_s
+            with pytest.raises(FlightError) as refusal:
+                await pilot.land()
+            return str(refusal.value)
+
+    assert asyncio.run(run()) == f"the vehicle did not return and land: COMMAND_DENIED{words}"

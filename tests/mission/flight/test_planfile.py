@@ -1,0 +1,179 @@
+"""Plan files: written as uploaded, read by MAVSDK's own importer, refused when damaged."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.pilot.importer import Imported, import_plan, raw_items
+from mission.flight.pilot.items import mission_items
+from mission.flight.plan_file import PlanFile, read_plan_file
+from mission.flight.plan_file_writing import write_round_plan
+from sitl.config import VehicleConfig
+from sitl.vehicle import Vehicle
+
+HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
+
+
+def imported(plan: PlanFile) -> Imported:
+    vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+    vehicle.greet()
+    return import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
+
+
+def plan_document(*items: Any, **mission: Any) -> dict[str, Any]:
+    """What QGroundControl 4.4 saves, in short."""
+    return {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
+        "mission": {
+            "version": 2,
+            "firmwareType": 12,
+            "vehicleType": 2,
+            "cruiseSpeed": 15,
+            "hoverSpeed": 5,
+            "plannedHomePosition": [47.4, 8.5, 488.0],
+            "items": list(items),
+            **mission,
+        },
+    }
+
+
+def simple(command: int, *params: float | None, frame: int = 3, **more: Any) -> dict[str, Any]:
+    return {
+        "type": "SimpleItem", "autoContinue": True, "command": command, "frame": frame,
+        "params": list(params), **more,
+    }  # fmt: skip
+
+
+WAYPOINT = simple(16, 0, 5, 0, None, 47.401, 8.5, 60)
+
+
+def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
+    # Many points, because degrees times 1e7 must come back as the same integers.
+    area = Area((800.0, 800.0), (400.0, 400.0), HOME)
+    rng = np.random.default_rng(7)
+    stops = [Stop(xy, (n,), 2.5 * (n == 3)) for n, xy in enumerate(rng.uniform(0, 800, (300, 2)))]
+    plan = FlightPlan(tuple(stops), 60.0, 20.0, 5.0)
+    path = tmp_path / "plans" / "round-001.plan"
+    write_round_plan(path, plan, area)
+    file = read_plan_file(path)
+    assert file.home == HOME
+    back = raw_items(imported(file).items)
+    uploaded = mission_items(plan, plan.positions(area))
+    assert len(back) == len(uploaded) == 301
+    for ours, theirs in zip(uploaded, back, strict=True):
+        for name in ("seq", "command", "current", "x", "y", "z"):
+            assert getattr(theirs, name) == getattr(ours, name), name
+        for name in ("param1", "param2", "param3", "param4"):
+            assert getattr(theirs, name) == pytest.approx(getattr(ours, name), nan_ok=True), name
+        # PX4 knows what has no place in MAV_FRAME_MISSION only.
+        assert (ours.frame, theirs.frame) == ((2, 2) if ours.command == 178 else (6, 3))
+
+
+def test_a_qgroundcontrol_plan_is_read(tmp_path: Path) -> None:
+    document = plan_document(simple(22, 15, 0, 0, None, 47.4, 8.5, 50), WAYPOINT)
+    document["rallyPoints"]["points"] = [[47.4, 8.5, 30], [47.41, 8.49, 0]]
+    document["geoFence"]["polygons"] = [
+        {"inclusion": True, "version": 1, "polygon": [[47.3, 8.4], [47.5, 8.4], [47.5, 8.6]]}
+    ]
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(document))
+    file = read_plan_file(path)
+    assert file.home == GeodeticPoint(47.4, 8.5, 488.0)
+    found = imported(file)
+    assert [(i.seq, i.command, i.x, i.y, i.z) for i in found.items] == [
+        (0, 22, 47.4, 8.5, 50.0), (1, 16, 47.401, 8.5, 60.0)
+    ]  # fmt: skip
+    assert len(found.fence) == 3
+    rally = [(i.seq, i.command, i.frame, i.x, i.y, i.z) for i in found.rally]
+    assert rally == [(0, 5100, 3, 47.4, 8.5, 30.0), (1, 5100, 3, 47.41, 8.49, 0.0)]
+
+
+ROW = "{}\t0\t3\t16\t0\t5\t0\t0\t47.401\t8.5\t60\t1\n"
+HOME_ROW = "0\t1\t0\t16\t0\t0\t0\t0\t47.4\t8.5\t488\t1\n"
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_a_waypoint_file_is_read_without_its_home(tmp_path: Path, line_end: str) -> None:
+    path = tmp_path / "a.waypoints"
+    text = "QGC WPL 110\n" + HOME_ROW + ROW.format(1)
+    path.write_bytes(text.replace("\n", line_end).encode())
+    file = read_plan_file(path)
+    assert file.home == GeodeticPoint(47.4, 8.5, 488.0)
+    assert [(i.seq, i.command, i.x) for i in imported(file).items] == [(0, 16, 47.401)]
+
+
+def test_a_waypoint_file_may_have_no_home(tmp_path: Path) -> None:
+    path = tmp_path / "a.waypoints"
+    path.write_text("QGC WPL 110\n" + ROW.format(0) + ROW.format(1))
+    file = read_plan_file(path)
+    assert file.home is None
+    assert [item.seq for item in imported(file).items] == [0, 1]
+
+
+def rally_damage(points: Any) -> str:
+    return json.dumps(plan_document(WAYPOINT) | {"rallyPoints": {"points": points}})
+
+
+def json_damage(**changes: Any) -> str:
+    return json.dumps(plan_document({**WAYPOINT, **changes}))
+
+
+DAMAGED = {
+    "missing": (None, "a.plan", "No such file"),
+    "suffix": ("x", "a.txt", "neither"),
+    "empty": ("", "a.plan", "empty"),
+    "cut": (json.dumps(plan_document(WAYPOINT))[:300], "a.plan", "not valid JSON"),
+    "binary": (b"\xff\xfe\x00", "a.plan", "UTF-8"),
+    "deep": ("[" * 100_000, "a.plan", "not valid JSON"),
+    "list": ("[]", "a.plan", "fileType"),
+    "other": ('{"fileType": "Parameters"}', "a.plan", "fileType"),
+    "no mission": ('{"fileType": "Plan"}', "a.plan", "mission.items"),
+    "no items": (json.dumps(plan_document()), "a.plan", "mission is empty"),
+    "item": (json.dumps(plan_document(5)), "a.plan", "mission.items[0]"),
+    "type": (json_damage(type="Waypoint"), "a.plan", "'Waypoint'"),
+    "command": (json_damage(command="16"), "a.plan", "command = '16'"),
+    # MAVSDK's importer would take this as frame 0: heights above the sea.
+    "frame": (json_damage(frame="3"), "a.plan", "frame = '3'"),
+    "short": (json_damage(params=[0, 0, 0, None, 47.4]), "a.plan", "seven numbers"),
+    "words": (json_damage(params=[0, 0, 0, 0, "47", 8, 50]), "a.plan", "seven numbers"),
+    "nan": (json_damage(params=[0, 0, 0, 0, float("nan"), 8, 50]), "a.plan", "seven numbers"),
+    "scan": (json_damage(type="ComplexItem", complexItemType="StructureScan"), "a.plan",
+             "'StructureScan' cannot be flown"),
+    "home": (json.dumps(plan_document(WAYPOINT, plannedHomePosition="x")), "a.plan", "'x'"),
+    "pole": (json.dumps(plan_document(WAYPOINT, plannedHomePosition=[91, 0, 0])), "a.plan", "91"),
+    "rally": (rally_damage([[47.4, 8.5, 0], [47, 8]]), "a.plan", "rallyPoints.points[1] = [47, 8]"),
+    # The importer would take this as latitude 0.
+    "rally words": (rally_damage([["47", 8, 0]]), "a.plan", "rallyPoints.points[0] = ['47', 8, 0]"),
+    "rally table": (rally_damage({}), "a.plan", "rallyPoints.points"),
+    "header": ("QGC WPL 120\n" + HOME_ROW, "a.waypoints", "QGC WPL 110"),
+    "rows": ("QGC WPL 110\n", "a.waypoints", "mission is empty"),
+    "home only": ("QGC WPL 110\n" + HOME_ROW, "a.waypoints", "mission is empty"),
+    "columns": ("QGC WPL 110\n" + HOME_ROW + "1\t0\t3\n", "a.waypoints", "line 3"),
+    "letters": ("QGC WPL 110\n" + HOME_ROW + ROW.format("one"), "a.waypoints", "line 3"),
+    "order": ("QGC WPL 110\n" + HOME_ROW + ROW.format(2), "a.waypoints", "item 1 is missing"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", DAMAGED)
+def test_what_is_damaged_is_named(tmp_path: Path, case: str) -> None:
+    content, name, words = DAMAGED[case]
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError) as refused:
+        read_plan_file(path)
+    assert str(refused.value).startswith(str(path))
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,285 @@
+"""`aerofed sitl`: any ground station may come, several at once, until Ctrl-C."""
+
+import functools
+import math
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from patience import HANG_S
+from pymavlink import mavutil
+from serving import free_port, served
+
+from mission.cli import call
+from mission.config.loading import builtin_config, load_config
+from mission.flight.serve.vehicle import make_vehicles
+from sitl.vehicle import Vehicle
+
+ARM, TAKE_OFF, TERMINATE, REBOOT = 400, 22, 185, 246
+ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
+READY = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+
+def wait_for(client: Any, kind: str, fit: Callable[[Any], bool] = bool) -> Any:
+    """The next message of a kind that fits."""
+    limit = time.monotonic() + HANG_S
+    while time.monotonic() < limit:
+        message = client.recv_match(type=kind, blocking=True, timeout=1.0)
+        if message is not None and fit(message):
+            return message
+    raise AssertionError(f"no {kind} that fits")
+
+
+def command(client: Any, number: int, *params: float) -> int:
+    """The MAV_RESULT of a command."""
+    values = (*params, *(0.0 for _ in range(7 - len(params))))
+    client.mav.command_long_send(client.target_system or 1, 1, number, 0, *values)
+    return int(wait_for(client, "COMMAND_ACK", lambda m: m.command == number).result)
+
+
+def wait_ready(client: Any) -> None:
+    wait_for(client, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & READY))
+
+
+def test_two_ground_stations_at_once() -> None:
+    first, second = free_port(), free_port()
+    one = mavutil.mavlink_connection(f"udpin:127.0.0.1:{first}")
+    two = mavutil.mavlink_connection(f"udpin:127.0.0.1:{second}")
+    try:
+        with served(
+            "--udp", str(first), "--udp", f"udpout://127.0.0.1:{second}", "--speed", "10",
+            "--set", "area.home_lat_deg=47.4", "--set", "area.home_lon_deg=8.5",
+            "--set", "area.home_alt_msl_m=478",
+        ):  # fmt: skip
+            for client in (one, two):
+                beat = wait_for(client, "HEARTBEAT")
+                assert beat.autopilot == mavutil.mavlink.MAV_AUTOPILOT_PX4
+            wait_ready(one)
+            assert command(one, ARM, 1.0) == ACCEPTED
+            nan = float("nan")
+            climb = (0.0, 0.0, 0.0, nan, nan, nan, 488.0)
+            assert command(two, TAKE_OFF, *climb) == ACCEPTED
+            seen = wait_for(two, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            assert (seen.lat / 1e7, seen.lon / 1e7) == pytest.approx((47.4, 8.5), abs=1e-4)
+            wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            # Time goes on in the hover too: nobody waits for a mission here.
+            hovering_ms = seen.time_boot_ms + 20_000
+            wait_for(one, "GLOBAL_POSITION_INT", lambda m: m.time_boot_ms > hovering_ms)
+    finally:
+        one.close()
+        two.close()
+
+
+def test_a_crashed_vehicle_is_rebooted() -> None:
+    port = free_port()
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    try:
+        with served("--udp", str(port), "--speed", "20"):
+            wait_ready(client)
+            client.mav.param_set_send(1, 1, b"MIS_TAKEOFF_ALT", 25.0, 9)
+            wait_for(client, "PARAM_VALUE", lambda m: m.param_value == 25.0)
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, REBOOT, 1.0) != ACCEPTED  # on the ground, but armed
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 20_000)
+            assert command(client, REBOOT, 1.0) != ACCEPTED
+            assert command(client, TERMINATE, 1.0) == ACCEPTED
+            wait_for(client, "STATUSTEXT", lambda m: m.text.startswith("Crashed"))
+            assert command(client, ARM, 1.0) != ACCEPTED
+            before = wait_for(client, "GLOBAL_POSITION_INT").time_boot_ms
+            assert command(client, REBOOT, 2.0) != ACCEPTED  # to switch it off
+            assert command(client, REBOOT, 1.0) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.time_boot_ms < before)
+            wait_for(client, "BATTERY_STATUS", lambda m: m.battery_remaining == 100)
+            wait_ready(client)
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            # As high as the parameter says that was set before.
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 24_000)
+    finally:
+        client.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ([], (47.397742, 8.545594, 488.0)),  # PX4's simulators: PX4_HOME_LAT, _LON, _ALT
+        (["--set", "area.home_alt_msl_m=10"], (47.397742, 8.545594, 10.0)),
+        (["--home=-33.5,151.25,20.5"], (-33.5, 151.25, 20.5)),
+    ],
+)
+def test_home_is_px4s_or_the_one_given(
+    arguments: list[str], place: tuple[float, float, float]
+) -> None:
+    port = free_port()
+    with served("--udp", f"udpin://127.0.0.1:{port}", *arguments):
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
+        try:
+            client.mav.heartbeat_send(6, 8, 0, 0, 0)
+            home = wait_for(client, "HOME_POSITION")
+            assert (home.latitude / 1e7, home.longitude / 1e7) == pytest.approx(place[:2])
+            assert home.altitude / 1e3 == pytest.approx(place[2])
+        finally:
+            client.close()
+
+
+def test_it_listens_for_whoever_comes() -> None:
+    port = free_port()
+    with served("--udp", f"udpin://127.0.0.1:{port}", "--speed", "max"):
+        client = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255)
+        try:
+            client.mav.heartbeat_send(6, 8, 0, 0, 0)
+            assert wait_for(client, "HEARTBEAT").get_srcSystem() == 1
+        finally:
+            client.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--udp", "70000"], ["--udp 70000", "65535"]),
+        (["--udp", "udp://host"], ["--udp udp://host", "udpin://HOST:PORT"]),
+        (["--speed", "0"], ["--speed 0"]),
+        (["--home", "47,8"], ["--home 47,8", "LAT,LON,ALT", "--home 47.3977,8.54559,488"]),
+        (["--count", "0"], ["--count 0", "from 1 to 64"]),
+        (["--count", "3", "--set", "vehicle.system_id=249"], ["--count 3", "up to 250"]),
+        (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
+        (["--home", "47,200,1"], ["area.home_lon_deg = 200", "from -180 to 180"]),
+        (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
+        (["--set", "vehicle.parameters.NO_SUCH=1"], ["NO_SUCH"]),
+    ],
+)
+def test_wrong_input_is_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+) -> None:
+    assert call(["sitl", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    for word in words:
+        assert word in printed.err
+
+
+def test_a_port_in_use_is_a_link_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert call(["sitl", "--udp", f"udpin://127.0.0.1:{port}"]) == 5
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert str(port) in printed.err
+    assert "in use" in printed.err
+
+
+def test_several_vehicles_are_each_flown_by_their_own_script(tmp_path: Path) -> None:
+    first = next(port for port in range(free_port(), 65_000) if _free(port, 3))
+    clients = [mavutil.mavlink_connection(f"udpin:127.0.0.1:{first + i}") for i in range(3)]
+    everybody = free_port()
+    station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{everybody}")
+    logs = tmp_path / "flights"
+    try:
+        with served(
+            "--count", "3", "--udp", str(first), "--udp", str(everybody), "--speed", "10",
+            "--logs", str(logs),
+        ):  # fmt: skip
+            for i, client in enumerate(clients):
+                client.target_system = i + 1
+                wait_ready(client)
+                home = wait_for(client, "HOME_POSITION")
+                east = math.radians(home.longitude / 1e7 - 8.545594) * 6.378e6 * 0.6769
+                assert east == pytest.approx(5.0 * i, abs=0.1)
+            for i, client in enumerate(clients):  # at once, each to a height of its own
+                assert command(client, ARM, 1.0) == ACCEPTED
+                nan = float("nan")
+                climb = (0.0, 0.0, 0.0, nan, nan, nan, 488.0 + 10.0 * (i + 1))
+                assert command(client, TAKE_OFF, *climb) == ACCEPTED
+            for i, client in enumerate(clients):
+                hover_mm = 10_000 * (i + 1)
+                fit = functools.partial(_within, hover_mm)
+                assert wait_for(client, "GLOBAL_POSITION_INT", fit).get_srcSystem() == i + 1
+            heard = {wait_for(station, "HEARTBEAT").get_srcSystem() for _ in range(30)}
+            assert heard == {1, 2, 3}
+            for client in clients:
+                assert command(client, TERMINATE, 1.0) == ACCEPTED
+        for i in range(3):
+            (log,) = (logs / f"vehicle-{i + 1}").iterdir()
+            assert log.name == "flight-0001.mcap"
+            assert log.read_bytes().endswith(b"\x89MCAP0\r\n")  # complete
+    finally:
+        for client in (*clients, station):
+            client.close()
+
+
+def _begins(offset: int, part: Any) -> bool:
+    return bool(part.ofs == offset)
+
+
+def _within(height_mm: int, message: Any) -> bool:
+    return abs(message.relative_alt - height_mm) < 1_000
+
+
+def _free(first: int, count: int) -> bool:
+    """Whether nobody listens on so many ports in a row."""
+    try:
+        for port in range(first, first + count):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("127.0.0.1", port))
+    except OSError:
+        return False
+    return True
+
+
+def test_vehicles_do_not_disturb_each_other() -> None:
+    """Stepped in turns each flies to the last bit what it flies alone."""
+
+    def made(count: int) -> list[Vehicle]:
+        config = load_config(builtin_config("quickstart.toml"), {})
+        return [one.vehicle for one in make_vehicles(config, count=count, udp=["14540"], logs=None)]
+
+    def fly(vehicles: list[Vehicle]) -> list[bytes]:
+        tracks = [b"" for _ in vehicles]
+        for tick in range(3000):
+            for i, vehicle in enumerate(vehicles):
+                vehicle.step()
+                if tick == 100:
+                    assert vehicle.autopilot.flight.arm() is None
+                    assert vehicle.autopilot.flight.take_off(None) is None
+                if tick % 50 == 0:
+                    truth = vehicle.aircraft.truth
+                    tracks[i] += truth.pos_ned_m.tobytes() + truth.q_frd_to_ned.tobytes()
+        return tracks
+
+    together = fly(made(3))
+    assert together[0] == fly(made(1))[0]
+    assert together == fly(made(3))
+    assert len(set(together)) == 3
+
+
+def test_a_flight_is_logged_and_downloaded(tmp_path: Path) -> None:
+    port = free_port()
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    try:
+        with served("--udp", str(port), "--speed", "20", "--logs", str(tmp_path / "logs")):
+            wait_ready(client)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            assert wait_for(client, "LOG_ENTRY").num_logs == 0
+            assert command(client, ARM, 1.0) == ACCEPTED
+            assert command(client, TAKE_OFF, *[float("nan")] * 7) == ACCEPTED
+            wait_for(client, "GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9_000)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            assert wait_for(client, "LOG_ENTRY").num_logs == 0  # it is still being written
+            assert command(client, 21) == ACCEPTED
+            wait_for(client, "HEARTBEAT", lambda m: not m.base_mode & 128)
+            client.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+            entry = wait_for(client, "LOG_ENTRY")
+            assert entry.num_logs == 1
+            fetched = b""
+            while len(fetched) < entry.size:
+                client.mav.log_request_data_send(1, 1, 0, len(fetched), 900)
+                part = wait_for(client, "LOG_DATA", functools.partial(_begins, len(fetched)))
+                fetched += bytes(part.data[: part.count])
+        assert fetched == (tmp_path / "logs" / "flight-0001.mcap").read_bytes()
+    finally:
+        client.close()

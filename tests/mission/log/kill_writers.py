@@ -1,0 +1,63 @@
+"""Forks writers of a log and kills each at a random moment; prints what each had been handed.
+
+Run by `test_recover`; a process of its own, so that the fork copies no threads of the tests.
+"""
+
+import os
+import signal
+import struct
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from synthetic_flight import fly
+
+from mission.log.write.writer import FlightLog
+from sitl.observer import VehicleSample
+
+LONGEST_S = 0.25
+
+
+def report_to(pipe: int) -> None:
+    """Say, outside the process, up to which instant a log has been handed samples."""
+    sampled = FlightLog.sampled
+
+    def reporting(log: FlightLog, sample: VehicleSample) -> None:
+        sampled(log, sample)
+        os.write(pipe, struct.pack("<q", sample.t_ns))
+
+    FlightLog.sampled = reporting
+
+
+def main(folder: Path, kills: int) -> None:
+    rng = np.random.default_rng(int.from_bytes(os.urandom(4), "little"))
+    for number in range(kills):
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(reading)
+            report_to(writing)
+            place = folder / f"{number}"
+            place.mkdir()
+            fly(place, rounds=2)
+            time.sleep(60)  # finished before it was killed: the log is complete
+            os._exit(0)
+        os.close(writing)
+        time.sleep(float(rng.uniform(0.0, LONGEST_S)))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        newest = -1
+        while chunk := os.read(reading, 8 * 4096):
+            newest = struct.unpack_from("<q", chunk, len(chunk) - 8)[0]
+        os.close(reading)
+        log = folder / f"{number}" / "flight.mcap"
+        if log.exists():
+            log.rename(folder / f"{number}.mcap")
+        else:
+            (folder / f"{number}.mcap").write_bytes(b"")
+        sys.stdout.write(f"{number} {newest}\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

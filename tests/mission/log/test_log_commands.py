@@ -1,0 +1,224 @@
+"""`aerofed log ...` and `aerofed report`: what they say, write, refuse, and return."""
+
+import csv
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pyarrow.parquet
+import pymap3d
+import pytest
+from limits import no_file_larger_than
+from mcap.opcode import Opcode
+from mcap.writer import Writer
+from synthetic_flight import AREA, CONFIG, Fixed, fly
+
+from mission.base.errors import InputError
+from mission.cli import call
+from mission.commands import log, report
+from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log.export.tables import _texts
+from mission.log.read import framing, inspection
+from mission.log.read.reader import read_log
+from mission.log.tables import read_rounds, read_uplinks
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Fixed:
+    return fly(tmp_path_factory.mktemp("run"), rounds=2)
+
+
+def foreign(path: Path) -> Path:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("x", "jsonschema", b"{}")
+        channel = writer.register_channel("/x", "json", schema)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    return path
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_info_counts_what_is_there(made: Fixed, capsys: pytest.CaptureFixture[str]) -> None:
+    found = inspection.info(made.log)
+    by_name = {topic.name: topic for topic in found.topics}
+    assert by_name["/true/pose"].messages == len(made.samples)
+    assert by_name["/true/pose"].rate_hz == pytest.approx(10.0)
+    assert by_name["/plan"].messages == 2
+    assert found.size_bytes == made.log.stat().st_size
+    assert found.end_s == made.samples[-1].t_ns / 1e9
+    assert log.info(made.log) == 0
+    text = capsys.readouterr().out
+    assert "foxglove.PoseInFrame" in text
+    assert f"attachment config.toml: {len(CONFIG)} bytes" in text
+    assert "attachment foxglove-layout.json" in text
+
+
+def test_check_passes_a_sound_log_and_names_gaps(
+    made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert log.check(made.log) == 0
+    data = bytearray(made.log.read_bytes())
+    chunks = [frame for frame in framing.verify(made.log) if frame.opcode == Opcode.CHUNK]
+    data[chunks[len(chunks) // 2].end - 1] ^= 1
+    broken, saved = tmp_path / "broken.mcap", tmp_path / "saved.mcap"
+    broken.write_bytes(data)
+    with pytest.raises(DamagedLogError, match="damaged at byte"):
+        log.check(broken)
+    assert log.recover(broken, saved) == 0
+    assert log.check(saved) == log.LIMITS_NOT_MET
+    text = capsys.readouterr().out
+    assert "lost: bytes" in text
+    assert "/true/pose: 10 messages are missing from its numbering" in text
+
+
+def test_recover_names_its_file_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = fly(tmp_path, rounds=1).log
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert log.recover(path) == 0
+    assert path.read_bytes() == whole[: len(whole) // 2]
+    assert log.check(tmp_path / "flight.recovered.mcap") == 0
+    assert "lost: bytes" in capsys.readouterr().out
+
+
+def test_diff_says_where(made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert log.diff(made.log, made.log) == 0
+    other = fly(tmp_path, rounds=2, seed=2)
+    assert log.diff(made.log, other.log) == log.LIMITS_NOT_MET
+    text = capsys.readouterr().out
+    assert "the same" in text
+    assert "metadata run: differs" in text
+    assert "/true/pose: " in text
+    assert "messages differ, at " in text
+
+
+def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
+    assert log.export(made.log, tmp_path / "csv", to="csv") == 0
+    for name, read in (("rounds", read_rounds), ("uplinks", read_uplinks)):
+        exported = (tmp_path / "csv" / f"{name}.csv").read_bytes()
+        assert exported == (made.log.parent / f"{name}.csv").read_bytes()
+        assert read(tmp_path / "csv" / f"{name}.csv")
+    track = rows(tmp_path / "csv" / "track.csv")
+    assert len(track) == len(made.samples)
+    data = read_log(made.log)
+    for index in (0, 100, -1):
+        assert float(track[index]["true_x_m"]) == data.truth.pos_m[index, 0]
+        assert float(track[index]["est_alt_m"]) == data.belief.pos_m[index, 2]
+        assert float(track[index]["t_s"]) == data.truth.t_ns[index] / 1e9
+    plans = rows(tmp_path / "csv" / "plans.csv")
+    assert len(plans) == sum(len(plan.waypoints_m) for plan in made.plans)
+
+
+def test_parquet_holds_the_same_as_csv(made: Fixed, tmp_path: Path) -> None:
+    assert log.export(made.log, tmp_path / "p", to="parquet") == 0
+    assert log.export(made.log, tmp_path / "c", to="csv") == 0
+    names = {path.stem for path in (tmp_path / "p").iterdir()}
+    assert names == {path.stem for path in (tmp_path / "c").iterdir()}
+    table = pyarrow.parquet.read_table(tmp_path / "p" / "track.parquet")
+    written = rows(tmp_path / "c" / "track.csv")
+    assert table.column_names == list(written[0])
+    np.testing.assert_array_equal(
+        table["true_y_m"].to_numpy(), [float(row["true_y_m"]) for row in written]
+    )
+
+
+def test_kml_puts_the_track_where_it_was(made: Fixed, tmp_path: Path) -> None:
+    target = tmp_path / "a.kml"
+    assert log.export(made.log, target, to="kml") == 0
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    root = ET.parse(target).getroot()
+    marks = {
+        mark.findtext("k:name", namespaces=space): mark
+        for mark in root.iterfind(".//k:Folder[k:name='flown']/k:Placemark", space)
+    }
+    assert set(marks) == {"to round 1", "round 1", "round 2"}
+    text = marks["round 2"].findtext(".//k:coordinates", namespaces=space)
+    assert text
+    lon, lat, alt = map(float, text.split()[-1].split(","))
+    home = AREA.home
+    ned = made.samples[-1].truth.pos_ned_m
+    expected = pymap3d.ned2geodetic(*ned, home.lat_deg, home.lon_deg, home.alt_msl_m)
+    assert (lat, lon) == pytest.approx(expected[:2], abs=2e-8)
+    assert alt == pytest.approx(expected[2], abs=2e-3)
+
+
+def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> None:
+    assert log.export(made.log, tmp_path / "a", to="attachments") == 0
+    assert (tmp_path / "a" / "config.toml").read_bytes() == CONFIG
+    assert (tmp_path / "a" / "foxglove-layout.json").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("to", ["csv", "kml", "attachments"])
+def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: str) -> None:
+    target = tmp_path / "out"
+    if to == "kml":
+        target.write_text("mine")
+    else:
+        target.mkdir()
+        (target / "mine").write_text("mine")
+    with pytest.raises(InputError, match="already"):
+        log.export(made.log, target, to=to)
+
+
+def test_a_runs_folder_stands_for_its_log(
+    made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert log.info(made.log.parent) == log.check(made.log.parent) == 0
+    assert f"{made.log}: sound" in capsys.readouterr().out
+    for command in (log.info, log.check, log.recover):
+        with pytest.raises(InputError, match=r"not a run folder: it has no flight\.mcap"):
+            command(tmp_path)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "kml", "attachments"])
+def test_an_export_that_cannot_be_finished_leaves_nothing(
+    made: Fixed, tmp_path: Path, to: str
+) -> None:
+    with no_file_larger_than(2000), pytest.raises(InputError, match="out: cannot write"):
+        log.export(made.log, tmp_path / "out", to=to)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
+    made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with no_file_larger_than(2000):
+        assert call(["report", str(made.log), "--out", str(tmp_path / "r.html")]) == 2
+        assert call(["compare", str(made.log), "--figure", str(tmp_path / "c.png")]) == 2
+        assert call(["log", "recover", str(made.log), str(tmp_path / "r.mcap")]) == 2
+    assert capsys.readouterr().err.count("cannot write") == 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_others_are_refused_by_every_command(made: Fixed, tmp_path: Path) -> None:
+    path = foreign(tmp_path / "x.mcap")
+    for command in (log.info, log.check, lambda p: log.diff(p, made.log),
+                    lambda p: log.export(p, tmp_path / "o", to="csv")):  # fmt: skip
+        with pytest.raises(ForeignLogError, match=r"x\.mcap: an MCAP file, but not one of ours"):
+            command(path)
+    text = tmp_path / "t.mcap"
+    text.write_text("hello")
+    for command in (log.info, log.check, log.recover):
+        with pytest.raises(LogError, match="not an MCAP file"):
+            command(text)
+
+
+def test_report_prints_where_it_is(made: Fixed, capsys: pytest.CaptureFixture[str]) -> None:
+    assert report.report(made.log.parent) == 0
+    assert capsys.readouterr().out.strip() == str(made.log.parent / "report.html")
+
+
+def test_no_cell_is_computed_by_a_spreadsheet() -> None:
+    """A status text comes from whoever speaks MAVLink; the table is opened by somebody else."""
+    texts = ["=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "plain", "a=b", ""]
+    cells = list(_texts(texts))
+    assert cells == [f"'{t}" for t in texts[:6]] + texts[6:]
+    assert list(_texts([-1.5, -2, True])) == ["-1.5", "-2", "true"]

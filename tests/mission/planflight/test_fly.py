@@ -1,0 +1,356 @@
+"""`aerofed fly`: plans of ground stations flown headless, planned against flown."""
+
+import csv
+import json
+import math
+import socket
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from test_planfile import HOME_ROW, ROW, plan_document, simple
+
+from mission.analysis.compare_plan import PlanFlight, plan_flight
+from mission.analysis.load import LoadedRun
+from mission.cli import call
+from mission.log.errors import DamagedLogError
+from mission.log.read.reader import read_log
+
+TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
+SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
+RETURN = simple(20, 0, 0, 0, 0, 0, 0, 0, frame=2)
+
+
+def place(lat: float, lon: float, alt: float = 50, *, wait_s: float = 0) -> dict[str, Any]:
+    return simple(16, wait_s, 3, 0, None, lat, lon, alt)
+
+
+# 200 m north, 200 m east, back south: metres by the meridian and parallel arcs at 47.4 deg.
+NORTH, EAST = 47.4 + 200 / 111_180.0, 8.5 + 200 / 75_480.0
+CORNERS = [place(NORTH, 8.5), SPEED, place(NORTH, EAST, wait_s=4), place(47.4, EAST, 60)]
+
+
+def written(folder: Path, *items: Any, name: str = "square.plan") -> Path:
+    path = folder / name
+    path.write_text(json.dumps(plan_document(*items)))
+    return path
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return loaded
+
+
+def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "cross-track" in printed
+    found = summary(out)["planned_and_flown"]
+    assert found["plan_path_m"] == pytest.approx(600, abs=1.0)
+    assert found["flown_path_m"] == pytest.approx(600, rel=0.03)
+    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, and 4 s of waiting.
+    assert found["plan_duration_s"] == pytest.approx(50 / 3 + 20 + 400 / 15 + 4, abs=1.0)
+    assert 0 < found["flown_duration_s"] - found["plan_duration_s"] < 25
+    assert 0 < found["cross_track_rms_m"] < 1.5
+    assert found["cross_track_max_m"] < 5
+    assert (found["places"], found["places_reached"]) == (4, 4)
+    assert found["height_error_max_m"] < 1
+    with (out / "track.csv").open(newline="") as file:
+        track = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    # From home up and round and, by the last item, back home and down.
+    home = (track[0]["true_x_m"], track[0]["true_y_m"])
+    assert math.dist(home, (track[-1]["true_x_m"], track[-1]["true_y_m"])) < 4
+    assert max(row["true_alt_m"] for row in track) == pytest.approx(60, abs=1)
+    assert abs(track[-1]["true_alt_m"]) < 0.5
+    assert max(row["true_x_m"] for row in track) - home[0] == pytest.approx(200, abs=4)
+    with (out / "flight.mcap").open("rb") as log:
+        reader = make_reader(log)
+        counts = reader.get_summary()
+        assert counts is not None
+        assert counts.statistics.message_count > 1000
+        assert "/plan/path" in {channel.topic for channel in counts.channels.values()}
+        assert "square.plan" in {a.name for a in reader.iter_attachments()}
+    assert (out / "square.plan").read_bytes() == plan.read_bytes()
+
+
+def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path: Path) -> None:
+    # A plan without take-off and without an end: straight up first, and home afterwards.
+    plan = written(tmp_path, place(47.401, 8.5, 60), place(47.402, 8.5, 60))
+    second = ROW.format(2).replace("47.401", "47.402")
+    rows = tmp_path / "line.waypoints"
+    rows.write_text("QGC WPL 110\n" + HOME_ROW + (ROW.format(1) + second).replace("\t5\t", "\t3\t"))
+    tracks = []
+    for number, source in enumerate((plan, plan, rows)):
+        out = tmp_path / str(number)
+        assert call(["fly", str(source), "--out", str(out), "--quiet"]) == 0
+        tracks.append((out / "track.csv").read_bytes())
+    assert tracks[0] == tracks[1] == tracks[2]
+    data = np.genfromtxt(tmp_path / "0" / "track.csv", delimiter=",", names=True)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+
+
+def test_landing_elsewhere(tmp_path: Path) -> None:
+    plan = written(
+        tmp_path, TAKE_OFF, place(47.401, 8.5), simple(21, 0, 0, 0, None, 47.4015, 8.5, 0)
+    )
+    assert call(["fly", str(plan), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    data = np.genfromtxt(tmp_path / "out" / "track.csv", delimiter=",", names=True)
+    assert data["true_y_m"][-1] - data["true_y_m"][0] == pytest.approx(0.0015 * 111_180, abs=4)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+
+
+def test_heights_above_sea_level_are_no_orders_for_an_external_vehicle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    above_sea = simple(16, 0, 3, 0, None, NORTH, 8.5, 538, frame=0)
+    plan, out = written(tmp_path, TAKE_OFF, above_sea), tmp_path / "out"
+    url = "udpout://127.0.0.1:9"  # nobody is asked
+    assert call(["fly", str(plan), "--out", str(out), "--vehicle", url]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert "item 1, NAV_WAYPOINT" in error
+    assert "--vehicle" in error
+    assert not out.exists()
+
+
+REFUSED = {
+    "servo": ([TAKE_OFF, simple(183, 1, 1500, 0, 0, 0, 0, 0)], ["item 1", "DO_SET_SERVO (183)"]),
+    "unknown": ([simple(9999, 0, 0, 0, 0, 0, 0, 0)], ["item 0", "unknown command (9999)"]),
+    "jump": ([TAKE_OFF, simple(177, 0, 5, 0, 0, 0, 0, 0, frame=2)], ["DO_JUMP (177)"]),
+    "endless": ([simple(17, 0, 0, 0, 0, 47.4, 8.5, 50)], ["NAV_LOITER_UNLIM (17)"]),
+    "terrain": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=10)], ["item 0", "frame 10"]),
+    "far": ([TAKE_OFF, place(48.4, 8.5)], ["item 1", "from home"]),
+    "sea": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=0)], ["item 0", "-438", "above home"]),
+    "high": ([place(47.4, 8.5, 900)], ["item 0", "900", "500 m"]),
+    "low": ([place(47.4, 8.5, -3)], ["item 0", "-3.0 m above home"]),
+    "null island": ([place(0, 0)], ["item 0", "no position"]),
+    "speed": ([TAKE_OFF, simple(178, 1, 80, -1, 0, 0, 0, 0, frame=2)], ["item 1", "80 m/s"]),
+    "after": ([TAKE_OFF, RETURN, place(47.401, 8.5)], ["item 1", "nothing may come after"]),
+    "late": ([place(47.401, 8.5), TAKE_OFF], ["item 1", "first"]),
+    "nowhere": ([SPEED, RETURN], ["no item leads anywhere"]),
+    "wait": ([place(47.401, 8.5, wait_s=1e6)], ["item 0", "3600 s"]),
+    "radius": ([simple(16, 0, -3, 0, None, 47.4, 8.5, 50)], ["item 0", "INVALID_PARAM2"]),
+    "stop": ([{**place(47.4, 8.5), "autoContinue": False}], ["item 0", "autocontinue"]),
+    "empty": ([], ["mission is empty"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_may_not_be_flown_is_named_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    items, words = REFUSED[case]
+    plan, out = written(tmp_path, *items), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    for word in (str(plan), *words):
+        assert word in printed.err
+    assert not out.exists()
+
+
+def test_a_fence_of_the_plan_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
+    document["geoFence"]["circles"] = [
+        {"inclusion": True, "version": 1, "circle": {"center": [47.4, 8.5], "radius": 100}}
+    ]
+    plan = tmp_path / "fenced.plan"
+    plan.write_text(json.dumps(document))
+    out = tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
+    assert "fence" in capsys.readouterr().err.lower()
+    assert summary(out)["status"] == "failed"
+    # It is in the log: 100 m about home, whose place on the map is 50 m from the corner.
+    (zone,) = read_log(out / "flight.mcap").fence
+    assert zone.keep_in
+    away = np.linalg.norm(zone.outline_m - np.array([50.0, 50.0]), axis=1)
+    np.testing.assert_allclose(away, 100.0, atol=0.01)
+    # It never left the ground.
+    assert call(["report", str(out)]) == 2
+    assert "nothing was flown: failed" in capsys.readouterr().err
+
+
+def test_a_fence_that_is_none_is_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
+    corners = [[47.39, 8.49], [47.41, 8.49]]
+    document["geoFence"]["polygons"] = [{"inclusion": True, "version": 1, "polygon": corners}]
+    plan = tmp_path / "flat.plan"
+    plan.write_text(json.dumps(document))
+    assert call(["fly", str(plan), "--out", str(tmp_path / "out")]) == 2
+    assert "fence" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def with_rally(folder: Path, *points: list[float], circle_m: float = 0.0) -> Path:
+    """Out to the north and an end in the air, from where the vehicle returns by itself."""
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5))
+    document["rallyPoints"]["points"] = list(points)
+    if circle_m:
+        circle = {"center": [47.4, 8.5], "radius": circle_m}
+        document["geoFence"]["circles"] = [{"inclusion": True, "version": 1, "circle": circle}]
+    path = folder / "rally.plan"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
+    # 50 m east of the last place, and one that is farther from there than home.
+    plan = with_rally(tmp_path, [47.4, 8.5 - 100 / 75_480, 0], [NORTH, 8.5 + 50 / 75_480, 0])
+    out = tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    data = np.genfromtxt(out / "track.csv", delimiter=",", names=True)
+    east, north = (data[f"true_{axis}_m"][-1] - data[f"true_{axis}_m"][0] for axis in "xy")
+    assert (east, north) == pytest.approx((50, 200), abs=4)
+    assert abs(data["true_alt_m"][-1]) < 0.5
+    log = read_log(out / "flight.mcap")
+    assert "Returning to rally point 1" in {event.text for event in log.events}
+    # All of it lies on the map, which tells where they are.
+    assert (data["true_x_m"].min(), data["true_x_m"].max()) == pytest.approx((150, 200), abs=4)
+    assert call(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "<title>rally point 0</title>",
+        "<title>rally point 1</title>",
+        "triangles: rally points",
+    ):
+        assert words in page
+
+
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        ([0, 0, 0], "it has no position"),
+        ([99, 8.5, 0], "refused by the autopilot: INVALID_PARAM5_X"),
+        ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows less"),
+        ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
+        ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),
+        ([47.4 + 400 / 111_180, 8.5, 0], "it is outside the fence"),
+    ],
+)
+def test_a_rally_point_of_no_use_is_named_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], point: list[float], words: str
+) -> None:
+    plan, out = with_rally(tmp_path, [47.4, 8.501, 0], point, circle_m=300), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"aerofed: {plan}: rally point 1: {words}\n"
+    assert not out.exists()
+
+
+def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = written(tmp_path, *CORNERS), tmp_path / "out"
+    out.mkdir()
+    (out / "mine").write_text("mine")
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    assert "already used" in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} == {"mine"}
+
+
+def test_its_folder_has_the_after_care_of_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = written(tmp_path, TAKE_OFF, *CORNERS, RETURN)
+    first, second = tmp_path / "a", tmp_path / "b"
+    for out in (first, second):
+        assert call(["fly", str(plan), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
+    assert call(["compare", str(first)]) == 0
+    assert capsys.readouterr().out.splitlines() == printed[:6]
+    assert call(["compare", str(first), str(second / "flight.mcap"), "--as-json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
+    assert found[0] == found[1] == summary(first)["planned_and_flown"]
+    profile = tmp_path / "both.svg"
+    assert call(["compare", str(first), str(second), "--figure", str(profile)]) == 0
+    assert "Flights side by side" in capsys.readouterr().out
+    assert profile.stat().st_size > 10_000
+    assert call(["report", str(first)]) == 0
+    page = (first / "report.html").read_text(encoding="utf-8")
+    for words in ("4 / 4</b>", "Height above home", "Ground speed", "Wall time", "Places</h2>"):
+        assert words in page
+    assert call(["compare", str(first), str(tmp_path)]) == 2
+    assert "no flight.mcap" in capsys.readouterr().err
+
+
+def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    # As a kill in mid-flight leaves it.
+    log = out / "flight.mcap"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    killed = {key: value for key, value in summary(out).items() if key != "planned_and_flown"}
+    (out / "summary.json").write_text(json.dumps(killed | {"status": "running"}))
+    assert call(["compare", str(out), "--as-json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert 0 < found["places_reached"] < found["places"] == 4
+    assert 0 < found["cross_track_rms_m"] < 1.5
+    assert "killed, or is still under way; this is what was flown" in printed.err
+    assert call(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("not reached</td>") == 4 - found["places_reached"]
+
+
+def test_a_flight_whose_pictures_fail_is_not_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, seen = tmp_path / "out", []
+
+    def fail(*_: object) -> None:
+        seen.append(summary(out)["status"])
+        raise DamagedLogError(out / "flight.mcap", "no room", 3)
+
+    monkeypatch.setattr("mission.planflight.fly.draw_flight", fail)
+    plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 2
+    assert "no room" in capsys.readouterr().err
+    assert seen == ["running"]
+    assert summary(out)["status"] == "failed"
+
+
+def test_a_flight_that_misses_its_end_has_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def short(run: LoadedRun) -> PlanFlight:
+        flight = plan_flight(run)
+        return replace(flight, reached={0: flight.reached[0]})
+
+    monkeypatch.setattr("mission.planflight.fly.plan_flight", short)
+    plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
+    said = "item 1 was never reached"
+    assert capsys.readouterr().err == f"aerofed: {said}; what was flown is in {out}\n"
+    assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
+    assert (out / "track.csv").is_file()
+
+
+def test_a_live_view_changes_no_byte_of_a_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
+    for name, more in (("a", ()), ("b", ("--live", "--live-port", "0"))):
+        assert call(["fly", str(plan), "--out", str(tmp_path / name), "--quiet", *more]) == 0
+    assert capsys.readouterr().out == ""
+    logs = [(tmp_path / name / "flight.mcap").read_bytes() for name in "ab"]
+    assert logs[0] == logs[1]
+
+
+def test_a_live_port_that_is_none_or_in_use_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
+    fly = ["fly", str(plan), "--out", str(out), "--live", "--live-port"]
+    assert call([*fly, "70000"]) == 2
+    assert "--live-port 70000: must be from 0 to 65535" in capsys.readouterr().err
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert call([*fly, str(port)]) == 5
+    assert f"127.0.0.1:{port}: the port is in use" in capsys.readouterr().err
+    assert not out.exists()

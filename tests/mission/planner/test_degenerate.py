@@ -1,0 +1,127 @@
+"""Inputs at the edge of sense: each has a defined answer, the same for every method."""
+
+import dataclasses
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.planner.config import PlannerConfig, PlannerKind
+from mission.planner.errors import InfeasiblePlanError, PlanInputError
+from mission.planner.evaluate import check_plan
+from mission.planner.factory import make_planner
+from mission.planner.problem import RoundProblem
+
+KINDS = tuple(kind for kind in get_args(PlannerKind) if kind != "import")
+BASE = RoundProblem(
+    devices_m=np.array([[100.0, 0.0], [100.0, 300.0], [400.0, 0.0], [0.0, 0.0]]),
+    importance=np.array([1.0, 2.0, 1.0, 0.5]),
+    start_m=np.zeros(2),
+    steps=4,
+    per_step=2,
+    path_budget_m=500.0,
+    channel=CHANNEL_PRESETS["suburban"],
+)
+
+
+def plan(kind, **changes):
+    problem = dataclasses.replace(BASE, **changes)
+    answer = make_planner(PlannerConfig(kind=kind)).plan(problem)
+    check_plan(problem, answer)
+    if np.isfinite(answer.upper_bound):
+        assert answer.value <= answer.upper_bound * (1 + 1e-9)
+    return answer
+
+
+@pytest.mark.parametrize("kind", KINDS)
+class TestDefinedAnswers:
+    def test_one_step_serves_from_the_start(self, kind):
+        answer = plan(kind, steps=1, per_step=1)
+        assert answer.waypoints_m.tolist() == [[0, 0]]
+        assert answer.schedule.tolist() == [[True, False, False, False]]
+        near = 1 - average_per(BASE.channel, 100.0)
+        assert answer.value == pytest.approx(float(near)) == answer.upper_bound
+
+    def test_no_budget_serves_from_the_start_at_every_step(self, kind):
+        answer = plan(kind, path_budget_m=0.0)
+        assert np.all(answer.waypoints_m == 0.0)
+        assert answer.gap == 0.0
+        assert answer.schedule.sum() == 4
+
+    def test_nothing_matters(self, kind):
+        answer = plan(kind, importance=np.zeros(4))
+        assert answer.value == answer.upper_bound == answer.gap == 0.0
+        assert not answer.schedule.any()
+
+    def test_no_device(self, kind):
+        answer = plan(kind, devices_m=np.zeros((0, 2)), importance=np.zeros(0))
+        assert answer.value == 0.0
+        assert answer.schedule.shape == (4, 0)
+
+    def test_nothing_in_reach(self, kind):
+        answer = plan(kind, devices_m=BASE.devices_m + 1e5)
+        assert answer.value < 1e-9
+
+    def test_one_device(self, kind):
+        answer = plan(kind, devices_m=np.array([[300.0, 0.0]]), importance=np.ones(1))
+        # The printed version may wander off, whatever it started from.
+        assert kind == "paper_literal" or answer.value == pytest.approx(1.0, abs=1e-3)
+
+    def test_coincident_devices_and_one_right_below_the_start(self, kind):
+        answer = plan(kind, devices_m=np.zeros((4, 2)))
+        assert answer.value == pytest.approx(4.5, abs=1e-3)
+
+    def test_more_places_than_devices(self, kind):
+        assert plan(kind, per_step=50).value > 0.0
+
+    def test_fewer_places_than_devices(self, kind):
+        assert plan(kind, steps=3, per_step=1).schedule.sum() <= 3
+
+    def test_start_outside_the_area(self, kind):
+        assert plan(kind, start_m=np.array([-300.0, -200.0])).path_m <= 500.001
+
+    def test_a_channel_that_loses_everything(self, kind):
+        answer = plan(kind, channel=CHANNEL_PRESETS["literal"])
+        assert answer.value < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"devices_m": np.zeros((4, 3))}, r"devices has shape \(4, 3\): must be \(K, 2\)"),
+        ({"importance": np.ones(3)}, r"importance has shape \(3,\): must be \(4,\)"),
+        ({"start_m": np.zeros(3)}, r"start has shape \(3,\): must be \(2,\)"),
+        ({"importance": np.array([1, 1, np.nan, 1])}, r"importance\[2\] = nan: must be a finite"),
+        ({"devices_m": np.full((4, 2), np.inf)}, r"devices\[0\]\[0\] = inf: must be a finite"),
+        ({"start_m": np.array([0, np.nan])}, r"start\[1\] = nan: must be a finite"),
+        ({"importance": np.array([1, -0.5, 1, 1])}, r"importance\[1\] = -0.5: must be 0 or more"),
+        ({"path_budget_m": -1.0}, "path_budget_m = -1.0: must be 0 or more"),
+        ({"path_budget_m": float("nan")}, "path_budget_m = nan: must be a finite number"),
+        ({"steps": 0}, "steps = 0: must be a whole number of 1 or more"),
+        ({"per_step": 0}, "per_step = 0: must be a whole number of 1 or more"),
+    ],
+)
+def test_a_problem_without_sense_is_refused(changes, message):
+    for kind in KINDS:
+        with pytest.raises(PlanInputError, match=message):
+            plan(kind, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"waypoints_m": np.array([[1.0, 0], [0, 0], [0, 0], [0, 0]])}, "lies 1.0000 m from"),
+        ({"waypoints_m": np.array([[0.0, 0], [501, 0], [501, 0], [501, 0]])}, "1.0000 m longer"),
+        ({"schedule": np.ones((4, 4), dtype=bool)}, "4 devices in one step: at most 2"),
+        ({"schedule": np.eye(4, dtype=bool)[:, [0, 0, 0, 0]].T.T}, "4 devices in one step"),
+        ({"schedule": np.tile([True, False, False, False], (4, 1))}, "scheduled 4 times"),
+        ({"value": 17.0}, "claims a value of 17.0"),
+        ({"waypoints_m": np.zeros((3, 2))}, r"waypoints \(3, 2\)"),
+        ({"waypoints_m": np.full((4, 2), np.nan)}, "not finite"),
+    ],
+)
+def test_an_infeasible_plan_is_found_out(changes, message):
+    good = plan("paper")
+    with pytest.raises(InfeasiblePlanError, match=message):
+        check_plan(BASE, dataclasses.replace(good, **changes))

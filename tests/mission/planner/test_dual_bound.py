@@ -1,0 +1,124 @@
+"""The dual bound of one visiting order, against the primal program solved by cvxpy."""
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.planner.arrays import instance, relax
+from mission.planner.native.library import conjugate, order_bound
+from mission.planner.problem import RoundProblem
+
+
+def answer(case):
+    """The bound, the ends of every interval, and splines at, between and past their knots."""
+    u = np.array(case["u"])
+    m = len(u)
+    problem = RoundProblem(
+        u, np.array(case["delta"]), np.zeros(2), m, 1, case["length"],
+        CHANNEL_PRESETS[case["preset"]],
+    )  # fmt: skip
+    devices, limits = instance(problem)
+    limits = replace(limits, steps=max(m, 2))
+    relaxation = relax(problem, devices)
+    rows = np.array([relaxation.row[lo, hi] for lo, hi in case["intervals"]])
+    bound = order_bound(
+        devices, limits, relaxation, interval=rows, merged=np.array(case["merged"], dtype=np.int64),
+        eps=case["eps"],
+    )  # fmt: skip
+    past = []
+    for row in rows:
+        last = relaxation.coefficients.shape[1] - 3
+        knots = np.array([0.0, 0.4, 7.3, 30.0, last - 1e-9, last, last + 23.0])
+        s = relaxation.spacing[row] * knots
+        past.append((s, [conjugate(relaxation, int(row), x) for x in s]))
+    ends = [[float(relaxation.radii_m[e]) for e in relaxation.ends[row]] for row in rows]
+    return bound, ends, past
+
+
+def envelope(channel, lo, hi):
+    """Lines whose least is the concave envelope on [0, hi] of f on [lo, hi]."""
+    r = np.linspace(lo, hi, 1500)
+    f = 1 - average_per(channel, r)
+    hull = [int(f.argmax())]
+    for i in range(hull[0] + 1, len(r)):
+        while len(hull) > 1:
+            a, b = hull[-2], hull[-1]
+            if (f[b] - f[a]) * (r[i] - r[a]) <= (f[i] - f[a]) * (r[b] - r[a]):
+                hull.pop()
+            else:
+                break
+        hull.append(i)
+    slope = np.diff(f[hull]) / np.diff(r[hull])
+    return np.r_[0.0, slope], np.r_[f.max(), f[hull][:-1] - slope * r[hull][:-1]]
+
+
+def primal(case, ends):
+    """The most a path in this order can earn with every f replaced by its envelope."""
+    channel = CHANNEL_PRESETS[case["preset"]]
+    u, delta = np.array(case["u"]), np.array(case["delta"])
+    m = len(u)
+    v, gain = cp.Variable((m, 2)), cp.Variable(m)
+    leg = cp.vstack([v[:1], cp.diff(v, axis=0)]) if m > 1 else v
+    constraints = [cp.sum(cp.norm(leg, axis=1)) <= case["length"]]
+    for k, (lo, hi) in enumerate(ends):
+        slope, offset = envelope(channel, lo, hi)
+        distance = cp.norm(v[k] - u[k])
+        constraints.append(distance <= hi)
+        away = cp.Variable(nonneg=True)
+        constraints += [away >= distance, gain[k] <= slope * away + offset]
+        if case["merged"][k]:
+            constraints.append(leg[k] == 0)
+    program = cp.Problem(cp.Maximize(delta @ gain), constraints)
+    program.solve(solver=cp.CLARABEL)
+    assert program.status == cp.OPTIMAL
+    return program.value
+
+
+def cases():
+    rng = np.random.default_rng(11)
+    for preset in ("suburban+10dB", "suburban", "suburban-log-variance", "high-rise"):
+        for m in (1, 3, 6):
+            # A walk with legs of about 200 m, a budget that forces it to cut corners.
+            u = np.cumsum(rng.normal(scale=140.0, size=(m, 2)), axis=0)
+            walk = np.hypot(*np.diff(np.vstack([[0, 0], u]), axis=0).T).sum()
+            merged = [False] * m
+            intervals = [[0, -1]] * m
+            if m == 6:
+                u[3] = u[2] + 8.0
+                merged[3] = True
+                intervals = [[0, -1], [2, -1], [0, 7], [0, -1], [3, -1], [0, -1]]
+            yield {
+                "preset": preset,
+                "u": u.tolist(),
+                "delta": rng.uniform(0.5, 1.5, m).tolist(),
+                "length": 0.85 * walk,
+                "intervals": intervals,
+                "merged": merged,
+                "eps": 1e-5,
+            }
+
+
+@pytest.fixture(scope="module")
+def answers():
+    return [(case, *answer(case)) for case in cases()]
+
+
+def test_the_bound_is_the_optimum_of_the_primal_program(answers):
+    for case, bound, ends, _ in answers:
+        best = primal(case, ends)
+        assert bound >= best * (1 - 1e-6)  # -1 if the steps did not end well
+        assert bound == pytest.approx(best, rel=0.01)
+
+
+def test_splines_stay_above_past_their_last_knot_too(answers):
+    for case, _, all_ends, splines in answers:
+        channel = CHANNEL_PRESETS[case["preset"]]
+        for (lo, hi), (slopes, values) in zip(all_ends, splines, strict=True):
+            r = np.linspace(lo, hi, 4000)
+            f = 1 - average_per(channel, r)
+            for s, value in zip(slopes, values, strict=True):
+                exact = (f + s * r).max()
+                assert exact - 1e-12 <= value <= exact + 0.02 * f.max()

@@ -1,0 +1,153 @@
+"""The paper's alternation: brute force, monotone ascent, its bound of the objective."""
+
+import itertools
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per, fit_logistic, smooth_per
+from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import check_plan
+from mission.planner.factory import make_planner
+from mission.planner.paper.alternation import ascend
+from mission.planner.paper.initial_path import greedy_walk
+from mission.planner.paper.path_step import EXPONENT_LIMIT, PathProgram, path_program, tangent
+from mission.planner.problem import RoundProblem
+
+SUBURBAN = CHANNEL_PRESETS["suburban"]
+
+
+def random_problem(seed, *, devices=6, steps=5, channel=SUBURBAN, budget=600.0):
+    rng = np.random.default_rng(seed)
+    return RoundProblem(
+        devices_m=rng.uniform(0, 800, (devices, 2)),
+        importance=rng.uniform(0.5, 1.5, devices),
+        start_m=rng.uniform(0, 800, 2),
+        steps=steps,
+        per_step=2,
+        path_budget_m=budget,
+        channel=channel,
+    )
+
+
+def test_brute_force_on_a_tiny_case_is_not_beaten_and_nearly_reached():
+    # Two moves of 260 m in all: one device can be overflown, the other two share what is left.
+    problem = RoundProblem(
+        devices_m=np.array([[150.0, 0.0], [260.0, 60.0], [-120.0, 160.0]]),
+        importance=np.array([1.0, 1.2, 0.9]),
+        start_m=np.zeros(2),
+        steps=3,
+        per_step=1,
+        path_budget_m=260.0,
+        channel=CHANNEL_PRESETS["suburban+10dB"],
+    )
+    grid = np.arange(-130.0, 270.0, 10.0)
+    nodes = np.array([p for p in itertools.product(grid, grid) if np.hypot(*p) <= 260.0])
+    success = 1.0 - average_per(
+        problem.channel, np.hypot(*(nodes[:, None] - problem.devices_m).transpose(2, 0, 1))
+    )
+    at_start = 1.0 - average_per(problem.channel, np.hypot(*problem.devices_m.T))
+    best = 0.0
+    hop = np.hypot(*(nodes[:, None] - nodes).transpose(2, 0, 1))
+    reachable = np.hypot(*nodes.T)[:, None] + hop <= 260.0
+    worth = success * problem.importance
+    for a, b, c in itertools.permutations(range(3)):
+        total = at_start[a] * problem.importance[a] + worth[:, b][:, None] + worth[:, c]
+        best = max(best, float(total[reachable].max()))
+    plan = make_planner(PlannerConfig(kind="paper")).plan(problem)
+    check_plan(problem, plan)
+    assert plan.value >= 0.97 * best
+    assert plan.value <= 1.02 * best  # the grid is 10 m wide
+
+
+@pytest.mark.parametrize("preset", ["suburban+10dB", "suburban", "suburban+30dB"])
+def test_the_exact_cone_never_loses_in_the_stand_in(preset):
+    for seed in range(3):
+        problem = random_problem(seed, channel=CHANNEL_PRESETS[preset])
+        program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
+        fit = fit_logistic(problem.channel)
+        start = greedy_walk(problem, lambda r, p=problem, f=fit: 1 - smooth_per(f, p.channel, r))
+        values = [value for _, _, value in ascend(problem, start, program=program)]
+        assert len(values) > 2
+        # Where the exponent is clipped the bound touches to within 1 / (1 + e^8) a device.
+        slack = problem.importance.sum() / (1.0 + np.exp(EXPONENT_LIMIT))
+        assert all(b >= a - slack for a, b in itertools.pairwise(values))
+        assert values[-1] > values[0] - slack
+
+
+def test_the_tangent_bounds_the_stand_in_from_below_and_touches_it():
+    fit = fit_logistic(SUBURBAN)
+    r = np.linspace(0.0, 900.0, 400)
+    for around in (0.0, 40.0, 120.0, 160.0, 200.0, 500.0):
+        intercept, slope = tangent(fit, np.array([around]), height_m=SUBURBAN.altitude_m)
+        plus_one = intercept - slope * r
+        bound = 1.0 - 1.0 / plus_one[plus_one > 0.0]
+        smooth = 1.0 - smooth_per(fit, SUBURBAN, r[plus_one > 0.0])
+        assert np.all(bound <= smooth + 1e-9)
+        touch = 1.0 - 1.0 / float(intercept[0] - slope[0] * around)
+        assert touch == pytest.approx(1.0 - float(smooth_per(fit, SUBURBAN, around)), abs=4e-4)
+
+
+def test_a_program_serves_all_rounds_of_its_size():
+    assert path_program(5, 6, exact_cone=True) is path_program(5, 6, exact_cone=True)
+    assert isinstance(path_program(4, 6, exact_cone=False), PathProgram)
+
+
+def test_a_path_step_agrees_with_the_program_written_out():
+    problem = random_problem(3)
+    fit = fit_logistic(problem.channel)
+    start = greedy_walk(problem, lambda r: 1 - smooth_per(fit, problem.channel, r))
+    program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
+    _, (path, _, _) = itertools.islice(ascend(problem, start, program=program), 2)
+    schedule = next(ascend(problem, start, program=program))[1]
+    # The paper's program with its slacks S, theta and r, for the scheduled pairs.
+    v = cp.Variable((problem.steps, 2))
+    height, gain = problem.channel.altitude_m, 0.0
+    constraints = [v[0] == problem.start_m, cp.sum(cp.norm(cp.diff(v), axis=1)) <= 600.0]
+    for n, k in np.argwhere(schedule):
+        r0 = np.hypot(*(start[n] - problem.devices_m[k]))
+        theta0 = np.arctan2(height, r0)
+        s, theta, r = cp.Variable(), cp.Variable(), cp.Variable()
+        tangent_at = min(theta0, (8.0 - fit.b2) / fit.b1_per_rad)
+        e0 = np.exp(max(fit.b1_per_rad * tangent_at + fit.b2, -8.0))
+        tangent_at = (np.log(e0) - fit.b2) / fit.b1_per_rad
+        constraints += [
+            s <= e0 * (1 + fit.b1_per_rad * (theta - tangent_at)),
+            theta <= theta0 - height / (height**2 + r0**2) * (r - r0),
+            r >= cp.norm(v[n] - problem.devices_m[k]),
+        ]
+        gain = gain + problem.importance[k] * (1 - cp.inv_pos(1 + s))
+    reference = cp.Problem(cp.Maximize(gain), constraints)
+    reference.solve(solver=cp.CLARABEL)
+
+    def lower_bound(waypoints):
+        total = 0.0
+        for n, k in np.argwhere(schedule):
+            r0 = np.hypot(*(start[n] - problem.devices_m[k]))
+            intercept, slope = tangent(fit, np.array([r0]), height_m=height)
+            r = np.hypot(*(waypoints[n] - problem.devices_m[k]))
+            total += problem.importance[k] * (1 - 1 / (intercept[0] - slope[0] * r))
+        return total
+
+    assert lower_bound(path) == pytest.approx(reference.value, rel=1e-4)
+
+
+def test_the_printed_version_runs_and_is_feasible():
+    problem = random_problem(1)
+    check_plan(problem, make_planner(PlannerConfig(kind="paper_literal")).plan(problem))
+
+
+def test_the_walk_counts_each_device_once_and_keeps_to_the_budget():
+    problem = RoundProblem(
+        devices_m=np.array([[100.0, 0.0], [110.0, 0.0], [-90.0, 0.0], [0.0, 700.0]]),
+        importance=np.ones(4),
+        start_m=np.zeros(2),
+        steps=5,
+        per_step=2,
+        path_budget_m=400.0,
+        channel=SUBURBAN,
+    )
+    walk = greedy_walk(problem, lambda r: (np.asarray(r) < 30.0).astype(float))
+    # The pair first, then the single one; the far one is out of reach, so the walk stays.
+    assert walk.tolist() == [[0, 0], [100, 0], [-90, 0], [-90, 0], [-90, 0]]

@@ -1,0 +1,213 @@
+"""Problem files, plan files, pictures and the link budget."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.base.errors import InputError
+from mission.base.schema import every, top
+from mission.commands.planning import budget_report, plan_problems, served_radius
+from mission.planner.config import PlannerConfig
+from mission.planner.errors import PlanInputError
+from mission.planner.files import ProblemEntry, read_problems
+
+CHANNEL = {
+    key: getattr(CHANNEL_PRESETS["suburban"], key)
+    for key in CHANNEL_PRESETS["suburban"].__dataclass_fields__
+}
+GOOD = {
+    "id": "a",
+    "devices": [[100.0, 0.0], [300, 200], [500.0, 700]],
+    "importance": [1.0, 0, 2.5],
+    "start": [0, 0],
+    "steps": 4,
+    "per_step": 2,
+    "path_budget_m": 500,
+    "channel": CHANNEL,
+}
+PLACE = "numbers from -10000000 to 10000000"
+
+
+def write(tmp_path, content):
+    path = tmp_path / "problems.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_a_file_is_read_as_it_stands(tmp_path):
+    first, second = read_problems(write(tmp_path, [GOOD, {**GOOD, "id": 7}]))
+    assert (first.id, second.id) == ("a", "7")
+    assert first.problem.devices_m.tolist() == GOOD["devices"]
+    assert first.problem.channel == CHANNEL_PRESETS["suburban"]
+    assert (first.problem.steps, first.problem.per_step) == (4, 2)
+    assert not first.problem.devices_m.flags.writeable
+
+
+def test_no_devices_and_no_problems_are_fine(tmp_path):
+    assert read_problems(write(tmp_path, [])) == ()
+    (empty,) = read_problems(write(tmp_path, [{**GOOD, "devices": [], "importance": []}]))
+    assert empty.problem.devices_m.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "not valid JSON"),
+        ("{}", "holds {}: must be a list of problems"),
+        ("[17]", "[0] = 17: must be an object"),
+        ("[null]", "[0] = null: must be an object"),
+        ([{**GOOD, "steps": 0}], "steps = 0: must be a whole number from 1 to 1000"),
+        ([{**GOOD, "steps": 2.5}], "steps = 2.5: must be a whole number from 1 to 1000"),
+        ([{**GOOD, "steps": True}], "steps = true: must be a whole number from 1 to 1000"),
+        ([{**GOOD, "steps": None}], "steps = null: must be a whole number from 1 to 1000"),
+        ([{**GOOD, "per_step": "3"}], "per_step = '3': must be a whole number at least 1"),
+        (
+            [{**GOOD, "start": ["0", 0]}],
+            "start.0 = '0': must be a number from -10000000 to 10000000",
+        ),
+        ([{**GOOD, "start": [1]}], f"start = [1]: must be a list of 2 {PLACE}"),
+        ([{**GOOD, "start": 3}], f"start = 3: must be a list of 2 {PLACE}"),
+        (
+            [{**GOOD, "path_budget_m": -1}],
+            "path_budget_m = -1: must be a number from 0 to 1000000, in m",
+        ),
+        ([{**GOOD, "importance": [1, -2, 1]}], "importance.1 = -2: must be a number at least 0"),
+        ([{**GOOD, "importance": [1, 2]}], "importance has 2 values for 3 devices: must be one"),
+        (
+            [{**GOOD, "devices": [[1, 2, 3]]}],
+            f"devices.0 = [1, 2, 3]: must be a list of 2 {PLACE}",
+        ),
+        ([{**GOOD, "devices": 5}], f"devices = 5: must be a list of lists of 2 {PLACE}"),
+        ([{**GOOD, "stepz": 3}], "stepz: unknown key; did you mean steps? (known: channel, dev"),
+        (
+            [{**GOOD, "a2": 3}],
+            "a2: unknown key; did you mean channel.a2? (known: channel, devices",
+        ),
+        (
+            [{k: v for k, v in GOOD.items() if k != "start"}],
+            f"start: missing, and it has no default; it is a list of 2 {PLACE}",
+        ),
+        (
+            [{k: v for k, v in GOOD.items() if k != "channel"}],
+            "channel: missing, and it has no default; it is an object",
+        ),
+        ([{**GOOD, "channel": 3}], "channel = 3: must be an object"),
+        (
+            [{**GOOD, "channel": {**CHANNEL, "sigma_los": 0}}],
+            "channel.sigma_los = 0: must be a number above 0 and at most 10000000",
+        ),
+        (
+            [{**GOOD, "channel": {**CHANNEL, "gain": 0}}],
+            "channel.gain: unknown key (known: a1_per_rad",
+        ),
+        ([GOOD, GOOD], "[1].id = 'a': already used by [0]"),
+        ([{**GOOD, "id": ""}], "id = '': must be text of 1 to 200 characters or a whole number"),
+        ([{**GOOD, "id": True}], "id = true: must be text of 1 to 200 characters or a whole"),
+        (json.dumps([GOOD]).replace("[500.0, 700", "[NaN, 700"), "devices.2.0 = nan: must be a"),
+        (json.dumps([GOOD]).replace("2.5", "Infinity"), "importance.2 = inf: must be a number at"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, content, message):
+    path = write(tmp_path, content)
+    with pytest.raises(PlanInputError) as caught:
+        read_problems(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path}: ")
+    assert message in said
+    assert "\n" not in said
+
+
+# A value of every type that JSON has, and numbers beyond all limits.
+STRANGE = ("?", "", True, None, -3, 2.5, -1e300, 1e300, [], [1], ["?"], [[]], [{}], {}, {"q": 1})
+
+
+@pytest.mark.parametrize("key", [key.path for key in every(top(ProblemEntry))])
+def test_no_key_is_refused_in_the_words_of_a_library(tmp_path, monkeypatch, key):
+    monkeypatch.setattr("mission.planner.files.MOST_SHOWN", 99)
+    for value in STRANGE:
+        entry = json.loads(json.dumps(GOOD))
+        table = entry
+        for part in key[:-1]:
+            table = table[part]
+        table[key[-1]] = value
+        path = write(tmp_path, [entry])
+        try:
+            read_problems(path)
+        except PlanInputError as error:
+            for line in str(error).splitlines():
+                assert line.startswith(f"{path}: [0]"), line
+                assert key[0] in line
+                assert not re.search(r"nput|instance|tuple|constrained|configuration|table", line)
+
+
+def test_many_wrong_entries_are_cut_short(tmp_path):
+    path = write(tmp_path, [{**GOOD, "id": i, "steps": 0} for i in range(40)])
+    with pytest.raises(PlanInputError, match="and 30 more"):
+        read_problems(path)
+
+
+def test_a_missing_file_and_one_that_is_no_text(tmp_path):
+    with pytest.raises(PlanInputError, match="cannot read the problems: No such file"):
+        read_problems(tmp_path / "none.json")
+    (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(PlanInputError, match="not UTF-8"):
+        read_problems(tmp_path / "b.json")
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
+def test_plans_are_written_with_their_pictures(tmp_path, kind):
+    problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
+    out, figures = tmp_path / "plans.json", tmp_path / "figures"
+    plan_problems(
+        read_problems(problems), planner=PlannerConfig(kind=kind), out=out,
+        figure_dir=figures,
+    )  # fmt: skip
+    plans = json.loads(out.read_text())
+    assert list(plans) == ["a", "b/../c"]
+    assert set(plans["a"]) == {
+        "waypoints", "schedule", "value", "upper_bound", "gap", "nodes", "time_s",
+    }  # fmt: skip
+    way, schedule = np.array(plans["a"]["waypoints"]), np.array(plans["a"]["schedule"])
+    assert way.shape == (4, 2)
+    assert schedule.shape == (4, 3)
+    r = np.hypot(*(way[:, None] - np.array(GOOD["devices"])).transpose(2, 0, 1))
+    value = (
+        (1 - average_per(CHANNEL_PRESETS["suburban"], r)) * GOOD["importance"] * schedule
+    ).sum()
+    assert plans["a"]["value"] == pytest.approx(value)
+    if kind == "certified":
+        assert plans["a"]["gap"] == pytest.approx(1 - value / plans["a"]["upper_bound"])
+    else:
+        assert plans["a"]["gap"] is plans["a"]["upper_bound"] is None
+    pictures = sorted(figures.iterdir())
+    assert [p.name for p in pictures] == ["000-a.png", "001-b_.._c.png"]
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in pictures)
+
+
+def test_an_output_that_cannot_be_written(tmp_path):
+    path = write(tmp_path, [GOOD])
+    problems, planner = read_problems(path), PlannerConfig(kind="sqp")
+    with pytest.raises(InputError, match="cannot write"):
+        plan_problems(problems, planner=planner, out=tmp_path / "no" / "plans.json")
+    with pytest.raises(InputError, match="cannot write the figure"):
+        plan_problems(problems, planner=planner, figure_dir=path)
+
+
+def test_the_link_budget_warns_where_nothing_gets_through():
+    good = budget_report(CHANNEL_PRESETS["suburban"])
+    assert good.warning is None
+    assert "served radius (PER 0.5): 185 m" in good.lines
+    assert any("worst error 0.02" in line for line in good.lines)
+    bad = budget_report(CHANNEL_PRESETS["literal"])
+    assert "PER straight overhead is 1.000" in bad.warning
+    assert any("not even straight overhead" in line for line in bad.lines)
+
+
+@pytest.mark.parametrize("preset", ["suburban+10dB", "suburban+30dB"])
+def test_the_served_radius_is_where_half_gets_through(preset):
+    radius = served_radius(CHANNEL_PRESETS[preset])
+    assert average_per(CHANNEL_PRESETS[preset], radius) <= 0.5
+    assert average_per(CHANNEL_PRESETS[preset], radius + 1.0) > 0.5

@@ -1,0 +1,257 @@
+"""A killed run goes on and ends like one that was never killed."""
+
+import json
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from patience import until
+from test_run import SMALL, digests, fly, refused, rows
+
+from mission.base.run_folder import RunFolder
+from mission.cli import call
+from mission.run.resume import SEAL, sealed
+
+ROUNDS = 3
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("whole") / "run"
+    assert fly(out, rounds=ROUNDS) == 0
+    return out
+
+
+def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
+    """Start a run and kill it without warning, some time after it finished so many rounds."""
+    command = [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", str(ROUNDS)]
+    process = subprocess.Popen([*command, *SMALL])
+
+    def far_enough() -> bool:
+        return (out / "uplinks.csv").exists() and len(rows(out / "rounds.csv")) >= after_rounds
+
+    until(lambda: process.poll() is not None or far_enough(), poll_s=0.01)
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+# 20 of these were killed at random moments by hand; CI has time for a few.
+@pytest.mark.parametrize("after_rounds", [0, 1, 2])
+def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_rounds: int) -> None:
+    out = tmp_path / "killed"
+    killed(out, after_rounds=after_rounds, delay_s=random.Random(after_rounds).uniform(0.0, 0.3))
+    assert call(["run", "--resume", str(out), "--quiet"]) == 0
+    assert digests(out) == digests(whole)
+    assert json.loads((out / "summary.json").read_text())["status"] == "finished"
+
+
+KILLED_WRITING = """
+import os, signal, sys
+nth, written = int(sys.argv[1]), os.fsync
+def fsync(number):
+    global nth
+    nth -= 1
+    if nth == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    written(number)
+os.fsync = fsync
+from mission.cli import main
+main(sys.argv[2:])
+"""
+
+
+# The configuration, the learning's state and the first checkpoint are what is written first.
+@pytest.mark.parametrize("nth", [1, 2, 3])
+def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
+) -> None:
+    out = tmp_path / "killed"
+    command = ["run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL]
+    process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *command])
+    assert process.returncode == -signal.SIGKILL
+    assert out.exists()
+    assert call(["run", "--resume", str(out)]) == 2
+    refused(capsys, "ended before its first checkpoint; the command that began it begins it anew")
+    assert call(command) == 0
+    assert digests(out) == digests(whole)
+
+
+def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "config.toml").write_text("mine = true")
+    assert call(["run", "--out", str(tmp_path)]) == 2
+    refused(capsys, "already used")
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / ".lock").touch()
+    (tmp_path / "mine.txt").touch()
+    assert call(["run", "--out", str(tmp_path)]) == 2
+    refused(capsys, "already used")
+    assert (tmp_path / "config.toml").read_text() == "mine = true"
+
+
+def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["run", "--out", str(stopped)]) == 2
+    refused(
+        capsys,
+        f"already used; give a new or empty one by --out, or go on with it: aerofed "
+        f"run --resume {stopped}",
+    )
+
+
+def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = digests(whole)
+    assert call(["run", "--resume", str(whole)]) == 0
+    assert "nothing to resume" in capsys.readouterr().out
+    assert digests(whole) == before
+
+
+@pytest.fixture
+def stopped(whole: Path, tmp_path: Path) -> Path:
+    """A run that says it is still running."""
+    out = tmp_path / "stopped"
+    shutil.copytree(whole, out)
+    summary = json.loads((out / "summary.json").read_text()) | {"status": "running"}
+    (out / "summary.json").write_text(json.dumps(summary))
+    return out
+
+
+def test_resume_refuses_a_changed_configuration(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stopped / "config.toml"
+    path.write_text(path.read_text().replace("steps = 5", "steps = 6"))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "config.toml", "changed")
+
+
+def test_resume_refuses_a_damaged_checkpoint(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (state,) = (stopped / "checkpoint").glob("*.bin")
+    state.write_bytes(state.read_bytes()[:-3] + b"abc")
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, state.name, "damaged")
+
+
+def unsealed(path: Path) -> dict[str, Any]:
+    values = json.loads(path.read_text())
+    del values[SEAL]
+    return dict(values)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda v: v["rounds"][0]["learnt"]["accuracy"].update(digits=0.99),  # a made-up accuracy
+        lambda v: v["rounds"][0].update(learnt={}),
+        lambda v: v["rounds"][0].update(sortie=None),
+        lambda v: v.update(rounds=[]),
+        lambda v: v.update(learning="../../../etc/passwd"),
+        lambda v: v.update(sha256=None),
+        lambda v: v.pop("sha256"),
+        lambda v: v.update(libraries=[]),
+    ],
+)
+def test_resume_refuses_an_edited_checkpoint(
+    stopped: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], object]
+) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = json.loads(path.read_text())
+    change(values)
+    path.write_text(json.dumps(values))
+    before = digests(stopped)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged: its checksum differs")
+    assert digests(stopped) == before
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a":' * 100_000, "\0", "1" * 5_000])
+def test_resume_refuses_what_is_no_json(
+    stopped: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    (stopped / "checkpoint" / "rounds.json").write_text(content)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged")
+
+
+def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = unsealed(path)
+    values["libraries"]["jsbsim"] = "0.9"
+    path.write_bytes(sealed(values))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "versions of libraries differ: jsbsim was 0.9, is ")
+
+
+def test_resume_says_when_a_round_cannot_be_flown_again_alike(
+    stopped: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = unsealed(path)
+    values["rounds"][0]["true_objective"] += 1e-12
+    path.write_bytes(sealed(values))
+    assert call(["run", "--resume", str(stopped), "--quiet"]) == 4
+    refused(capsys, "round 1, t ", "flown again, the round differs")
+
+
+def test_resume_refuses_another_format(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stopped / "checkpoint" / "rounds.json"
+    values = json.loads(path.read_text())
+    values["format"], values["libraries"]["aerofed"] = 9, "7.0"
+    path.write_text(json.dumps(values))
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 2")
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", "{", '{"libraries": {}}'])
+def test_resume_refuses_another_file(
+    stopped: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    (stopped / "checkpoint" / "rounds.json").write_text(content)
+    assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, "rounds.json: damaged")
+
+
+@pytest.mark.parametrize(
+    ("made", "given", "words"),
+    [
+        (
+            "run/x.txt",
+            "run",
+            "not a folder that aerofed run left: it has no checkpoint/rounds.json",
+        ),
+        ("run/sweep.json", "run", "it holds a sweep"),
+        ("run/checkpoint/rounds.json", "run/checkpoint", "it is the checkpoint itself; give "),
+        ("run/x.txt", "run/x.txt", "a file; give the folder that aerofed run left"),
+        ("run/x.txt", "other", "no such folder"),
+    ],
+)
+def test_resume_of_what_is_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], made: str, given: str, words: str
+) -> None:
+    (tmp_path / made).parent.mkdir(parents=True)
+    (tmp_path / made).touch()
+    assert call(["run", "--resume", str(tmp_path / given)]) == 2
+    refused(capsys, f"--resume {tmp_path / given}", words)
+
+
+def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = digests(stopped)
+    with RunFolder(stopped).lock():
+        assert call(["run", "--resume", str(stopped)]) == 2
+    refused(capsys, str(stopped), "another aerofed run is at work")
+    assert digests(stopped) == before
+
+
+def test_resume_takes_no_other_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["run", "--resume", str(tmp_path), "--seed", "3"]) == 2
+    refused(capsys, "--resume takes no other setting")

@@ -1,0 +1,136 @@
+"""Slots and uplinks: the instants and positions that count, and who gets through."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.flight.flight_plan import FlightPlan, Stop, stops_of
+from mission.flight.track import Flight, Passage
+from mission.log.records import UplinkRecord
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.run.gate import slots, uplinks
+
+CHANNEL = CHANNEL_PRESETS["suburban"]
+AREA = Area((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
+
+
+def passage(t_s: float, true_xy: tuple[float, float], est_xy: tuple[float, float]) -> Passage:
+    return Passage(
+        round(t_s * 1e9),
+        AREA.to_ned(np.array(true_xy), 60.5),
+        AREA.to_ned(np.array(est_xy), 60.0),
+    )
+
+
+def flight(reached: dict[int, Passage]) -> Flight:
+    """From x = 400 at t = 0 to x = 500 at t = 10 s, the estimate 1 m north of the truth."""
+    ends = [
+        passage(0.0, (400.0, 100.0), (400.0, 101.0)),
+        passage(10.0, (500.0, 100.0), (500.0, 101.0)),
+    ]
+    return Flight(
+        np.array([p.t_ns for p in ends]),
+        np.array([p.true_ned_m for p in ends]),
+        np.array([p.est_ned_m for p in ends]),
+        reached,
+        0.9,
+    )
+
+
+def problem(devices: list[list[float]]) -> RoundProblem:
+    return RoundProblem(
+        np.array(devices), np.ones(len(devices)), np.array([400.0, 100.0]), 3, 2, 800.0, CHANNEL
+    )
+
+
+def served(
+    given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
+) -> tuple[UplinkRecord, ...]:
+    names = ["a"] * len(given.devices_m)
+    return uplinks(0, given, plan, seen, area=AREA, community_of=names, gate="average", rng=rng)
+
+
+def test_waypoints_that_coincide_become_one_stop() -> None:
+    path = np.array([[0.0, 0], [0.3, 0], [100, 0], [100, 0.2], [100, 5], [0, 0]])
+    stops = stops_of(RoundPlan(path, np.zeros((6, 1), bool), 0.0), hold_s=2.0)
+    assert [s.steps for s in stops] == [(0, 1), (2, 3), (4,), (5,)]
+    assert [s.hold_s for s in stops] == [0.0, 2.0, 2.0, 2.0]
+
+
+def test_a_slot_that_is_never_reached_transmits_nothing() -> None:
+    plan = FlightPlan((Stop(np.zeros(2), (0,)), Stop(np.ones(2), (1, 2))), 60.0, 20.0, 5.0)
+    start = passage(0.0, (400.0, 100.0), (400.0, 101.0))
+    assert slots(plan, flight({0: start}), seq_of_stop=[0, 2]) == {0: start}
+
+
+def test_slots_of_a_hover_are_spread_over_it() -> None:
+    plan = FlightPlan((Stop(np.zeros(2), (0, 1, 2, 3), hold_s=8.0),), 60.0, 20.0, 5.0)
+    there = passage(0.0, (400.0, 100.0), (400.0, 101.0))
+    found = slots(plan, flight({0: there}), seq_of_stop=[0])
+    assert [p.t_ns for p in found.values()] == [0, 2_000_000_000, 4_000_000_000, 6_000_000_000]
+    np.testing.assert_allclose(AREA.from_ned(found[2].true_ned_m), [440.0, 100.0])
+
+
+def test_per_is_taken_at_plan_belief_and_truth() -> None:
+    given = problem([[500.0, 250.0]])
+    plan = RoundPlan(np.array([[400.0, 100], [450, 100], [500, 100]]), np.zeros((3, 1), bool), 0.0)
+    plan.schedule[2, 0] = True
+    seen = {2: passage(9.0, (490.0, 100.0), (490.0, 101.0))}
+    (record,) = served(given, plan, seen, Fixed(0.5))
+    assert (record.step, record.slot_t_s) == (2, 9.0)
+    assert record.plan_per == pytest.approx(float(average_per(CHANNEL, 150.0)))
+    assert record.est_per == pytest.approx(
+        float(average_per(CHANNEL, math.hypot(10, 149), height_m=60.0))
+    )
+    assert record.true_per == pytest.approx(
+        float(average_per(CHANNEL, math.hypot(10, 150), height_m=60.5))
+    )
+
+
+class Fixed(np.random.Generator):
+    """Draws one number for ever."""
+
+    def __init__(self, value: float) -> None:
+        super().__init__(np.random.PCG64(0))
+        self.value = value
+
+    def random(self, size: int) -> np.ndarray:  # type: ignore[override]
+        return np.full(size, self.value)
+
+
+def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
+    given = problem([[520.0, 270.0]])
+    plan = RoundPlan(np.tile([400.0, 100.0], (3, 1)), np.array([[True], [False], [False]]), 0.0)
+    seen = {0: passage(0.0, (400.0, 100.0), (520.0, 270.0))}
+    per = float(average_per(CHANNEL, math.hypot(120, 170), height_m=60.5))
+    assert 0.01 < per < 0.99
+    for draw, arrives in ((per - 1e-6, False), (per + 1e-6, True)):
+        (record,) = served(given, plan, seen, Fixed(draw))
+        assert record.delivered is arrives
+
+
+def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
+    given = problem([[520.0, 270.0], [510.0, 260.0]])
+    seen = {0: passage(0.0, (400.0, 100.0), (400.0, 100.0))}
+    fates: list[list[bool]] = [[], []]
+    for fate, schedule in zip(fates, ([[True, True]], [[False, True]]), strict=True):
+        plan = RoundPlan(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)
+        for m in range(40):
+            rng = RandomStreams(3).generator(f"uplink/{m}")
+            records = served(given, plan, seen, rng)
+            fate += [record.delivered for record in records if record.device == 1]
+    assert fates[0] == fates[1]
+    assert 0 < sum(fates[0]) < 40
+
+
+def test_never_reached_is_lost_with_certainty() -> None:
+    given = problem([[400.0, 100.0]])
+    plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True]]), 1.0)
+    (record,) = served(given, plan, {}, Fixed(0.999999))
+    assert (record.true_per, record.delivered) == (1.0, False)
+    assert math.isnan(record.slot_t_s)

@@ -1,0 +1,101 @@
+"""What a person sees of a run: in place on a terminal, a line a round in a file."""
+
+import io
+import re
+import time
+from dataclasses import replace
+from unittest.mock import Mock
+
+from rich.console import Console
+
+from mission.base.stopwatch import Stopwatch
+from mission.log.records import RoundRecord
+from mission.run.progress import LiveTable, PlainLines, Progress, make_progress
+from mission.run.recorder import FolderRecorder
+
+
+def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRecord:
+    return RoundRecord(
+        round=number, start_t_s=60.0, duration_s=70.0 if flown else 0.0, plan_objective=planned,
+        est_objective=1.9, true_objective=1.9, upper_bound=2.0, plan_path_m=800.0,
+        flown_path_m=801.0, budget_used_m=801.0, scheduled=12, delivered=9, battery_remaining=0.9,
+        accuracy={"digits": 0.125, "colour-shapes": 0.5}, cov={},
+    )  # fmt: skip
+
+
+def shown(*, terminal: bool, flown: bool = True, planned: float = 2.0) -> str:
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=terminal, width=80, no_color=True)
+    progress: Progress = make_progress(console, rounds=50, quiet=False)
+    assert isinstance(progress, LiveTable if terminal else PlainLines)
+    progress.phase("round 1/50: flying")
+    progress.round_done(record(1, flown=flown, planned=planned), real_time_factor=42.0)
+    progress.notice("by the way")
+    progress.close()
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", file.getvalue())
+
+
+def test_a_file_gets_a_line_a_round_and_no_phases() -> None:
+    assert shown(terminal=False) == (
+        "round 1/50: t 130 s, 42x, objective 1.900 flown, 2.000 planned (-5.0 %), "
+        "delivered 9/12, accuracy digits 0.125 colour-shapes 0.500\nby the way\n"
+    )
+
+
+def test_nothing_flown_has_no_flight_in_its_line() -> None:
+    assert shown(terminal=False, flown=False).startswith(
+        "round 1/50: nothing flown, delivered 9/12, accuracy"
+    )
+    for word in ("sim time", "speed", "planned"):
+        assert word not in shown(terminal=True, flown=False)
+
+
+def test_a_plan_that_reaches_nobody_divides_by_nothing() -> None:
+    assert "0.000 planned (0.0 %)" in shown(terminal=False, planned=0.0)
+
+
+def test_two_communities_fit_a_terminal() -> None:
+    text = shown(terminal=True)
+    assert "colour-shapes" in text
+    assert "…" not in text
+    assert re.search(r"1/50 +130 s +42x +2\.000 1\.900 -5\.0 % +9/12 +0\.125 +0\.500", text)
+    assert "by the way" in text
+    assert "flying" not in text.splitlines()[-1]
+
+
+def test_every_row_keeps_its_own_speed() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80, no_color=True)
+    progress = LiveTable(console, rounds=50)
+    for number in range(1, LiveTable.ROWS + 3):
+        progress.round_done(record(number), real_time_factor=10.0 * number)
+    progress.close()
+    with console.capture() as caught:
+        console.print(progress)
+    shown_rows = re.findall(r"(\d+)/50 +130 s +(\d+)x", caught.get())
+    assert shown_rows == [(str(n), str(10 * n)) for n in range(3, LiveTable.ROWS + 3)]
+
+
+def test_a_round_s_speed_is_its_own() -> None:
+    """100 s of flight, take-off among them, in 2 s; then 60 s in 3 s."""
+    stopwatch, parts = Stopwatch(), Mock()
+    recorder = FolderRecorder(*[parts] * 7, parts.progress, stopwatch)
+    speeds = []
+    for number, start_s, duration_s, fly_wall_s in ((1, 20.0, 80.0, 2.0), (2, 100.0, 60.0, 5.0)):
+        stopwatch.wall_s["fly"] = fly_wall_s
+        one = replace(record(number), start_t_s=start_s, duration_s=duration_s)
+        recorder.finished(Mock(record=one, remembered=True))
+        speeds.append(parts.progress.round_done.call_args.kwargs["real_time_factor"])
+    assert speeds == [50.0, 20.0]
+
+
+def test_a_long_phase_says_for_how_long(monkeypatch) -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    progress = LiveTable(console, rounds=3)
+    progress.phase("round 1/3: training")
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 12.0)
+    with console.capture() as caught:
+        console.print(progress)
+    monkeypatch.undo()
+    progress.close()
+    assert "round 1/3: training ..., 12 s" in caught.get()

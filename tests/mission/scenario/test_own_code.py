@@ -1,0 +1,268 @@
+"""A researcher's own strategy and planner: plugged in by import path, flown, and held to rules."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.base.errors import AerofedError, FlightError
+from mission.cli import call
+from mission.log.errors import LogError
+from mission.planner.errors import SolverError
+from mission.run.recorder import FolderRecorder
+from mission.run.round_result import RoundResult
+from mission.scenario.custom_strategies import Known
+
+SMALL = (
+    "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
+    "communities.0.devices=3", "communities.1.devices=3", "learning.local_epochs=1",
+)  # fmt: skip
+
+MODULE = """
+import numpy as np
+from dataclasses import dataclass
+from mission.planner.evaluate import finish
+from mission.planner.problem import RoundPlan
+from mission.scenario.strategies import Barycenter, Sortie
+
+class Stay:
+    def plan(self, problem):
+        return finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+
+class Jump:
+    def plan(self, problem):
+        return finish(problem, np.tile(problem.start_m + 1.0, (problem.steps, 1)))
+
+@dataclass
+class Weighs:
+    weights: object
+    fairness = True
+    approach_m = None
+    def importance(self, known):
+        return self.weights
+    def sortie(self, round_index, problem):
+        return Sortie(Jump().plan(problem))
+
+class Fails(Weighs):
+    def sortie(self, round_index, problem):
+        return self.deeper(problem)
+    def deeper(self, problem):
+        return np.linalg.inv(np.zeros((2, 2)))  # the culprit
+
+class FailsPlanning:
+    def plan(self, problem):
+        raise KeyError("no such thing")
+
+class PlansNothing:
+    def plan(self, problem):
+        return None
+
+def fails(setting): return Fails(np.ones(6))
+def wrong_shape(setting): return Weighs(np.ones(3))
+def negative(setting): return Weighs(-np.ones(6))
+def jumps(setting): return Weighs(np.ones(6))
+def lazy(setting): return object()
+number = 3
+"""
+
+
+def fly(out: Path, *more: str, rounds: int = 1) -> int:
+    return call(["run", "--out", str(out), "--rounds", str(rounds), "--quiet", *SMALL, *more])
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module in the working directory, which is where a researcher's stands."""
+    (tmp_path / "own_code.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    monkeypatch.delitem(sys.modules, "own_code", raising=False)
+
+
+def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
+    out = tmp_path / "age"
+    assert fly(out, "mission.strategy=examples.staleness:make", rounds=4) == 0
+    shares = [float(device["p"]) for device in rows(out / "devices.csv")]
+    last_heard = [0] * len(shares)
+    uplinks = rows(out / "uplinks.csv")
+    assert any(uplink["delivered"] == "true" for uplink in uplinks)
+    ages = set()
+    for number in range(1, 5):
+        served = [uplink for uplink in uplinks if int(uplink["round"]) == number]
+        for uplink in served:
+            device = int(uplink["device"])
+            age = number - last_heard[device]
+            ages.add(age)
+            assert float(uplink["importance"]) == pytest.approx(shares[device] * age, rel=1e-12)
+        for uplink in served:
+            if uplink["delivered"] == "true":
+                last_heard[int(uplink["device"])] = number
+    assert len(ages) > 1
+
+
+def test_an_own_strategy_resumes_with_the_ages_it_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    more = ("mission.strategy=examples.staleness:make",)
+    assert fly(whole, *more, rounds=3) == 0
+    finished = FolderRecorder.finished
+
+    def cut_after_two(self: FolderRecorder, result: RoundResult) -> None:
+        finished(self, result)
+        if result.record.round == 2:
+            raise FlightError("cut")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FolderRecorder, "finished", cut_after_two)
+        assert fly(cut, *more, rounds=3) == FlightError.exit_code
+    assert call(["run", "--resume", str(cut), "--quiet"]) == 0
+    for name in ("rounds.csv", "uplinks.csv"):
+        assert (cut / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_age_of_information() -> None:
+    known = Known(7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3]))
+    assert known.age_rounds.tolist() == [7, 1, 4]
+
+
+@pytest.mark.usefixtures("own")
+def test_an_own_planner_flies(tmp_path: Path) -> None:
+    more = ("planner.kind=import", "planner.factory=own_code:Stay")
+    assert fly(tmp_path / "out", *more) == 0
+    assert [float(row["plan_path_m"]) for row in rows(tmp_path / "out" / "rounds.csv")] == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "code", "words"),
+    [
+        ("mission.strategy=own_code:lazy", 2, ["mission.strategy", "object without", "sortie"]),
+        ("mission.strategy=own_code:nothing", 2, ["mission.strategy", "own_code:nothing"]),
+        ("mission.strategy=own_code:number", 2, ["own_code:number", "int, not callable"]),
+        ("mission.strategy=no_such.module:make", 2, ["no_such.module:make", "no_such"]),
+        ("mission.strategy=best", 2, ["mission.strategy = 'best'", "'no_cov'", "package.module"]),
+        ("mission.strategy=own_code:", 2, ["mission.strategy = 'own_code:'"]),
+        ("mission.strategy=no_cof", 2, ["did you mean no_cov?"]),
+        ("mission.strategy=own_code:wrong_shape", 2, ["shape (3,), not (6,)"]),
+        ("mission.strategy=own_code:negative", 2, ["negative or not finite", "-1.0"]),
+        ("mission.strategy=own_code:jumps", 3, ["own_code:jumps", "round 1", "1.4142 m from"]),
+        ("planner.kind=import planner.factory=own_code:lazy", 2, ["planner.factory", "lazy"]),
+        ("planner.kind=import planner.factory=own_code:Jump", 3, ["own_code:Jump", "1.4142 m"]),
+        ("planner.kind=import", 2, ["planner", "factory belongs to kind = 'import'"]),
+        ("planner.factory=own_code:Stay", 2, ["planner", "factory belongs to kind = 'import'"]),
+        ("planner.kind=import planner.factory=stay", 2, ["planner.factory = 'stay'"]),
+    ],
+)
+@pytest.mark.usefixtures("own")
+def test_what_breaks_the_rules_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: str, code: int, words: list[str]
+) -> None:
+    assert fly(tmp_path / "out", *settings.split()) == code
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1, errors
+    for word in words:
+        assert word in errors
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x = y", "cannot be imported: NameError: name 'y' is not defined"),
+        ("def broken(:", "cannot be imported: SyntaxError: "),
+        ("", "cannot be imported: AttributeError: "),
+        ("def make(setting): return y", "calling it fails: NameError: name 'y' is not defined"),
+    ],
+)
+@pytest.mark.parametrize("within", ["", ".inner"])
+def test_own_code_that_is_unfinished_is_one_line(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    words: str,
+    within: str,
+) -> None:
+    """In a module, and in the package around one, which is imported with it."""
+    name = f"unfinished_{len(text)}{'_package' if within else ''}"
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text(text)
+    (tmp_path / name / "inner.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    assert fly(out, f"mission.strategy={name}{within}:make") == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert words in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "failure", [LogError(Path("flight.mcap"), "no room"), SolverError("OSQP", "max_iter")]
+)
+def test_an_error_of_any_kind_names_the_folder(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    failure: AerofedError,
+) -> None:
+    def fail(self: FolderRecorder, result: RoundResult) -> None:  # noqa: ARG001
+        raise failure
+
+    monkeypatch.setattr(FolderRecorder, "finished", fail)
+    out = tmp_path / "out"
+    assert fly(out) == failure.exit_code
+    assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}\n"
+
+
+@pytest.mark.parametrize(
+    ("setting", "doing", "error", "culprit"),
+    [
+        (
+            ("mission.strategy=own_code:fails",),
+            "mission.strategy = 'own_code:fails': sortie() in round 1",
+            "LinAlgError: Singular matrix",
+            "# the culprit",
+        ),
+        (
+            ("planner.kind=import", "planner.factory=own_code:FailsPlanning"),
+            "planner.factory = 'own_code:FailsPlanning': plan()",
+            "KeyError: 'no such thing'",
+            "raise KeyError",
+        ),
+        (
+            ("planner.kind=import", "planner.factory=own_code:PlansNothing"),
+            "planner.factory = 'own_code:PlansNothing': its plan",
+            "AttributeError",
+            "",
+        ),
+    ],
+)
+def test_own_code_that_fails_in_flight_is_named_with_its_line(
+    own: None,  # noqa: ARG001
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    setting: tuple[str, ...],
+    doing: str,
+    error: str,
+    culprit: str,
+) -> None:
+    out = tmp_path / "run"
+    assert fly(out, *setting) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{doing}: {error}" in line
+    if culprit:
+        lines = MODULE.splitlines()
+        number = next(i for i, text in enumerate(lines, 1) if culprit in text)
+        assert f"{tmp_path / 'own_code.py'}, line {number})" in line
+    assert f"the whole traceback is in {out / 'traceback.txt'}" in line
+    whole = (out / "traceback.txt").read_text()
+    assert whole.startswith("Traceback")
+    assert error.partition(":")[0] in whole
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"

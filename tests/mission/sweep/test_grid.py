@@ -1,0 +1,168 @@
+"""Which runs a sweep consists of, and what it refuses."""
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission.base.errors import InputError
+from mission.config.loading import builtin_config
+from mission.sweep.folder import SweepFolder
+from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
+
+QUICK = builtin_config("quickstart.toml")
+
+
+def grid(*, strategies: tuple[str, ...] = ("cov", "ideal"), seeds: int = 2, **more: Any) -> Grid:
+    axes = [parse_axis(text) for text in more.pop("sets", ())]
+    return make_grid(QUICK, strategies=strategies, seeds=seeds, axes=axes, **more)
+
+
+def test_every_strategy_with_every_seed_and_value() -> None:
+    found = grid(sets=["channel.extra_gain_db=0,3", "mission.steps=5"], rounds=7)
+    assert [(r.strategy, r.keys["channel.extra_gain_db"], r.seed) for r in found.runs] == [
+        ("cov", 0, 1), ("ideal", 0, 1), ("cov", 3, 1), ("ideal", 3, 1),
+        ("cov", 0, 2), ("ideal", 0, 2), ("cov", 3, 2), ("ideal", 3, 2),
+    ]  # fmt: skip
+    for run in found.runs:
+        mission = run.config.mission
+        assert (mission.strategy, run.config.seed) == (run.strategy, run.seed)
+        assert (mission.steps, mission.rounds) == (5, 7)
+        assert run.config.channel.extra_gain_db == run.keys["channel.extra_gain_db"]
+    # One value is common to all and tells no run from another.
+    assert "mission.steps" not in found.runs[0].keys
+    assert found.runs[2].name == "cov-extra_gain_db=3-seed1"
+
+
+def test_names_are_unique_and_fit_for_files() -> None:
+    found = grid(sets=["area.size_m=[800,800],[800, 801]", "communities.0.task=digits"], seeds=1)
+    names = [run.name for run in found.runs]
+    assert len(set(names)) == len(names) == 4
+    assert all("/" not in name and " " not in name and len(name) < 120 for name in names)
+
+
+@pytest.mark.parametrize(
+    ("point", "name"),
+    [
+        (
+            Point("no_cov", 2, (("channel.preset", "suburban+10dB"),)),
+            "no_cov-preset=suburban+10dB-seed2",
+        ),
+        (Point("examples.staleness:make", 1, ()), "examples.staleness-make-seed1-1be82c90"),
+    ],
+)
+def test_names_are_as_documented(point: Point, name: str) -> None:
+    assert point.name == name
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a.b=1,2.5", (1, 2.5)),
+        ("a=no_cov,cov", ("no_cov", "cov")),
+        ("a=[1,2],[3,4]", ([1, 2], [3, 4])),
+        ('a="x,y",z', ("x,y", "z")),
+        ("a=true", (True,)),
+    ],
+)
+def test_values_are_separated_by_commas(text: str, values: tuple[object, ...]) -> None:
+    assert parse_axis(text) == Axis(text.split("=")[0], values)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"sets": ["mission.strategy=cov,ideal"]}, ["mission.strategy", "--strategies"]),
+        ({"sets": ["seed=1,2"]}, ["seed", "--seeds"]),
+        ({"sets": ["mission.steps=5,5"]}, ["mission.steps", "5", "twice"]),
+        ({"sets": ["mission.steps=5", "mission.steps=6"]}, ["mission.steps", "twice"]),
+        ({"sets": ["mission.steps=5,0"]}, ["mission.steps = 0", "from 1 to 500"]),
+        ({"sets": ["mission.steps=5,"]}, ["mission.steps=5,", "KEY=VALUE,VALUE"]),
+        ({"sets": ["mission.steps"]}, ["mission.steps", "KEY=VALUE"]),
+        ({"strategies": ("cov", "cov")}, ["--strategies", "'cov'", "twice"]),
+        ({"strategies": ("best",)}, ["mission.strategy", "'best'"]),
+        ({"sets": ["link.kind=udp"]}, ["link.kind = 'udp'", "in_process"]),
+        ({"seeds": 0}, ["--seeds 0", "at least 1"]),
+        ({"rounds": 0}, ["mission.rounds = 0"]),
+    ],
+)
+def test_refused_in_words_that_help(more: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        grid(**more)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def started(path: Path, first: Grid) -> SweepFolder:
+    folder = SweepFolder(path)
+    folder.check(first, data_dir=None)
+    with folder.lock():
+        folder.claim(first, data_dir=None)
+    return folder
+
+
+def test_a_sweep_may_grow(tmp_path: Path) -> None:
+    folder = started(tmp_path / "s", grid(sets=["mission.steps=5,6"]))
+    more = grid(strategies=("no_cov", "cov", "ideal"), seeds=3, sets=["mission.steps=5,6,7"])
+    folder.check(more, data_dir=None)
+    with folder.lock():
+        folder.claim(more, data_dir=None)
+    folder.check(more, data_dir=None)
+    with pytest.raises(InputError, match="seed had 3 as well"):  # it is the larger one from now on
+        folder.check(grid(sets=["mission.steps=5,6,7"], strategies=more.strategies), data_dir=None)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"rounds": 9}, ["mission.rounds was 6, is 9"]),
+        ({"sets": ["learning.mu=0.5"]}, ["learning.mu was 0.1, is 0.5"]),
+        ({"sets": ["communities.1.devices=3"]}, ["communities.1.devices was 6, is 3"]),
+        ({"sets": ["mission.steps=5,6"]}, ["mission.steps was not swept"]),
+        ({"strategies": ("cov",)}, ["strategy had ideal as well"]),
+        ({"seeds": 1}, ["seed had 2 as well"]),
+    ],
+)
+def test_a_changed_sweep_is_refused_by_name(
+    tmp_path: Path, more: dict[str, Any], words: list[str]
+) -> None:
+    folder = started(tmp_path / "s", grid())
+    with pytest.raises(InputError) as caught:
+        folder.check(grid(**more), data_dir=None)
+    for word in (str(folder.path), "--out", *words):
+        assert word in str(caught.value)
+
+
+def test_another_data_folder_is_refused(tmp_path: Path) -> None:
+    folder = started(tmp_path / "s", grid())
+    with pytest.raises(InputError, match="data folder was None"):
+        folder.check(grid(), data_dir=tmp_path)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"not by a sweep.*mine\.txt"):
+        SweepFolder(tmp_path).check(grid(), data_dir=None)
+
+
+def test_one_sweep_at_a_time(tmp_path: Path) -> None:
+    folder = SweepFolder(tmp_path / "s")
+    with folder.lock(), pytest.raises(InputError, match="another sweep is at work"), folder.lock():
+        pass
+
+
+def test_a_file_is_no_folder_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "s").write_text("mine")
+    with pytest.raises(InputError, match=r"s: cannot write: File exists"):
+        SweepFolder(tmp_path / "s").lock().__enter__()
+
+
+def test_what_fails_under_the_lock_is_not_blamed_on_the_folder(tmp_path: Path) -> None:
+    failure = OSError(errno.EMFILE, "Too many open files")
+    with (
+        pytest.raises(OSError, match="Too many open files") as caught,
+        SweepFolder(tmp_path / "s").lock(),
+    ):
+        raise failure
+    assert caught.value is failure

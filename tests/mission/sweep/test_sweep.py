@@ -1,0 +1,373 @@
+"""Whole sweeps: real flights in worker processes, interrupted, killed, repeated and compared."""
+
+import csv
+import errno
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+from patience import HANG_S, until
+
+from mission.cli import call
+from mission.commands.options import load
+from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.local import LocalEngine
+from mission.sweep.execute.worker import RunEnd, RunOrder, execute
+
+TINY = (
+    "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
+    "communities.0.devices=2", "communities.1.devices=2",
+    "communities.0.labels_per_device=5", "communities.1.labels_per_device=5",
+)  # fmt: skip
+TABLES = ("runs.csv", "rounds.csv", "runs.parquet", "rounds.parquet")
+PROCFS = Path("/proc/self/fd")
+
+
+def command(out: Path, *more: str, rounds: int = 2, seeds: int = 2) -> list[str]:
+    return [
+        "sweep", "configs/quickstart.toml", "--out", str(out), "--rounds", str(rounds),
+        "--seeds", str(seeds), "--strategies", "cov,ideal", *TINY, *more,
+    ]  # fmt: skip
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in TABLES}
+
+
+class Inline:
+    """Executes in this process, at once."""
+
+    slots = 1
+
+    def start(self, order: RunOrder) -> None:
+        self.ended = Ended(order, execute(order))
+
+    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
+        return (self.ended,)
+
+    def close(self) -> None: ...
+
+
+def call_inline(tokens: list[str]) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Inline())
+        return call(tokens)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two strategies and two seeds, without worker processes: what every engine has to find."""
+    out = tmp_path_factory.mktemp("sweeps") / "one"
+    assert call_inline(command(out)) == 0
+    return out
+
+
+def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
+    runs, rounds = rows(swept / "runs.csv"), rows(swept / "rounds.csv")
+    assert [(run["strategy"], run["seed"]) for run in runs] == [
+        ("cov", "1"), ("ideal", "1"), ("cov", "2"), ("ideal", "2"),
+    ]  # fmt: skip
+    assert len(rounds) == 8
+    for run in runs:
+        folder = swept / "runs" / run["run"]
+        own = rows(folder / "rounds.csv")
+        mine = [r for r in rounds if (r["strategy"], r["seed"]) == (run["strategy"], run["seed"])]
+        assert [r["accuracy_digits"] for r in mine] == [r["accuracy_digits"] for r in own]
+        assert float(run["final_accuracy_digits"]) == pytest.approx(
+            sum(float(r["accuracy_digits"]) for r in own) / 2
+        )
+        assert int(run["delivered"]) == sum(int(r["delivered"]) for r in own)
+        assert float(run["participation"]) == pytest.approx(int(run["delivered"]) / 8)
+        assert json.loads((folder / "summary.json").read_text())["status"] == "finished"
+    ideal = next(run for run in runs if run["strategy"] == "ideal")
+    assert (ideal["participation"], ideal["true_per"], ideal["flown_m"]) == ("1.0", "nan", "0.0")
+    assert {path.name for path in (swept / "figures").iterdir()} == {
+        "accuracy-rounds.png", "accuracy-distance.png", "accuracy-time.png", "participation.png",
+        "per.png", "fairness.png", "final.png", "gains.png",
+    }  # fmt: skip
+
+
+def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
+    config = swept / "runs" / "cov-seed2" / "config.toml"
+    assert call(["run", str(config), "--out", str(tmp_path / "alone"), "--quiet"]) == 0
+    for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
+        alone = (tmp_path / "alone" / name).read_bytes()
+        assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
+
+
+def test_a_finished_sweep_flies_nothing_again(
+    swept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = tables(swept)
+    flown = {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/*")}
+    assert call(command(swept)) == 0
+    assert tables(swept) == before
+    assert {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/*")} == flown
+    printed = capsys.readouterr().out
+    assert "cov" in printed
+    assert "digits" in printed
+
+
+def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(command(swept, rounds=5)) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1
+    assert "mission.rounds was 2, is 5" in errors
+
+
+@pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of child processes")
+def test_a_killed_worker_s_run_is_repeated(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "killed"
+
+    def kill() -> None:
+        log = out / "runs" / "cov-seed1" / "flight.mcap"
+        until(lambda: log.is_file() and log.stat().st_size > 0)
+        os.kill(writer_of(log), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    code = call(command(out, "--jobs", "2"))
+    killer.join()
+    assert code == 0
+    printed = capsys.readouterr().out
+    assert printed.count("its worker died") == 1  # it took no other with it
+    assert "cov-seed1: its worker died; the run is repeated" in printed
+    # And two workers find what this process found, killed or not.
+    assert tables(out) == tables(swept)
+
+
+def writer_of(file: Path) -> int:
+    """The process that has a file open."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(link.readlink() == file for link in (process / "fd").iterdir()):
+                return int(process.name)
+        except OSError:
+            continue  # it ended meanwhile, or is somebody else's
+    raise AssertionError(f"nobody writes {file}")
+
+
+def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
+    out = tmp_path / "cut"
+    tokens = command(out, "--jobs", "1", seeds=1)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mission", *tokens],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    first = out / "runs" / "cov-seed1"
+    until((first / "flight.mcap").is_file)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 130, errors
+    assert errors == ""
+    assert "interrupted; 0 of 2 runs are done; the same command goes on from here" in printed
+    assert json.loads((first / "summary.json").read_text())["status"] == "running"
+    # No worker goes on in the background.
+    size = (first / "flight.mcap").stat().st_size
+    time.sleep(0.5)
+    assert (first / "flight.mcap").stat().st_size == size
+    assert call_inline(tokens) == 0
+    for name in ("runs.csv", "rounds.csv"):
+        assert rows(out / name) == [row for row in rows(swept / name) if row["seed"] == "1"]
+
+
+def test_a_sweep_that_is_not_over_tells_what_is_missing(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    shutil.rmtree(part / "runs" / "ideal-seed2")
+    summary = part / "runs" / "cov-seed2" / "summary.json"
+    summary.write_text(json.dumps({"status": "running"}))
+    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 0
+    text = (part / "table.md").read_text()
+    assert text.startswith("2 of 4 runs are done; missing: cov-seed2, ideal-seed2.")
+    assert "mean of all 2 rounds" in text
+    assert "| cov | 1 of 2 |" in text
+    assert call(["report", str(part)]) == 0
+    page = (part / "report.html").read_text()
+    assert "cov-seed2</td><td>begun: at work, or cut off, after 2 rounds" in page
+    assert "ideal-seed2</td><td>not begun" in page
+    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
+    assert call(["reproduction", str(part)]) == 2
+    assert "uplinks.csv" in capsys.readouterr().err
+
+
+def test_the_ideal_has_the_rounds_that_the_budget_pays_for(tmp_path: Path) -> None:
+    more = ("mission.strategy=ideal", "mission.total_budget_m=250", "--rounds", "9", "--quiet")
+    assert call(["run", "--out", str(tmp_path / "ideal"), *TINY, *more]) == 0
+    used = [float(row["budget_used_m"]) for row in rows(tmp_path / "ideal" / "rounds.csv")]
+    assert used == [100.0, 200.0]
+
+
+class Deadly(Inline):
+    """Its workers always die."""
+
+    def start(self, order: RunOrder) -> None:
+        self.ended = Ended(order, None)
+
+
+def test_a_run_whose_worker_always_dies_is_given_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Deadly())
+    assert call(command(tmp_path / "dead", seeds=1)) == 1
+    printed = capsys.readouterr()
+    assert printed.out.count("cov-seed1: its worker died; the run is repeated") == 2
+    assert "run cov-seed1 failed: its worker died 3 times" in printed.err
+    assert "run ideal-seed1 failed" in printed.err
+
+
+def test_a_run_that_fails_is_named_and_the_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "diverged"
+    tokens = command(out, "--set", "learning.learning_rate=0.01,10", "--jobs", "1", seeds=1)
+    assert call_inline([token.replace("cov,ideal", "ideal") for token in tokens]) == 4
+    printed = capsys.readouterr()
+    assert "run ideal-learning_rate=10-seed1 failed" in printed.err
+    assert "learning diverged" in printed.err
+    assert "1 of 2 runs are done; missing: ideal-learning_rate=10-seed1." in printed.out
+    assert [run["learning.learning_rate"] for run in rows(out / "runs.csv")] == ["0.01"]
+    assert call(["report", str(out)]) == 0
+    assert "<td>failed: learning diverged" in (out / "report.html").read_text()
+
+
+def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    for name in ("ideal-seed1", "ideal-seed2"):
+        shutil.rmtree(part / "runs" / name)
+    in_the_way = part / "runs" / "ideal-seed1"
+    in_the_way.write_text("no folder")
+    assert call_inline(command(part)) == 2
+    printed = capsys.readouterr()
+    assert f"run ideal-seed1 failed: {in_the_way}: Not a directory" in printed.err
+    assert "run 4/4 ideal-seed2: 2 rounds" in printed.out
+    assert {row["run"] for row in rows(part / "runs.csv")} == {
+        "cov-seed1", "cov-seed2", "ideal-seed2",
+    }  # fmt: skip
+    in_the_way.unlink()
+    assert call_inline(command(part)) == 0
+    assert tables(part) == tables(swept)
+
+
+def test_a_full_disk_is_the_end_of_a_run_and_not_of_the_sweep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly_session(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("mission.run.session.fly_session", fly_session)
+    out = tmp_path / "full"
+    assert call_inline(command(out, seeds=1)) == 2
+    errors = capsys.readouterr().err
+    for name in ("cov-seed1", "ideal-seed1"):
+        assert f"run {name} failed: {out}/runs/{name}: No space left on device" in errors
+
+
+def test_the_engine_is_closed_where_the_sweep_cannot_begin(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = []
+
+    class Noted(Inline):
+        def close(self) -> None:
+            closed.append(self)
+
+    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Noted())
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    shutil.rmtree(part / "runs" / "ideal-seed2")
+    (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
+    assert call(command(part)) == 2
+    assert "uplinks.csv" in capsys.readouterr().err
+    assert len(closed) == 1
+
+
+class Finished:
+    """A pool whose runs are over at once; those of a name with a bug raise."""
+
+    def submit(self, _: object, order: RunOrder) -> Future[RunEnd]:
+        future = Future[RunEnd]()
+        if order.name == "bug":
+            future.set_exception(ZeroDivisionError("a bug"))
+        else:
+            future.set_result(RunEnd(0))
+        return future
+
+    def shutdown(self, *, kill_workers: bool) -> None: ...
+
+
+def test_what_others_finished_is_told_before_a_bug(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.execute.local._pool", Finished)
+    engine = LocalEngine(9)
+    names = ["a", "b", "bug", "c", "d", "e"]
+    config = load(None, ())
+    for name in names:
+        engine.start(RunOrder(name, config, tmp_path / name, None, tmp_path))
+    assert {item.order.name for item in engine.wait(0.0)} == {*names} - {"bug"}
+    with pytest.raises(ZeroDivisionError):
+        engine.wait(0.0)
+    engine.close()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
+@pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of processes")
+def test_ray_finds_the_same_though_a_worker_is_killed(swept: Path, tmp_path: Path) -> None:
+    out = tmp_path / "ray"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mission", *command(out, "--jobs", "2", "--engine", "ray")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    log = out / "runs" / "cov-seed1" / "flight.mcap"
+    until(lambda: process.poll() is not None or (log.is_file() and log.stat().st_size > 0))
+    if process.poll() is None:
+        os.kill(writer_of(log), signal.SIGKILL)
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 0, errors
+    assert printed.count("cov-seed1: its worker died; the run is repeated") == 1
+    assert tables(out) == tables(swept)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["--address", "x:1"], ["--address x:1", "--engine ray"]),
+        (["--strategies", "cov,,ideal"], ["--strategies cov,,ideal"]),
+        (["--data-dir", "nowhere"], ["nowhere", "no such folder"]),
+        (["--engine", "slurm"], ["slurm"]),
+    ],
+)
+def test_wrong_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], words: list[str]
+) -> None:
+    assert call(["sweep", "configs/quickstart.toml", "--out", str(tmp_path / "s"), *more]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    for word in words:
+        assert word in printed.err
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,194 @@
+"""Statistics, sampling and progress of a sweep, against closed forms and hand-made runs."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from mission.config.loading import builtin_config
+from mission.run.budget import rounds_paid_for
+from mission.sweep.folder import SweepFolder
+from mission.sweep.grid import Point, make_grid
+from mission.sweep.outcome.curves import by_distance, by_round, running_mean
+from mission.sweep.outcome.stats import band, interval
+from mission.sweep.outcome.view import final_rounds, final_table, percent
+from mission.sweep.results import Row, RunResult, jain, write_results
+from mission.sweep.timeleft import TimeLeft, duration
+
+
+@pytest.mark.parametrize("count", [2, 3, 10])
+def test_the_interval_is_students(count: int) -> None:
+    values = np.random.default_rng(count).normal(0.4, 0.05, count)
+    found = interval(list(values))
+    low, high = stats.t.interval(0.95, count - 1, loc=values.mean(), scale=stats.sem(values))
+    assert found.mean - found.half == pytest.approx(low, rel=1e-12)
+    assert found.mean + found.half == pytest.approx(high, rel=1e-12)
+
+
+def test_one_run_has_no_interval() -> None:
+    found = interval([0.5])
+    assert (found.mean, found.count) == (0.5, 1)
+    assert math.isnan(found.half)
+    assert percent(found) == "50.0"
+    assert percent(interval([0.4, 0.6])) == "50.0 ± 127.1"  # t(0.975, 1) = 12.706
+    assert percent(interval([])) == "-"
+
+
+def test_the_interval_covers_as_often_as_it_says() -> None:
+    draws = np.random.default_rng(4).normal(1.0, 2.0, (3, 20_000))
+    mean, half = band(draws)
+    assert np.mean(np.abs(mean - 1.0) <= half) == pytest.approx(0.95, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("values", "index"),
+    [([0.5, 0.5], 1.0), ([1.0, 0.0], 0.5), ([0.0, 0.0], 1.0), ([1.0, 2.0, 3.0], 36 / 42)],
+)
+def test_jains_index(values: list[float], index: float) -> None:
+    assert jain(values) == pytest.approx(index)
+
+
+def result(seed: int, budget_m: list[float], accuracy: list[float]) -> RunResult:
+    rows: tuple[Row, ...] = tuple(
+        {"seed": seed, "round": k + 1, "budget_used_m": b, "accuracy_a": a}
+        for k, (b, a) in enumerate(zip(budget_m, accuracy, strict=True))
+    )
+    return RunResult(Point("cov", seed, ()), {"seed": seed}, rows, {"fly": 1.0})
+
+
+def test_over_distance_the_last_finished_round_counts() -> None:
+    runs = [
+        result(1, [1000.0, 2000.0, 3000.0], [0.1, 0.2, 0.3]),
+        result(2, [500.0, 2500.0], [0.5, 0.7]),
+    ]
+    grid, values = by_distance(runs, "accuracy_a")
+    # From where both have finished a round to where the first ends.
+    assert (grid[0], grid[-1]) == (1.0, 2.5)
+    before = grid < 2.0
+    assert (values[0][before] == 0.1).all()
+    assert (values[0][~before] == 0.2).all()
+    assert (values[1][:-1] == 0.5).all()
+    assert values[1][-1] == 0.7
+    rounds, values = by_round(runs, "accuracy_a")
+    assert rounds.tolist() == [1, 2]
+    assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
+
+
+def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:
+    runs = [
+        RunResult(Point("cov", 1, (("k", value),)), {"k": value, "mixed": mixed}, (), {})
+        for value, mixed in ((1, "a"), (0.5, 2.0))
+    ]
+    write_results(tmp_path, runs)
+    assert (tmp_path / "runs.csv").read_text() == "k,mixed\n1,a\n0.5,2.0\n"
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(tmp_path / "runs.parquet").to_pydict()
+    assert table == {"k": [1.0, 0.5], "mixed": ["a", "2.0"]}
+
+
+def test_a_running_mean_skips_what_is_not_there() -> None:
+    values = np.array([1.0, 3.0, np.nan, 5.0, 7.0])
+    np.testing.assert_allclose(running_mean(values, 3), [1.0, 2.0, 2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(running_mean(values, 1), values)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "words"),
+    [
+        ((50, 400), "mean of the last 10 rounds"),
+        ((10,), "mean of the last 10 rounds"),
+        ((2, 2), "mean of all 2 rounds"),
+        ((1,), "after the only round"),
+        ((3, 50), "mean of the last 10 rounds, or of all where a run has fewer"),
+    ],
+)
+def test_final_rounds_in_words(rounds: tuple[int, ...], words: str) -> None:
+    assert final_rounds([result(1, [0.0] * n, [0.0] * n) for n in rounds]) == words
+
+
+@pytest.mark.parametrize("strategy", ["rectangular", "my_package.my_module:weighed_by_age"])
+def test_a_narrow_terminal_cuts_no_number(strategy: str) -> None:
+    summary: Row = {
+        "final_accuracy_cifar10": 0.412, "final_accuracy_mnist": 0.987,
+        "delivered_share": math.nan, "participation": 0.625, "flown_m": 39_876.5,
+    }  # fmt: skip
+    runs = [RunResult(Point(strategy, seed, ()), summary, ({},) * 20, {}) for seed in (1, 2)]
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(final_table(runs))
+    lines = capture.get().splitlines()
+    (row,) = (line for line in lines if "41.2" in line)
+    assert " ".join(row.split()).endswith(" 2 41.2 ± 0.0 98.7 ± 0.0 - 62.5 39.9")
+    assert "…" not in capture.get()
+    assert strategy in "".join(line[1:].partition(" ")[0] for line in lines)
+
+
+def test_time_left_follows_the_pace_of_every_strategy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = make_grid(
+        builtin_config("quickstart.toml"), strategies=("cov", "ideal"), seeds=2, rounds=10
+    )
+    folder, (cov1, ideal1, cov2, _) = SweepFolder(tmp_path), grid.runs
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+
+    def fly(run: Point, rounds: int) -> None:
+        table = folder.run(run).rounds
+        table.parent.mkdir(parents=True, exist_ok=True)
+        table.write_text("header\n" + rounds * "row\n")
+
+    left = TimeLeft(folder, grid.runs, todo=grid.runs, slots=2)
+    left.at_work([cov1, ideal1])
+    assert (left.text(), left.share()) == ("", 0.0)
+    fly(cov1, 5)
+    now[0] += 60.0
+    # cov: 12 s a round; of ideal nothing is known yet, so each of its runs takes 2 min as well.
+    # cov1 has a minute left and is followed by cov2, ideal1 by the other.
+    assert left.text() == "about 4 min left"
+    assert left.share() == 5 / 40
+    fly(cov1, 10)
+    fly(ideal1, 10)
+    now[0] += 60.0
+    for run in (cov1, ideal1):
+        left.ended(run)
+    left.at_work([cov2])
+    # Both took 12 s a round, and run side by side.
+    assert left.text() == "about 2 min left"
+    fly(cov2, 5)
+    now[0] += 30.0  # 6 s a round: 150 s for 15 rounds; the ideal is the longer one
+    assert left.rounds(cov2) == (5, 10)
+    assert left.text() == "about 2 min left"
+    assert left.share() == 25 / 40
+
+
+def test_time_left_knows_what_earlier_calls_took(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = make_grid(builtin_config("quickstart.toml"), strategies=("cov",), seeds=3, rounds=10)
+    folder = SweepFolder(tmp_path)
+    table = folder.run(grid.runs[0]).rounds
+    table.parent.mkdir(parents=True)
+    table.write_text("header\n" + 10 * "row\n")
+    done = RunResult(grid.runs[0], {}, (), {"total": 600.0})
+    monkeypatch.setattr("mission.sweep.timeleft.read_run", lambda *_: done)
+    left = TimeLeft(folder, grid.runs, todo=grid.runs[1:], slots=1)
+    assert left.text() == "about 20 min left"
+
+
+def test_the_paper_s_sweep_ends_by_its_budget() -> None:
+    strategies = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
+    grid = make_grid(builtin_config("paper-sweep.toml"), strategies=strategies, seeds=3)
+    expected = {run.strategy: rounds_paid_for(run.config.mission) for run in grid.runs}
+    assert expected == {name: 400 if name == "barycenter" else 50 for name in strategies}
+    assert len(grid.runs) == 15
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (89.0, "89 s"), (600.0, "10 min"), (12_000, "3 h 20 min")]
+)
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text

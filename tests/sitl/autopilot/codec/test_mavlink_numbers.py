@@ -1,0 +1,326 @@
+"""Every number and every unit on the wire, held against pymavlink's own tables."""
+
+import math
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mav
+from sitl_mavsdk import HOME
+
+from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.state import BatteryState, GnssFix, Kinematics
+from sitl.autopilot.codec.telemetry import TELEMETRY, encode_telemetry
+from sitl.autopilot.codec.wire import Wire
+from sitl.autopilot.protocol import ftp
+from sitl.autopilot.values import enums
+from sitl.autopilot.values import messages as m
+from sitl.autopilot.values.enums import LandedState, Message, Sensor, SystemState
+from sitl.autopilot.values.snapshot import Snapshot
+
+PREFIXES: dict[type[IntEnum], str] = {
+    enums.Command: "MAV_CMD_",
+    enums.Result: "MAV_RESULT_",
+    enums.MissionResult: "MAV_MISSION_",
+    enums.MissionType: "MAV_MISSION_TYPE_",
+    enums.MissionState: "MISSION_STATE_",
+    enums.Frame: "MAV_FRAME_",
+    enums.Severity: "MAV_SEVERITY_",
+    enums.LandedState: "MAV_LANDED_STATE_",
+    enums.SystemState: "MAV_STATE_",
+    enums.ParamType: "MAV_PARAM_TYPE_",
+    enums.ParamError: "MAV_PARAM_ERROR_",
+    enums.FailureType: "FAILURE_TYPE_",
+    enums.Message: "MAVLINK_MSG_ID_",
+}
+OTHER_NAMES = {
+    ftp.Op: {op.name: f"MAV_FTP_OPCODE_{op.name.replace('_', '')}" for op in ftp.Op}
+    | {"RESET_SESSIONS": "MAV_FTP_OPCODE_RESETSESSION"}
+    | {"CALC_FILE_CRC32": "MAV_FTP_OPCODE_CALCFILECRC"},
+    ftp.Fault: {fault.name: f"MAV_FTP_ERR_{fault.name.replace('_', '')}" for fault in ftp.Fault}
+    | {"NO_SESSIONS": "MAV_FTP_ERR_NOSESSIONSAVAILABLE", "END_OF_FILE": "MAV_FTP_ERR_EOF"},
+    enums.OrbitYaw: {
+        "FRONT_TO_CENTER": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER",
+        "INITIAL_HEADING": "ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING",
+        "UNCONTROLLED": "ORBIT_YAW_BEHAVIOUR_UNCONTROLLED",
+        "TANGENT": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE",
+        "RC_CONTROLLED": "ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED",
+        "UNCHANGED": "ORBIT_YAW_BEHAVIOUR_UNCHANGED",
+    },
+    enums.FailureUnit: {
+        "GYRO": "FAILURE_UNIT_SENSOR_GYRO",
+        "ACCEL": "FAILURE_UNIT_SENSOR_ACCEL",
+        "MAG": "FAILURE_UNIT_SENSOR_MAG",
+        "BARO": "FAILURE_UNIT_SENSOR_BARO",
+        "GNSS": "FAILURE_UNIT_SENSOR_GPS",
+        "BATTERY": "FAILURE_UNIT_SYSTEM_BATTERY",
+        "MOTOR": "FAILURE_UNIT_SYSTEM_MOTOR",
+    },
+    enums.Sensor: {
+        "GYRO": "MAV_SYS_STATUS_SENSOR_3D_GYRO",
+        "ACCEL": "MAV_SYS_STATUS_SENSOR_3D_ACCEL",
+        "MAG": "MAV_SYS_STATUS_SENSOR_3D_MAG",
+        "BARO": "MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE",
+        "GNSS": "MAV_SYS_STATUS_SENSOR_GPS",
+        "RATE_CONTROL": "MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL",
+        "ATTITUDE_CONTROL": "MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION",
+        "YAW_CONTROL": "MAV_SYS_STATUS_SENSOR_YAW_POSITION",
+        "ALTITUDE_CONTROL": "MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL",
+        "POSITION_CONTROL": "MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL",
+        "MOTORS": "MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS",
+        "GEOFENCE": "MAV_SYS_STATUS_GEOFENCE",
+        "AHRS": "MAV_SYS_STATUS_AHRS",
+        "BATTERY": "MAV_SYS_STATUS_SENSOR_BATTERY",
+        "PREARM_CHECK": "MAV_SYS_STATUS_PREARM_CHECK",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [*PREFIXES, *OTHER_NAMES], ids=lambda kind: kind.__name__)
+def test_enumerations_have_the_dialects_values(kind: Any) -> None:
+    for member in kind:
+        name = (
+            OTHER_NAMES[kind][member.name]
+            if kind in OTHER_NAMES
+            else (PREFIXES[kind] + member.name)
+        )
+        assert member.value == getattr(mav, name), name
+
+
+FRAME = LocalFrame(HOME)
+POSITION = np.array([321.5, -123.25, -61.75])
+VELOCITY = np.array([3.21, -4.56, -0.78])
+RATES = np.array([0.11, -0.22, 0.33])
+TRUE_POSITION = np.array([322.0, -124.0, -60.5])
+TRUE_VELOCITY = np.array([3.5, -4.25, -0.5])
+ROLL, PITCH, YAW = 0.2, -0.1, -2.0
+FIX = GnssFix(11_600_000_000, np.array([320.0, -122.0, -63.0]), VELOCITY, 0.7, 1.9, 0.12, 14)
+HOME_NED = np.array([5.0, 6.0, -7.0])
+
+SNAPSHOT = Snapshot(
+    t_ns=12_345_000_000,
+    belief=Kinematics(
+        12_345_000_000,
+        POSITION,
+        VELOCITY,
+        np.array(quaternion_from_euler(ROLL, PITCH, YAW)),
+        RATES,
+    ),
+    position=FRAME.to_geodetic(POSITION),
+    truth=Kinematics(
+        12_345_000_000, TRUE_POSITION, TRUE_VELOCITY, np.array([0.5, 0.5, 0.5, 0.5]), RATES
+    ),
+    true_position=FRAME.to_geodetic(TRUE_POSITION),
+    origin=HOME,
+    home=FRAME.to_geodetic(HOME_NED),
+    home_ned_m=HOME_NED,
+    gnss=FIX,
+    gnss_position=FRAME.to_geodetic(FIX.pos_ned_m),
+    battery=BatteryState(15.87, 11.25, 1234.0, 0.61),
+    battery_low=False,
+    battery_critical=False,
+    custom_mode=67371008,
+    armed=True,
+    system_state=SystemState.ACTIVE,
+    landed_state=LandedState.IN_AIR,
+    sensors_present=Sensor.GYRO,
+    sensors_healthy=Sensor.GYRO,
+    armed_t_ns=1_500_000_000,
+    flights=3,
+)
+COURSE_DEG = math.degrees(math.atan2(VELOCITY[1], VELOCITY[0])) % 360
+YAW_DEG = math.degrees(YAW) % 360
+# What every unit of the tables is in SI units, degrees or fractions.
+UNITS = {
+    "degE7": 1e-7, "mm": 1e-3, "m": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "m/s": 1.0,
+    "cdeg": 1e-2, "deg": 1.0, "rad": 1.0, "rad/s": 1.0, "us": 1e-6, "ms": 1e-3,
+    "mV": 1e-3, "cA": 1e-2, "%": 1e-2, "d%": 1e-3, "c%": 1e-4, "mAh": 1.0,
+}  # fmt: skip
+_ALT = SNAPSHOT.position.alt_msl_m
+_TRUE_ALT = SNAPSHOT.true_position.alt_msl_m
+_GNSS = SNAPSHOT.gnss_position
+assert _GNSS is not None
+T = 12.345
+# The physical value of every field that has a unit and that the vehicle knows.
+EXPECTED: dict[str, dict[str, float]] = {
+    "SYS_STATUS": {
+        "voltage_battery": 15.87, "current_battery": 11.25, "battery_remaining": 0.61,
+        "load": 0.0, "drop_rate_comm": 0.0,
+    },
+    "SYSTEM_TIME": {"time_boot_ms": T, "time_unix_usec": 0.0},
+    "GPS_RAW_INT": {
+        "time_usec": 11.6, "lat": _GNSS.lat_deg, "lon": _GNSS.lon_deg, "alt": _GNSS.alt_msl_m,
+        "alt_ellipsoid": _GNSS.alt_msl_m, "vel": math.hypot(3.21, 4.56), "cog": COURSE_DEG,
+        "h_acc": 0.7, "v_acc": 1.9, "vel_acc": 0.12,
+    },
+    "ATTITUDE": {
+        "time_boot_ms": T, "roll": ROLL, "pitch": PITCH, "yaw": YAW,
+        "rollspeed": 0.11, "pitchspeed": -0.22, "yawspeed": 0.33,
+    },
+    "ATTITUDE_QUATERNION": {
+        "time_boot_ms": T, "rollspeed": 0.11, "pitchspeed": -0.22, "yawspeed": 0.33,
+    },
+    "LOCAL_POSITION_NED": {
+        "time_boot_ms": T, "x": 321.5, "y": -123.25, "z": -61.75,
+        "vx": 3.21, "vy": -4.56, "vz": -0.78,
+    },
+    "GLOBAL_POSITION_INT": {
+        "time_boot_ms": T, "lat": SNAPSHOT.position.lat_deg, "lon": SNAPSHOT.position.lon_deg,
+        "alt": _ALT, "relative_alt": _ALT - SNAPSHOT.home.alt_msl_m,
+        "vx": 3.21, "vy": -4.56, "vz": -0.78, "hdg": YAW_DEG,
+    },
+    "VFR_HUD": {
+        "airspeed": 0.0, "groundspeed": math.hypot(3.21, 4.56), "heading": round(YAW_DEG),
+        "throttle": 0.0, "alt": _ALT, "climb": 0.78,
+    },
+    "ALTITUDE": {
+        "time_usec": T, "altitude_monotonic": _ALT, "altitude_amsl": _ALT,
+        "altitude_local": 61.75, "altitude_relative": _ALT - SNAPSHOT.home.alt_msl_m,
+    },
+    "HOME_POSITION": {
+        "latitude": SNAPSHOT.home.lat_deg, "longitude": SNAPSHOT.home.lon_deg,
+        "altitude": SNAPSHOT.home.alt_msl_m, "x": 5.0, "y": 6.0, "z": -7.0, "time_usec": T,
+    },
+    "GPS_GLOBAL_ORIGIN": {
+        "latitude": HOME.lat_deg, "longitude": HOME.lon_deg, "altitude": HOME.alt_msl_m,
+        "time_usec": T,
+    },
+    "BATTERY_STATUS": {
+        "current_battery": 11.25, "current_consumed": 1234.0, "battery_remaining": 0.61,
+    },
+    "FLIGHT_INFORMATION": {"time_boot_ms": T, "arming_time_utc": 1.5},
+    "HIL_STATE_QUATERNION": {
+        "time_usec": T, "rollspeed": 0.11, "pitchspeed": -0.22, "yawspeed": 0.33,
+        "lat": SNAPSHOT.true_position.lat_deg, "lon": SNAPSHOT.true_position.lon_deg,
+        "alt": _TRUE_ALT, "vx": 3.5, "vy": -4.25, "vz": -0.5,
+    },
+}  # fmt: skip
+# Fields with a unit whose value is MAVLink's "unknown" or not given: nothing here measures them.
+UNKNOWN: dict[str, dict[str, Any]] = {
+    "GPS_RAW_INT": {"hdg_acc": 0, "yaw": 0},
+    "ALTITUDE": {"altitude_terrain": math.nan, "bottom_clearance": math.nan},
+    "HOME_POSITION": {"approach_x": math.nan, "approach_y": math.nan, "approach_z": math.nan},
+    "BATTERY_STATUS": {
+        "temperature": 32767, "energy_consumed": -1, "time_remaining": 0,
+        "voltages": [15870] + [65535] * 9, "voltages_ext": [0] * 4,
+    },
+    "FLIGHT_INFORMATION": {"takeoff_time_utc": 0, "landing_time": 0},
+    "HIL_STATE_QUATERNION": {
+        "ind_airspeed": 0, "true_airspeed": 0, "xacc": 0, "yacc": 0, "zacc": 0,
+    },
+}  # fmt: skip
+
+
+def over_the_wire(message: Any) -> Any:
+    sender = mav.MAVLink(None, srcSystem=1, srcComponent=1)
+    return mav.MAVLink(None).parse_buffer(message.pack(sender))[0]
+
+
+@pytest.mark.parametrize("kind", sorted(TELEMETRY), ids=lambda kind: kind.name)
+def test_every_field_is_in_the_unit_of_the_table(kind: Message) -> None:
+    message = over_the_wire(encode_telemetry(kind, SNAPSHOT))
+    expected = EXPECTED.get(kind.name, {})
+    unknown = UNKNOWN.get(kind.name, {})
+    assert set(message.fieldunits_by_name) == set(expected) | set(unknown)
+    for field, unit in message.fieldunits_by_name.items():
+        value = getattr(message, field)
+        if field in unknown:
+            assert value == pytest.approx(unknown[field], nan_ok=True), field
+            continue
+        scale = UNITS[unit]
+        # Half a step of an integer field, or single precision of a float one.
+        tolerance = max(0.5001 * scale if isinstance(value, int) else 0.0, 1e-6 * abs(value))
+        assert value * scale == pytest.approx(expected[field], abs=tolerance), field
+
+
+def test_fields_without_unit() -> None:
+    heartbeat = over_the_wire(encode_telemetry(Message.HEARTBEAT, SNAPSHOT))
+    assert (heartbeat.base_mode, heartbeat.custom_mode) == (157, 67371008)  # PX4 in a mission
+    attitude = over_the_wire(encode_telemetry(Message.ATTITUDE_QUATERNION, SNAPSHOT))
+    q = np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
+    np.testing.assert_allclose(q, SNAPSHOT.belief.q_frd_to_ned, atol=1e-7)
+    gnss = over_the_wire(encode_telemetry(Message.GPS_RAW_INT, SNAPSHOT))
+    assert (gnss.fix_type, gnss.eph, gnss.satellites_visible) == (3, 70, 14)
+    version = over_the_wire(encode_telemetry(Message.AUTOPILOT_VERSION, SNAPSHOT))
+    assert version.capabilities & mav.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+
+ITEM = m.MissionItem(
+    seq=4, command=16, frame=3, params=(1.5, 2.5, 0.0, math.nan), x=47.1234567, y=-8.7654321, z=61.5
+)
+
+
+def test_positions_of_items_are_degrees_inside_and_deg_e7_on_the_wire() -> None:
+    wire = Wire(1, 1)
+    (frame,) = wire.frames(m.Envelope(ITEM, m.Peer(255, 190)))
+    sent = mav.MAVLink(None).parse_buffer(frame)[0]
+    assert (sent.x, sent.y, sent.z) == (471234567, -87654321, 61.5)
+    assert (sent.target_system, sent.target_component) == (255, 190)
+
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    back = mav.MAVLink_mission_item_int_message(
+        1, 1, 4, 3, 16, 0, 1, 1.5, 2.5, 0.0, math.nan, 471234567, -87654321, 61.5, 0
+    )
+    ((peer, item),) = wire.read(back.pack(station))
+    assert peer == m.Peer(255, 190)
+    assert isinstance(item, m.MissionItem)
+    assert (item.x, item.y) == pytest.approx((ITEM.x, ITEM.y), abs=1e-12)
+
+
+def test_command_int_scales_positions_only() -> None:
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    wire = Wire(1, 1)
+    for number, expected in (
+        (mav.MAV_CMD_DO_REPOSITION, 12.5),
+        (mav.MAV_CMD_REQUEST_MESSAGE, 125e6),
+    ):
+        order = mav.MAVLink_command_int_message(1, 1, 6, number, 0, 0, 0, 0, 0, 0, 125000000, 1, 2)
+        ((_, body),) = wire.read(order.pack(station))
+        assert isinstance(body, m.CommandOrder)
+        assert body.params[4] == pytest.approx(expected)
+
+
+def test_nobody_elses_messages_are_read() -> None:
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    wire = Wire(1, 1)
+    other_vehicle = mav.MAVLink_mission_request_list_message(2, 1, 0)
+    camera = mav.MAVLink_mission_request_list_message(1, 100, 0)
+    everybody = mav.MAVLink_mission_request_list_message(0, 0, 0)
+    assert wire.read(other_vehicle.pack(station)) == []
+    assert wire.read(camera.pack(station)) == []
+    assert len(wire.read(everybody.pack(station))) == 1
+
+
+def test_damaged_datagrams_do_not_harm_the_next() -> None:
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    wire = Wire(1, 1)
+    good = bytes(mav.MAVLink_mission_request_list_message(1, 1, 0).pack(station))
+    damaged = bytearray(good)
+    damaged[10] ^= 0xFF
+    # A lone start byte announces a frame of up to 280 bytes, which never comes.
+    for noise in (b"\xfd", b"\xfd\xff", good[:9], bytes(damaged), b"noise", b"\xfe\x00"):
+        assert wire.read(noise) == []
+        assert len(wire.read(good + good)) == 2
+
+
+def test_streams_go_on_and_do_not_mix() -> None:
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    wire = Wire(1, 1)
+    frame = bytes(mav.MAVLink_mission_request_list_message(1, 1, 0).pack(station))
+    assert wire.read(frame[:9], "a") == []
+    assert len(wire.read(frame, "b")) == 1
+    assert len(wire.read(frame[9:], "a")) == 1
+
+
+def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
+    wire = Wire(1, 1)
+    for length in (1, 50, 51, 100, 120):
+        text = "".join(chr(97 + i % 26) for i in range(length))
+        frames = wire.frames(m.Envelope(m.StatusText(enums.Severity.INFO, text)))
+        heard = [mav.MAVLink(None).parse_buffer(frame)[0] for frame in frames]
+        assert "".join(chunk.text for chunk in heard) == text
+        assert [chunk.chunk_seq for chunk in heard] == list(range(len(heard)))
+        assert len({chunk.id for chunk in heard}) == 1
+        assert (heard[0].id == 0) == (length <= 50)
+        assert len(heard) == 1 or len(heard[-1].text) < 50

@@ -1,0 +1,251 @@
+"""Flight logs and parameters as files: the log protocol and MAVLink FTP, MAVSDK as a client."""
+
+import asyncio
+import os
+import random
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mavsdk.asyncio.plugins.ftp import FtpAsync
+from mavsdk.asyncio.plugins.log_files import LogFilesAsync, LogFilesError
+from mavsdk.plugins.ftp import FtpResult
+from mavsdk.plugins.log_files import LogFilesResult
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk, of, the
+from sitl_mavsdk import HOME, over_raw, until
+
+from flightdyn.random import RandomStreams
+from sitl.autopilot.protocol.ftp import Fault, Op
+from sitl.config import VehicleConfig
+from sitl.logfolder import DiskLogs
+from sitl.vehicle import Vehicle
+
+SIZES = (0, 89, 90, 91, 90 * 60, 40_000)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Logs of awkward sizes, an older one last by name, and one that is being written."""
+    for number, size in enumerate(SIZES):
+        path = tmp_path / f"flight-{number:04d}.mcap"
+        path.write_bytes(random.Random(number).randbytes(size))
+        os.utime(path, (1_700_000_000 + number, 1_700_000_000 + number))
+    (tmp_path / "flight-9999.mcap").write_bytes(b"not yet")
+    (tmp_path / "notes.txt").write_text("none of the vehicle's")
+    return tmp_path
+
+
+def disk(folder: Path) -> DiskLogs:
+    return DiskLogs(folder, being_written=lambda: folder / "flight-9999.mcap")
+
+
+def bytes_of(folder: Path, number: int) -> bytes:
+    return (folder / f"flight-{number:04d}.mcap").read_bytes()
+
+
+class Files(Desk):
+    """A desk that asks for files."""
+
+    def __init__(self, folder: Path | None) -> None:
+        super().__init__(logs=None if folder is None else disk(folder))
+        self._number = 0
+
+    def entries(self, first: int = 0, last: int = 0xFFFF) -> list[Any]:
+        return of(self.send(mav.MAVLink_log_request_list_message(1, 1, first, last)), "LOG_ENTRY")
+
+    def download(self, log: int, offset: int = 0, count: int = 2**32 - 1) -> bytes:
+        heard = self.send(mav.MAVLink_log_request_data_message(1, 1, log, offset, count))
+        while not (parts := of(heard, "LOG_DATA")) or (
+            parts[-1].count == 90 and sum(part.count for part in parts) < count
+        ):
+            heard += self.pass_wall_time(0.01, step=0.01)
+        assert [part.ofs for part in parts] == [offset + 90 * i for i in range(len(parts))]
+        return b"".join(bytes(part.data[: part.count]) for part in parts)
+
+    def ftp(
+        self,
+        op: int,
+        data: bytes = b"",
+        *,
+        session: int = 0,
+        offset: int = 0,
+        size: int | None = None,
+    ) -> tuple[int, int, bytes]:
+        """Opcode, session and data of the answer."""
+        self._number += 1
+        length = len(data) if size is None else size
+        head = struct.pack("<HBBBBBxI", self._number, session, op, length, 0, 0, offset)
+        payload = (head + data).ljust(251, b"\0")
+        heard = self.send(mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(payload)))
+        answer = bytes(the(heard, "FILE_TRANSFER_PROTOCOL").payload)
+        number, session, code, size, asked, _, _ = struct.unpack_from("<HBBBBBxI", answer)
+        assert (number, asked) == (self._number + 1, op)
+        return code, session, answer[12 : 12 + size]
+
+    def refused(self, op: int, data: bytes = b"", **more: int) -> Fault:
+        code, _, answer = self.ftp(op, data, **more)
+        assert code == Op.NAK
+        return Fault(answer[0])
+
+
+def test_logs_are_listed_with_size_and_time(folder: Path) -> None:
+    entries = Files(folder).entries()
+    assert [(e.id, e.num_logs, e.last_log_num, e.size) for e in entries] == [
+        (i, len(SIZES), len(SIZES) - 1, size) for i, size in enumerate(SIZES)
+    ]
+    assert entries[2].time_utc == 1_700_000_002
+    assert [e.id for e in Files(folder).entries(2, 3)] == [2, 3]
+
+
+def test_an_empty_list_is_an_answer() -> None:
+    (entry,) = Files(None).entries()
+    assert (entry.id, entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0, 0)
+    assert Files(None).download(0) == b""
+
+
+@pytest.mark.parametrize("log", range(len(SIZES)))
+def test_a_log_arrives_whole_and_in_parts(folder: Path, log: int) -> None:
+    desk, whole = Files(folder), bytes_of(folder, log)
+    assert desk.download(log) == whole
+    assert desk.download(log, 90, 180) == whole[90:270]
+    assert desk.download(log, len(whole) + 7, 90) == b""
+    assert not of(desk.pass_wall_time(1.0), "LOG_DATA")
+
+
+def test_a_download_is_ended_or_replaced_by_another(folder: Path) -> None:
+    desk = Files(folder)
+    desk.send(mav.MAVLink_log_request_data_message(1, 1, 5, 0, 40_000))
+    desk.send(mav.MAVLink_log_request_end_message(1, 1))
+    assert not of(desk.pass_wall_time(1.0), "LOG_DATA")
+    desk.send(mav.MAVLink_log_request_data_message(1, 1, 5, 0, 40_000))
+    assert desk.download(1) == bytes_of(folder, 1)
+    assert not of(desk.pass_wall_time(1.0), "LOG_DATA")
+    assert desk.download(77) == b""  # there is none
+
+
+def test_logs_are_erased_but_not_in_flight(folder: Path) -> None:
+    desk = Files(folder)
+    desk.take_off()
+    desk.send(mav.MAVLink_log_erase_message(1, 1))
+    assert "Logs are not erased while armed" in desk.texts()
+    assert len(desk.entries()) == len(SIZES)
+    desk = Files(folder)
+    desk.send(mav.MAVLink_log_erase_message(1, 1))
+    assert desk.entries()[0].num_logs == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["flight-9999.mcap", "notes.txt"]
+
+
+@pytest.mark.parametrize("path", ["/log", "/log/", "/fs/microsd/log"])
+def test_ftp_lists_the_logs(folder: Path, path: str) -> None:
+    desk, seen = Files(folder), b""
+    code, _, data = desk.ftp(Op.LIST_DIRECTORY, path.encode())
+    while code == Op.ACK:
+        assert len(data) <= 239
+        seen += data
+        code, _, data = desk.ftp(Op.LIST_DIRECTORY, path.encode(), offset=seen.count(b"\0"))
+    assert (code, data) == (Op.NAK, bytes((Fault.END_OF_FILE,)))
+    names = [f"Fflight-{i:04d}.mcap\t{size}" for i, size in enumerate(SIZES)]
+    assert seen.decode().split("\0")[:-1] == names
+
+
+def test_ftp_reads_a_log_and_its_checksum(folder: Path) -> None:
+    desk, whole, path = Files(folder), bytes_of(folder, 5), b"/log/flight-0005.mcap"
+    code, session, size = desk.ftp(Op.OPEN_FILE_RO, path)
+    assert (code, size) == (Op.ACK, struct.pack("<I", len(whole)))
+    assert desk.ftp(Op.READ_FILE, session=session, offset=239, size=100)[2] == whole[239:339]
+    assert desk.ftp(Op.READ_FILE, session=session, offset=39_990, size=239)[2] == whole[39_990:]
+    assert desk.refused(Op.READ_FILE, session=session, offset=40_000, size=9) is Fault.END_OF_FILE
+    assert desk.ftp(Op.TERMINATE_SESSION, session=session)[0] == Op.ACK
+    assert desk.refused(Op.READ_FILE, session=session, size=9) is Fault.INVALID_SESSION
+    checksum = zlib.crc32(whole, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert desk.ftp(Op.CALC_FILE_CRC32, path)[2] == struct.pack("<I", checksum)
+
+
+@pytest.mark.parametrize(
+    ("op", "data", "fault"),
+    [
+        (Op.LIST_DIRECTORY, b"/nowhere", Fault.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/log/none.mcap", Fault.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/log/../notes.txt", Fault.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/etc/extras/px4_io-v2_default.bin", Fault.FILE_NOT_FOUND),
+        (Op.CALC_FILE_CRC32, b"/log/notes.txt", Fault.FILE_NOT_FOUND),
+        (Op.CREATE_FILE, b"/log/new", Fault.FILE_PROTECTED),
+        (Op.REMOVE_FILE, b"/log/flight-0001.mcap", Fault.FILE_PROTECTED),
+        (Op.RENAME, b"/log/a\0/log/b", Fault.FILE_PROTECTED),
+        (Op.READ_FILE, b"", Fault.INVALID_SESSION),
+        (Op.BURST_READ_FILE, b"", Fault.INVALID_SESSION),
+        (77, b"", Fault.UNKNOWN_COMMAND),
+    ],
+)
+def test_what_is_not_there_or_not_allowed_is_ftps_own_error(
+    folder: Path, op: int, data: bytes, fault: Fault
+) -> None:
+    assert Files(folder).refused(op, data, session=3) is fault
+
+
+def test_ftp_bounds_what_it_is_told(folder: Path) -> None:
+    desk = Files(folder)
+    assert desk.refused(Op.LIST_DIRECTORY, b"/log", size=255) is Fault.INVALID_DATA_SIZE
+    for _ in range(8):
+        assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
+    assert desk.refused(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap") is Fault.NO_SESSIONS
+    assert desk.ftp(Op.RESET_SESSIONS)[0] == Op.ACK
+    assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
+
+
+def test_a_request_whose_answer_was_lost_is_answered_again(folder: Path) -> None:
+    desk = Files(folder)
+    code, session, _ = desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")
+    desk._number -= 1
+    assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[:2] == (code, session)
+
+
+def test_parameters_come_as_one_pack() -> None:
+    """Read as MAVProxy reads it."""
+    desk = Files(None)
+    _, session, size = desk.ftp(Op.OPEN_FILE_RO, b"@PARAM/param.pck?withdefaults=1")
+    pack = b""
+    while len(pack) < struct.unpack("<I", size)[0]:
+        pack += desk.ftp(Op.READ_FILE, session=session, offset=len(pack), size=239)[2]
+    magic, count, total = struct.unpack_from("<HHH", pack)
+    values, at, last = {}, 6, b""
+    for _ in range(count):
+        kind, lengths = pack[at], pack[at + 1]
+        name = last[: lengths & 15] + pack[at + 2 : at + 2 + (lengths >> 4) + 1]
+        at += 2 + (lengths >> 4) + 1
+        (values[name.decode()],) = struct.unpack_from({3: "<i", 4: "<f"}[kind], pack, at)
+        at, last = at + 4, name
+    parameters = desk.vehicle.autopilot.parameters.as_dict()
+    assert (magic, total, at) == (0x671B, len(parameters), len(pack))
+    assert values == pytest.approx(parameters)
+
+
+async def read_by_mavsdk(vehicle: Vehicle, folder: Path, into: Path) -> None:
+    async with over_raw(vehicle) as system:
+        logs = LogFilesAsync(system)
+        entries = await logs.get_entries()
+        assert [entry.size_bytes for entry in entries] == list(SIZES)
+        async for result, _ in logs.download_log_file(entries[5], str(into / "log.mcap")):
+            assert result in (LogFilesResult.NEXT, LogFilesResult.SUCCESS)
+        assert (into / "log.mcap").read_bytes() == bytes_of(folder, 5)
+        ftp = FtpAsync(system)
+        for burst in (False, True):
+            async for result, _ in ftp.download("/log/flight-0004.mcap", str(into), burst):
+                assert result in (FtpResult.NEXT, FtpResult.SUCCESS)
+            fetched = into / "flight-0004.mcap"
+            assert fetched.read_bytes() == bytes_of(folder, 4)
+            fetched.unlink()
+        listed = await ftp.list_directory("/log")
+        assert len(listed.entries) == len(SIZES)
+        await logs.erase_all_log_files()
+        await until(lambda: not disk(folder).logs())
+        with pytest.raises(LogFilesError):
+            await logs.get_entries()
+
+
+def test_mavsdk_lists_downloads_and_erases(folder: Path, tmp_path_factory: Any) -> None:
+    vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk(folder))
+    asyncio.run(read_by_mavsdk(vehicle, folder, tmp_path_factory.mktemp("fetched")))
