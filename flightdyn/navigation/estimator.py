@@ -138,7 +138,7 @@ class Estimator:
         self._increments = Increments(most)
         self._from_horizon = Strapdown(earth, most=most)
         self.to_now = Strapdown(earth, most=most)
-        self._ahead = Strapdown(earth, most=1)
+        self._few, self._ahead = Increments(1), Strapdown(earth, most=1)
         self._take_over()
         self._t_ns = t_ns
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
@@ -202,7 +202,8 @@ class Estimator:
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
         """The state after a few samples more."""
-        few = Increments(1)
+        few = self._few
+        few.drop(few.count)
         few.add(samples, dt_s=dt_s)
         ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
         ahead.place(p, v, q)

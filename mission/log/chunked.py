@@ -17,7 +17,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -31,9 +30,13 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, two times; data follows
+_OPCODE = int(Opcode.MESSAGE)
 _MESSAGE_REST = _MESSAGE.size - 9  # of it within the length
 _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _CHUNK = struct.Struct("<BQQQQII4sQ")  # opcode, length, times, size, checksum, "zstd", length
+_OFFSET = struct.Struct("<HQ")  # of a channel's index in the file
+_CHUNK_INDEX = struct.Struct("<BQQQQQI")  # opcode, length, times, place, length; offsets follow
+_CHUNK_INDEX_TAIL = struct.Struct("<QI4sQQ")  # length of the indexes, "zstd", both sizes
 _IN_MEMORY = 1 << 16  # bytes of the index of chunks: four minutes of flight
 
 
@@ -86,17 +89,18 @@ class ChunkedWriter:
         """Append a message; times in ns."""
         entries = self._entries.get(channel)
         if entries is None:
+            if not self._entries:
+                self._start_ns = self._end_ns = log_time
             entries = self._entries[channel] = []
         entries += (log_time, self._size)
-        if len(self._entries) == 1 and len(entries) == 2:
-            self._start_ns = self._end_ns = log_time
-        elif log_time > self._end_ns:
+        if log_time > self._end_ns:
             self._end_ns = log_time
         elif log_time < self._start_ns:
             self._start_ns = log_time
         length = len(data) + _MESSAGE_REST
-        self._add(_MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, log_time, publish_time))
-        self._add(data)
+        head = _MESSAGE.pack(_OPCODE, length, channel, sequence, log_time, publish_time)
+        self._parts += (head, data)
+        self._size += length + 9
         if self._size > self._chunk_bytes:
             self._end_chunk()
 
@@ -181,22 +185,22 @@ class ChunkedWriter:
             Opcode.CHUNK, length, *times, len(plain), zlib.crc32(plain), 4, b"zstd", len(packed)
         )
         self._write(head + packed)
-        offsets, indexes, after = {}, [], self._at
+        offsets, indexes, after = [], [], self._at
         for channel, entries in self._entries.items():
-            offsets[channel] = after
-            size = 8 * len(entries)
-            head = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size)
-            indexes.append(head + struct.pack(f"<{len(entries)}Q", *entries))
+            offsets.append(_OFFSET.pack(channel, after))
+            count = len(entries)
+            head = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * count, channel, 8 * count)
+            indexes.append(head + struct.pack(f"<{count}Q", *entries))
             after += len(indexes[-1])
-            self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
+            self._counts[channel] = self._counts.get(channel, 0) + count // 2
+        tail = _CHUNK_INDEX_TAIL.pack(after - self._at, 4, b"zstd", len(packed), len(plain))
         self._write(b"".join(indexes))
-        index = ChunkIndex(
-            message_start_time=times[0], message_end_time=times[1], chunk_start_offset=start,
-            chunk_length=9 + length, message_index_offsets=offsets,
-            message_index_length=sum(map(len, indexes)), compression="zstd",
-            compressed_size=len(packed), uncompressed_size=len(plain),
-        )  # fmt: skip
-        self._index.write(_bytes(index))
+        index = b"".join(offsets)
+        size = _CHUNK_INDEX.size - 9 + len(index) + len(tail)
+        head = _CHUNK_INDEX.pack(
+            Opcode.CHUNK_INDEX, size, *times, start, 9 + length, len(index)
+        )
+        self._index.write(head + index + tail)
         self._first_ns = min(times[0], self._first_ns) if self._chunks else times[0]
         self._last_ns = max(times[1], self._last_ns)
         self._chunks += 1
