@@ -19,8 +19,7 @@ class GeodeticPoint:
     alt_msl_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Kinematics:
+class Kinematics(NamedTuple):
     """Where a body is and how it moves: the truth, or what the estimator believes."""
 
     t_ns: int
@@ -42,8 +41,7 @@ class Kinematics:
         return -float(self.pos_ned_m[2])
 
 
-@dataclass(frozen=True, slots=True)
-class GnssFix:
+class GnssFix(NamedTuple):
     """One receiver solution, stamped with the instant that it describes (not its arrival)."""
 
     t_ns: int
@@ -76,8 +74,7 @@ class Innovation(NamedTuple):
         return math.sqrt(max(self.nis, 0.0) / self.gate)
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryState:
+class BatteryState(NamedTuple):
     voltage_v: float
     current_a: float
     consumed_mah: float

@@ -79,6 +79,9 @@ class Biases(NamedTuple):
     baro: float = 0.0
 
 
+_ONES = [np.eye(rows) for rows in range(9)]
+
+
 class _Model(NamedTuple):
     """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
 
@@ -90,7 +93,7 @@ class _Model(NamedTuple):
 
 def _inverse(matrix: Vector) -> Vector:
     """What numpy computes, without the quarter of an update that its checks take."""
-    _, _, inverse, singular = dgesv(matrix, np.eye(len(matrix)))
+    _, _, inverse, singular = dgesv(matrix, _ONES[len(matrix)])
     if singular:
         raise np.linalg.LinAlgError("singular innovation covariance")
     return np.asarray(inverse)
@@ -213,6 +216,8 @@ class Estimator:
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        if not self.innovations or self.innovations[-1].t_ns <= t_ns:
+            return ()
         found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
         return found[::-1]
 

@@ -130,6 +130,10 @@ class ChunkedWriter:
 
     def finish(self) -> None:
         """Write what stands at the end: definitions, statistics, indexes."""
+        with self._index:
+            self._finish()
+
+    def _finish(self) -> None:
         self._end_chunk()
         self._write(_bytes(DataEnd(self._crc)))
         start, self._crc = self._at, 0
@@ -162,7 +166,6 @@ class ChunkedWriter:
             summary_crc=zlib.crc32(head, self._crc),
         )
         self._write(_bytes(footer) + MCAP0_MAGIC)
-        self._index.close()
 
     def _add(self, part: bytes) -> None:
         """Append to the chunk in progress."""
@@ -197,9 +200,7 @@ class ChunkedWriter:
         self._write(b"".join(indexes))
         index = b"".join(offsets)
         size = _CHUNK_INDEX.size - 9 + len(index) + len(tail)
-        head = _CHUNK_INDEX.pack(
-            Opcode.CHUNK_INDEX, size, *times, start, 9 + length, len(index)
-        )
+        head = _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, size, *times, start, 9 + length, len(index))
         self._index.write(head + index + tail)
         self._first_ns = min(times[0], self._first_ns) if self._chunks else times[0]
         self._last_ns = max(times[1], self._last_ns)

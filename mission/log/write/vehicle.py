@@ -55,19 +55,16 @@ class VehicleTopics:
         taken, self._taken = self._taken, []
         if not taken:
             return
-        t_ns = np.array([sample.t_ns for sample in taken])
-        true = messages.places(self._area, [sample.truth for sample in taken])
-        est = messages.places(self._area, [sample.belief for sample in taken])
+        count = len(taken)
+        t_ns = np.array([sample.t_ns for sample in taken] * 2)
+        states = [sample.truth for sample in taken] + [sample.belief for sample in taken]
+        places = messages.places(self._area, states)
+        poses = messages.POSE.fill(t_ns, places)
+        transforms = messages.TRANSFORM.fill(t_ns[:count], places[:count])
         fixes = [sample.gnss for sample in taken if sample.gnss is not None]
-        gnss = iter(messages.gnss(self._frame, fixes)) if fixes else iter(())
-        for sample, *poses in zip(
-            taken,
-            messages.TRANSFORM.fill(t_ns, true),
-            messages.POSE.fill(t_ns, true),
-            messages.POSE.fill(t_ns, est),
-            strict=True,
-        ):
-            self._write_poses(sample.t_ns, *poses)
+        gnss = iter(messages.gnss(self._frame, fixes) if fixes else ())
+        for i, sample in enumerate(taken):
+            self._write_poses(sample.t_ns, transforms[i], poses[i], poses[count + i])
             self._write_sample(sample, gnss)
 
     def event(self, event: VehicleEvent) -> None:

@@ -137,7 +137,7 @@ class Failsafes:
 
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
-        return cause in self._present
+        return bool(self._present) and cause in self._present
 
     @property
     def acting(self) -> bool:
@@ -146,7 +146,7 @@ class Failsafes:
 
     def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
         """Tell whether a cause is there now; acts on the change, which `detail` puts in words."""
-        if present == (cause in self._present):
+        if not (present or self._present) or present == (cause in self._present):
             return
         if not present:
             self._present.discard(cause)
