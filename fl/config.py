@@ -8,15 +8,16 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
-BUILT_IN_NETWORKS = ("lenet", "mcmahan")
+BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 
 Positive = Annotated[float, Field(gt=0.0)]
-Unheard = Literal["zero", "left-out"]
+Unheard = Literal["left-out", "zero"]
+Missed = Literal["lost-too", "unscheduled"]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
 
 
 class _Frozen(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class ChannelConfig(_Frozen):
@@ -69,6 +70,25 @@ class ChannelConfig(_Frozen):
         return replace(changed, tx_power_db=changed.tx_power_db + self.extra_gain_db)
 
 
+class ConvNetConfig(_Frozen):
+    """For network = 'convnet': blocks (convolution, 2x2 max-pooling, ReLU), then dense layers."""
+
+    channels: tuple[Annotated[int, Field(ge=1, le=512)], ...] = Field(
+        (16, 32),
+        min_length=0,
+        max_length=8,
+        description="feature maps after each block; its convolution keeps height and width, "
+        "its pooling halves them",
+    )
+    kernel: Literal[3, 5] = Field(3, description="width of the convolutions")
+    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(
+        (64,),
+        min_length=0,
+        max_length=7,
+        description="units of the dense layers between the blocks and the classes",
+    )
+
+
 class CommunityConfig(_Frozen):
     """Devices with one common task, and how its data are spread over them."""
 
@@ -95,8 +115,19 @@ class CommunityConfig(_Frozen):
     )
     network: str = Field(
         "lenet",
-        description="'lenet', 'mcmahan', or a torch module as 'package.module:callable'",
+        description="'lenet', 'mcmahan', 'convnet', or a torch module as 'package.module:callable'",
     )
+    convnet: ConvNetConfig | None = Field(
+        None, description="for network = 'convnet': how many layers, how large"
+    )
+
+    @model_validator(mode="after")
+    def _sizes_with_convnet_only(self) -> Self:
+        if (self.network == "convnet") != (self.convnet is not None):
+            raise ValueError(
+                "the table convnet belongs to network = 'convnet', which needs it; it may be empty"
+            )
+        return self
 
     @model_validator(mode="after")
     def _file_with_npz_only(self) -> Self:
@@ -138,17 +169,30 @@ class LearningConfig(_Frozen):
     importance_boost: float = Field(
         1.5, gt=1.0, le=100.0, description="lambda: factor on devices that missed a round"
     )
+    missed: Missed = Field(
+        "lost-too",
+        description="who missed a round, and gets the boost: the unscheduled and those whose "
+        "update was lost ('lost-too', the paper's text), or the 'unscheduled' (its equation)",
+    )
     cov_unheard: Unheard = Field(
-        "zero",
+        "left-out",
         description="what a device that was never heard is to the CoV of its community: "
-        "accuracy 'zero', or 'left-out' of it",
+        "'left-out' of it, or accuracy 'zero'",
     )
     cov_floor: Positive = Field(
-        0.001,
+        0.1,
         le=1.0,
         description="least CoV that importance sees, so that a fair community still counts",
     )
+    report_on: Literal["test", "validation"] = Field(
+        "test",
+        description="what reported accuracy is measured on: a 'test' part of the task's held-out "
+        "images, which importance never sees, or the 'validation' images that drive the CoV",
+    )
+    test_share: float = Field(
+        0.5, gt=0.0, lt=1.0, description="part of each class held out for report_on = 'test'"
+    )
     device: Literal["cpu", "cuda"] = Field(
         "cpu",
-        description="where networks train: the processor, or a GPU by way of torch",
+        description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )

@@ -14,17 +14,18 @@ from mission.base.user_code import is_import_path
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
-from sitl.errors import LinkError
-from sitl.links import UdpLink
 
 Length = Annotated[float, Field(gt=0, le=100_000)]
 Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
-class AreaConfig(BaseModel):
-    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
+class _Model(BaseModel):
+    # Deferred: a model within another is built with that one, once.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+
+class AreaConfig(_Model):
+    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
 
     size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
     home_m: tuple[Coordinate, Coordinate] = Field(
@@ -45,15 +46,18 @@ class AreaConfig(BaseModel):
 STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 
 
-class MissionConfig(BaseModel):
+class MissionConfig(_Model):
     """What is flown: the paper's symbols stand in the descriptions."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     strategy: str = Field(
         "cov",
         description="who is served where, round by round: one of cov, no_cov, barycenter, "
         "rectangular, ideal, or one of your own as 'package.module:factory'",
+    )
+    flight: Literal["flown", "none"] = Field(
+        "flown",
+        description="'none': nothing is flown, every waypoint is met exactly at the planned speed, "
+        "as in the paper; an hour of rounds takes seconds",
     )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
@@ -81,7 +85,9 @@ class MissionConfig(BaseModel):
         description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
         "battery and comes back to where it was, outside the rounds",
     )
-    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
+    hover_s: float = Field(
+        5.0, ge=1, le=600, description="barycenter, rectangular: hover of a round"
+    )
     hover_cost_m: float = Field(
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
     )
@@ -91,6 +97,13 @@ class MissionConfig(BaseModel):
         lt=0.5,
         description="rectangular: the tour's distance from the area's edge, "
         "as a fraction of its size",
+    )
+    tour_hover_points: int = Field(
+        0,
+        ge=0,
+        le=1000,
+        description="rectangular: 0: a round is the next L_max metres along the tour; else that "
+        "many points are spread over it, and a round flies to the next and hovers there hover_s",
     )
 
     @field_validator("strategy")
@@ -106,10 +119,8 @@ class MissionConfig(BaseModel):
         return strategy
 
 
-class LinkConfig(BaseModel):
+class LinkConfig(_Model):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["in_process", "udp", "external"] = Field(
         "in_process",
@@ -173,6 +184,10 @@ class LinkConfig(BaseModel):
     @field_validator("gcs")
     @classmethod
     def _udp(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
+        if urls:
+            # Imported here: asyncio is half of what reading a configuration takes.
+            from sitl.errors import LinkError
+            from sitl.links import UdpLink
         for url in urls:
             try:
                 UdpLink(url)
@@ -190,29 +205,39 @@ class LinkConfig(BaseModel):
         return self
 
 
-class RunConfig(BaseModel):
+class RunConfig(_Model):
     """Everything that a run depends on, apart from the data files."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(
         "run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"], description="names the run"
     )
     seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
-    area: AreaConfig = AreaConfig()
-    mission: MissionConfig = MissionConfig()
-    planner: PlannerConfig = PlannerConfig()
-    channel: ChannelConfig = ChannelConfig()
+    area: AreaConfig = Field(default_factory=AreaConfig)
+    mission: MissionConfig = Field(default_factory=MissionConfig)
+    planner: PlannerConfig = Field(default_factory=PlannerConfig)
+    channel: ChannelConfig = Field(default_factory=ChannelConfig)
     communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
-    learning: LearningConfig = LearningConfig()
-    vehicle: VehicleConfig = VehicleConfig()
-    link: LinkConfig = LinkConfig()
+    learning: LearningConfig = Field(default_factory=LearningConfig)
+    vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
+    link: LinkConfig = Field(default_factory=LinkConfig)
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:
         names = [community.name for community in self.communities]
         if len(set(names)) < len(names):
             raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_flyer(self) -> Self:
+        other = (
+            "link.kind = 'external'" if self.link.kind == "external"
+            else f"vehicle.autopilot = '{self.vehicle.autopilot}'"
+            if self.vehicle.autopilot != "built-in"
+            else None
+        )  # fmt: skip
+        if self.mission.flight == "none" and other is not None:
+            raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
         return self
 
     def to_toml(self) -> str:

@@ -161,7 +161,7 @@ ROUNDS = _json(
     scheduled=("integer", "devices scheduled"),
     delivered=("integer", "updates that arrived"),
     battery_remaining=("number", "0..1 of the capacity at the end"),
-    accuracy=("by_community", "validation accuracy 0..1 after the round"),
+    accuracy=("by_community", "accuracy 0..1 after the round, on the images to report on"),
     cov=("by_community", "fairness CoV psi in force for the next round"),
 )
 UPLINKS = _json(
@@ -190,10 +190,10 @@ UPLINKS = _json(
 LEARNING = _json(
     "/learning",
     "aerofed.Learning",
-    "What one community had learnt after a round",
-    round=("integer", "round, from 1"),
+    "Accuracy and fairness of one community after a round",
+    round=("integer", "round, from 1; 0: the untrained model"),
     community=("string", "name of the community"),
-    accuracy=("number", "validation accuracy 0..1"),
+    accuracy=("number", "accuracy 0..1 on the images that it is reported on"),
     cov=("number", "fairness CoV psi"),
     loss=("maybe", "mean local loss of the devices that trained; null where nobody did"),
 )
@@ -238,9 +238,9 @@ SENSORS: dict[str, str] = {
 INNOVATIONS = _json(
     "/innovations",
     "aerofed.Innovations",
-    "Measurements against the estimator's predictions of them, 1 Hz and all that were refused: "
-    "for each sensor `values` (measured less predicted), `stds` (expected of them), `ratio` (size "
-    "as a share of what is still believed) and `accepted`",
+    "Measurements against the estimator's predictions of them, once a second, and all that were "
+    "refused: for each sensor `values` (measured less predicted), `stds` (their expected standard "
+    "deviations), `ratio` (size divided by the largest that is accepted) and `accepted`",
     t_s=("number", "the instant that the estimator was at; behind the log's by its delay"),
     **{
         kind.replace(" ", "_"): ("innovation", f"{unit}; null where not measured then")

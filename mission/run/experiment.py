@@ -24,7 +24,7 @@ from mission.planner.problem import RoundProblem
 from mission.run.budget import Tally
 from mission.run.checkpoint import RoundMemory
 from mission.run.gate import slots, uplinks
-from mission.run.learning import learn
+from mission.run.learning import learn, recorded
 from mission.run.round_result import Recorder, RoundResult
 from mission.run.setup import World
 from mission.scenario.custom_strategies import Known, Weighing
@@ -66,6 +66,7 @@ class Experiment:
             FlightError, LinkLostError: see `Pilot`.
             PlanError: see the planner.
         """
+        self._untrained()
         if self.world.strategy is None:
             while not self.finished:
                 await self._ideal_round()
@@ -76,6 +77,12 @@ class Experiment:
             if not self._stage:
                 raise
             raise type(error)(f"{self._stage}, t {self.tally.sim_s:.1f} s: {error}") from error
+
+    def _untrained(self) -> None:
+        federation = self.world.federation
+        # A resumed run has the last round's models, and records the first ones again.
+        state = self.state if self.state.rounds == 0 else learning.init(federation)
+        self.recorder.learnt(0, recorded(federation, learning.untrained(federation, state)))
 
     async def _fly(self, strategy: Strategy) -> None:
         flyers = self.world.flyers

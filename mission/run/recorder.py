@@ -68,15 +68,19 @@ class FolderRecorder:
                 "area.home_m, mission.path_budget_m and the channel decide who is"
             )
         self.log.uplinks(result.uplinks)
-        self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        self.learnt(record.round, learnt)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
-        self.devices.extend(self._devices(record.round, learnt))
         self.rounds.append(record)
         if not result.remembered:
             SetAside(self.folder).discard()  # log and tables hold all that the old ones held
             self.checkpoint.save(self.world.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
+
+    def learnt(self, round_number: int, learnt: Learnt) -> None:
+        """Log and tabulate what the models know after a round; 0 is before the first."""
+        self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        self.devices.extend(self._devices(round_number, learnt))
 
     def phase(self, name: str) -> None:
         """Show the phase."""
@@ -96,9 +100,15 @@ class FolderRecorder:
         return sim / wall if wall > 0.0 else 0.0
 
     def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
-        each = zip(self.world.community_of, learnt.device_accuracy, learnt.device_loss, strict=True)
-        for device, (community, accuracy, loss) in enumerate(each):
-            yield DeviceRecord(round_number, device, community, accuracy, loss)
+        each = zip(
+            self.world.community_of,
+            learnt.device_accuracy,
+            learnt.received_accuracy,
+            learnt.device_loss,
+            strict=True,
+        )
+        for device, values in enumerate(each):
+            yield DeviceRecord(round_number, device, *values)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from fl.federation import rounds as learning
 from mission.base.console import Audience
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupted_files import SetAside
-from mission.base.interrupts import run_flight
+from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.loading import load_config
@@ -130,7 +130,10 @@ def _fly(
     summary = Summary(folder, world, remembered=len(ready.memory))
     summary.started()
     ending = Ending()
-    with _experiment(ready, audience, stopwatch, workers=workers) as experiment:
+    with (
+        one_interruption(),
+        _experiment(ready, audience, stopwatch, workers=workers) as experiment,
+    ):
         try:
             with ending.flight():
                 run_flight(experiment.run())

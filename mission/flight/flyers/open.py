@@ -20,6 +20,7 @@ from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
 from mission.flight.flyers.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
 from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Ground
@@ -208,6 +209,36 @@ class ExternalFlyers(Flyers):
         )
 
 
+@dataclass(frozen=True)
+class NoFlyers(Flyers):
+    """Nobody: the plan is met exactly."""
+
+    ground: Ground
+    position_source = PLANNED_POSITIONS
+    no_resume = ""
+
+    def check(self) -> None:
+        """Nothing is needed."""
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """Nobody is waited for."""
+
+    def fence(self) -> tuple[Zone, ...]:
+        """None."""
+        return ()
+
+    def open(
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,  # noqa: ARG002
+        tap: Tap | None,  # noqa: ARG002
+        say: Say,  # noqa: ARG002
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """What meets every waypoint."""
+        return open_unflown(self.ground.config.mission, area=self.ground.area, observers=observers)
+
+
 def flyers_for(ground: Ground) -> Flyers:
     """Who flies over the ground, as its configuration says.
 
@@ -215,6 +246,8 @@ def flyers_for(ground: Ground) -> Flyers:
         InputError: a setting of the vehicle is refused.
     """
     config = ground.config
+    if config.mission.flight == "none":
+        return NoFlyers(ground)
     if config.link.kind == "external":
         return ExternalFlyers(ground)
     home, streams = ground.area.home, ground.streams

@@ -8,6 +8,7 @@ import torch
 from devices import DEVICES
 from torch import nn
 
+from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.errors import NetworkError
 from fl.training.convnet import ConvNet
@@ -139,7 +140,7 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     counts = [
         network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
     ]
-    np.testing.assert_array_equal(*counts)
+    np.testing.assert_array_equal(counts[0], counts[1])
 
 
 @pytest.mark.parametrize(
@@ -181,13 +182,19 @@ def test_unknown_networks_are_refused(name: str) -> None:
         make_network(name, image_shape=SHAPE, classes=10)
 
 
+@pytest.mark.slow
 def test_images_too_small_for_the_built_in_networks() -> None:
     with pytest.raises(NetworkError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
+    three = ConvNetConfig(channels=(2, 2, 2))
+    with pytest.raises(NetworkError, match="3 blocks halve them to nothing, 8 x 8 is the least"):
+        make_network("convnet", convnet=three, image_shape=(8, 7, 1), classes=10)
+    make_network("convnet", convnet=three, image_shape=(8, 8, 1), classes=10)
     for size in range(4, 40):
         split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):
             net = make_network(name, image_shape=(size, size, 1), classes=10)
+            assert isinstance(net, ConvNet)
             plain = PlainNet(net)
             expected = tuple(tuple(value.shape) for value in plain.parameters())
             assert net.shapes == expected

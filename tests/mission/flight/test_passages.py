@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mission.flight.passages import passages
-from mission.flight.track import Flight
+from mission.flight.track import Flight, Passage
 
 S = 1_000_000_000
 
@@ -19,8 +19,8 @@ def stops(*points: tuple[float, float]) -> np.ndarray:
     return np.array([(x, y, -60.0) for x, y in points])
 
 
-def seconds(found: dict[int, object]) -> list[float]:
-    return [round(passage.t_ns / S, 6) for passage in found.values()]  # type: ignore[attr-defined]
+def seconds(found: dict[int, Passage]) -> list[float]:
+    return [round(passage.t_ns / S, 6) for passage in found.values()]
 
 
 def test_closest_approach_lies_between_the_samples() -> None:

@@ -40,3 +40,19 @@ def test_a_bug_is_raised_and_a_failure() -> None:
     with pytest.raises(ZeroDivisionError), ending.flight():
         raise ZeroDivisionError
     assert ending.summary == {"status": "failed"}
+
+
+@pytest.mark.parametrize(
+    ("end", "status"), [(None, "interrupted"), (FlightError("lost"), "failed")]
+)
+@pytest.mark.slow
+def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
+    end: FlightError | None, status: str
+) -> None:
+    ending = Ending()
+    with ending.flight():
+        if end is not None:
+            raise end
+    with ending.aftermath():
+        raise KeyboardInterrupt
+    assert ending.status == status
