@@ -83,7 +83,8 @@ def fly():
         carried.carry(increments, 0, increments.count)
         if increments.count == 3:
             increments.drop(3)
-            carried.place(tuple(memory.p), tuple(memory.v), tuple(carried.numbers[6:]))
+            (p, v), (w, x, y, z) = (memory.p, memory.v), carried.numbers[6:]
+            carried.place((p[0], p[1], p[2]), (v[0], v[1], v[2]), (w, x, y, z))
         flags, _ = guide.step(carried)
         digest.update(np.array([flags, *carried.numbers, *carried.gained]).tobytes())
         digest.update(bytes(memory))
