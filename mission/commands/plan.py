@@ -107,13 +107,10 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
 
 
 def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", ground: "Ground") -> None:
-    from mission.flight.flight_plan import FlightPlan, stops_of
+    from mission.flight.flight_plan import flight_of_round
     from mission.flight.plan_file_writing import write_round_plan
-    from mission.planner.flyable import acceptance_radius
 
-    mission = ground.config.mission
-    radius = acceptance_radius(entry.problem, made.plan, mission.acceptance_radius_m)
-    flight = FlightPlan(stops_of(made.plan), mission.altitude_m, mission.speed_mps, radius)
+    flight = flight_of_round(entry.problem, made.plan, hold_s=0.0, mission=ground.config.mission)
     write_round_plan(path, flight, ground.area)
 
 

@@ -11,7 +11,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import AreaConfig, RunConfig
 from mission.flight.fence import fence_of
-from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone

@@ -14,12 +14,11 @@ from fl.federation import rounds as learning
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import users_code
-from mission.flight.flight_plan import stops_of
-from mission.flight.flyers.flyer import Flyer, Tap
-from mission.flight.pilot.items import stop_sequence
+from mission.flight.flight_plan import flight_of_round
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Passage
 from mission.log.records import Learnt, RoundRecord, UplinkRecord
-from mission.planner.flyable import acceptance_radius
 from mission.planner.problem import RoundProblem
 from mission.run.budget import Tally
 from mission.run.checkpoint import RoundMemory
@@ -116,11 +115,8 @@ class Experiment:
             with self.stopwatch("plan"):
                 # In a thread, so that heartbeats go on; simulated time stands still.
                 sortie = await asyncio.to_thread(strategy.sortie, number - 1, problem)
-        flight_plan = flyer.flight_plan(
-            stops_of(sortie.plan, hold_s=sortie.hold_s),
-            acceptance_m=acceptance_radius(
-                problem, sortie.plan, world.config.mission.acceptance_radius_m
-            ),
+        flight_plan = flight_of_round(
+            problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission
         )
         if recalled is None:
             self._show("flying")
@@ -130,7 +126,7 @@ class Experiment:
             finally:  # whoever looks into a refused mission needs its plan
                 self.recorder.planned(flyer.t_ns, number, problem, sortie.plan, flight_plan)
             flight = await flyer.fly(flight_plan)
-        passages = slots(flight_plan, flight, seq_of_stop=stop_sequence(flight_plan))
+        passages = slots(flight_plan, flight)
         served = uplinks(
             number, problem, sortie.plan, passages,
             area=world.area, community_of=world.community_of,

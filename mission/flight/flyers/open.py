@@ -18,8 +18,13 @@ from mission.flight.fence import fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
-from mission.flight.flyers.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
-from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.simulated import (
+    SIMULATED_POSITIONS,
+    Tap,
+    open_simulated,
+    simulated_vehicle,
+)
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Ground

@@ -22,7 +22,7 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     """The stops as MAVLink items: the first stop, the speed of all legs, the other stops.
 
     The first stop is where the vehicle already is; the speed stands after it because autopilots
-    apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_sequence`.
+    apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_items`.
     """
     waypoints = [
         _item(
@@ -35,8 +35,8 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     return _numbered([waypoints[0], speed, *waypoints[1:]])
 
 
-def stop_sequence(plan: FlightPlan) -> list[int]:
-    """The number of every stop in `mission_items`."""
+def stop_items(plan: FlightPlan) -> list[int]:
+    """The number of every stop among the `mission_items`."""
     return [0, *range(2, len(plan.stops) + 1)]
 
 
