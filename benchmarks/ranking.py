@@ -29,8 +29,8 @@ from fl.federation import rounds as learning
 from fl.radio.uplink import deliver
 from mission.base.user_code import is_import_path
 from mission.planner.problem import RoundProblem
-from mission.run.budget import Tally
-from mission.run.setup import World, build_world
+from mission.run.budget import RunTotals
+from mission.scenario.scenario import Scenario, build_scenario
 from mission.scenario.strategies import Strategy
 from mission.sweep.execute.worker import ENVIRONMENT
 from mission.sweep.grid import SweepRun, make_grid, parse_axis
@@ -55,34 +55,37 @@ class Outing:
 
 
 def go_out(
-    world: World,
+    scenario: Scenario,
     strategy: Strategy,
     state: learning.FederationState,
-    tally: Tally,
+    totals: RunTotals,
     *,
     start_m: Floats,
 ) -> Outing:
     """Plan a round, and draw who gets through from where the plan wants the aircraft."""
-    mission = world.config.mission
+    mission = scenario.config.mission
     problem = RoundProblem(
-        devices_m=world.devices_m,
-        importance=learning.importance(world.federation, state, fairness=strategy.fairness),
+        devices_m=scenario.devices_m,
+        importance=learning.importance(scenario.federation, state, fairness=strategy.fairness),
         start_m=start_m,
         steps=mission.steps,
         per_step=mission.devices_per_step,
-        path_budget_m=min(mission.path_budget_m, tally.left_m(mission)),
-        channel=world.channel,
+        path_budget_m=min(mission.path_budget_m, totals.left_m(mission)),
+        channel=scenario.channel,
     )
-    sortie = strategy.sortie(tally.rounds_done, problem)
+    sortie = strategy.sortie(totals.rounds_done, problem)
     plan = sortie.plan
     scheduled: Bools = np.asarray(plan.schedule.any(axis=0))
     where = plan.waypoints_m[plan.schedule.argmax(axis=0)]
-    away = np.linalg.norm(where - world.devices_m, axis=1)
+    away = np.linalg.norm(where - scenario.devices_m, axis=1)
     arrivals = deliver(
-        world.channel, away,
-        height_m=np.full(len(away), mission.altitude_m), transmitted=scheduled,
-        rng=world.streams.generator(f"uplink/{tally.number}"), gate=world.config.channel.gate,
-    )  # fmt: skip
+        scenario.channel,
+        away,
+        height_m=np.full(len(away), mission.altitude_m),
+        transmitted=scheduled,
+        rng=scenario.streams.generator(f"uplink/{totals.next_round}"),
+        gate=scenario.config.channel.gate,
+    )
     cost = min(plan.path_m, problem.path_budget_m) if sortie.cost_m is None else sortie.cost_m
     return Outing(
         scheduled,
@@ -96,20 +99,20 @@ def go_out(
 
 def play(run: SweepRun, data_dir: Path | None) -> dict[str, Any]:
     """All rounds of one run: its row of `runs.csv`, and accuracy and CoV by round."""
-    world = build_world(run.config, data_dir=data_dir)
-    mission, federation, strategy = run.config.mission, world.federation, world.strategy
-    tally = Tally.of(len(world.devices_m))
-    everyone = np.ones(len(world.devices_m), dtype=np.bool_)
+    scenario = build_scenario(run.config, data_dir=data_dir)
+    mission, federation, strategy = run.config.mission, scenario.federation, scenario.strategy
+    totals = RunTotals.before(len(scenario.devices_m))
+    everyone = np.ones(len(scenario.devices_m), dtype=np.bool_)
     state, learnt = learning.init(federation), []
-    start_m = np.array(world.area.home_m, dtype=np.float64)
+    start_m = np.array(scenario.area.home_m, dtype=np.float64)
     if strategy is not None and strategy.approach_m is not None:
         start_m = strategy.approach_m
     outings: list[Outing] = []
-    while not tally.is_over(mission):
+    while not totals.is_over(mission):
         outing = (
             Outing(everyone, everyone, np.zeros(0), start_m, 0.0, mission.path_budget_m)
             if strategy is None
-            else go_out(world, strategy, state, tally, start_m=start_m)
+            else go_out(scenario, strategy, state, totals, start_m=start_m)
         )
         state, lesson = learning.play_round(
             federation, state, scheduled=outing.scheduled, delivered=outing.delivered
@@ -117,8 +120,8 @@ def play(run: SweepRun, data_dir: Path | None) -> dict[str, Any]:
         outings.append(outing)
         learnt.append({"accuracy": lesson.accuracy, "cov": lesson.cov})
         start_m = outing.end_m
-        tally.rounds_done += 1
-        tally.budget_used_m += outing.cost_m
+        totals.rounds_done += 1
+        totals.budget_used_m += outing.cost_m
     arrived = np.sum([outing.delivered for outing in outings], axis=0)
     per = np.concatenate([outing.per for outing in outings])
     summary: Row = {

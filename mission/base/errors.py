@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Self
 
 INTERRUPTED = 130
 
@@ -25,10 +26,10 @@ class AerofedError(Exception):
 
     exit_code = 1
 
-    def in_words(self, text: str) -> "AerofedError":
-        """An error that ends a run with the same exit code, in other words."""
-        other = AerofedError(text)
-        other.exit_code = self.exit_code
+    def in_words(self, text: str) -> Self:
+        """The same error in other words."""
+        other = self.__new__(type(self), text)
+        vars(other).update(vars(self))
         return other
 
 

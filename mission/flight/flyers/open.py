@@ -27,7 +27,7 @@ from mission.flight.flyers.simulated import (
 )
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
-from mission.scenario.scenario import Ground
+from mission.scenario.scenario import Scenario
 from sitl.errors import SitlInputError
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
@@ -80,21 +80,21 @@ class Flyers(Protocol):
 class BuiltInFlyers(Flyers):
     """Our own autopilot on the simulated aircraft. A run flies it once."""
 
-    ground: Ground
+    scenario: Scenario
     vehicle: Vehicle  # on the ground at home
     position_source = SIMULATED_POSITIONS
     no_resume = ""
 
     def check(self) -> None:
         """Refuse ports that are taken."""
-        check_link(self.ground.config.link)
+        check_link(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
         """It is always there."""
 
     def fence(self) -> tuple[Zone, ...]:
         """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-        return fence_of((), self.vehicle.autopilot.parameters, self.ground.area)
+        return fence_of((), self.vehicle.autopilot.parameters, self.scenario.area)
 
     def open(
         self,
@@ -105,9 +105,9 @@ class BuiltInFlyers(Flyers):
         say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
         """The simulated vehicle."""
-        ground = self.ground
+        scenario = self.scenario
         return open_simulated(
-            ground.config, self.vehicle, area=ground.area, observers=observers, tap=tap
+            scenario.config, self.vehicle, area=scenario.area, observers=observers, tap=tap
         )
 
 
@@ -115,24 +115,24 @@ class BuiltInFlyers(Flyers):
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
 
-    ground: Ground
+    scenario: Scenario
     plant: Plant  # on the ground at home
 
     @property
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
-        name = NAMES[self.ground.config.vehicle.autopilot]
+        name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
 
     @property
     def no_resume(self) -> str:
         """Why the run cannot be resumed."""
-        name = NAMES[self.ground.config.vehicle.autopilot]
+        name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"flown by {name}, whose flights do not repeat to the last bit"
 
     def check(self) -> None:
         """Refuse a binary that cannot be started, and ports that are taken."""
-        config = self.ground.config
+        config = self.scenario.config
         assert config.vehicle.firmware.path is not None
         try:
             check_binary(config.vehicle.firmware.path)
@@ -157,11 +157,11 @@ class FirmwareFlyers(Flyers):
     ) -> AbstractAsyncContextManager[Flyer]:
         """The firmware, in a folder of its own below `folder`."""
         return open_firmware(
-            self.ground.config,
+            self.scenario.config,
             self.plant,
             folder / FOLDER,
-            area=self.ground.area,
-            demand=_demand(self.ground),
+            area=self.scenario.area,
+            demand=_demand(self.scenario),
             observers=observers,
             say=say,
         )
@@ -171,23 +171,23 @@ class FirmwareFlyers(Flyers):
 class ExternalFlyers(Flyers):
     """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
 
-    ground: Ground
+    scenario: Scenario
     no_resume = "flown by an external autopilot"
 
     @property
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
-        return telemetry_of(self.ground.config.link)
+        return telemetry_of(self.scenario.config.link)
 
     def check(self) -> None:
         """Refuse a port that is taken."""
-        check_link(self.ground.config.link)
+        check_link(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
         """Wait for an autopilot that can be flown."""
-        link = self.ground.config.link
+        link = self.scenario.config.link
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-        run_flight(look_at_vehicle(link, area=self.ground.area, say=say))
+        run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
     def fence(self) -> tuple[Zone, ...]:
         """Whatever it has, nobody told us."""
@@ -202,39 +202,79 @@ class ExternalFlyers(Flyers):
         say: Say,
     ) -> AbstractAsyncContextManager[Flyer]:
         """The autopilot at `link.url`."""
-        ground = self.ground
+        scenario = self.scenario
         return open_external(
-            ground.config.link,
-            mission=ground.config.mission,
-            area=ground.area,
-            demand=_demand(ground),
+            scenario.config.link,
+            mission=scenario.config.mission,
+            area=scenario.area,
+            demand=_demand(scenario),
             observers=observers,
             say=say,
         )
 
 
-def flyers_for(ground: Ground) -> Flyers:
-    """Who flies over the ground, as its configuration says.
+@dataclass(frozen=True)
+class GroundedFlyers(Flyers):
+    """Those who would fly, where nothing is flown (strategy `ideal`): nobody looks for them."""
+
+    flyers: Flyers
+
+    @property
+    def position_source(self) -> str:
+        """Where positions would come from, for people."""
+        return self.flyers.position_source
+
+    @property
+    def no_resume(self) -> str:
+        """As for those who fly."""
+        return self.flyers.no_resume
+
+    def check(self) -> None:
+        """Nothing is needed."""
+
+    def await_vehicle(self, *, say: Say) -> None:
+        """None is needed."""
+
+    def fence(self) -> tuple[Zone, ...]:
+        """As for those who fly."""
+        return self.flyers.fence()
+
+    def open(
+        self, observers: Sequence[VehicleObserver], *, folder: Path, tap: Tap | None, say: Say
+    ) -> AbstractAsyncContextManager[Flyer]:
+        """The flyer, should somebody want it."""
+        return self.flyers.open(observers, folder=folder, tap=tap, say=say)
+
+
+def flyers_for(scenario: Scenario) -> Flyers:
+    """Who flies in a scenario, as its configuration says.
 
     Raises:
         InputError: a setting of the vehicle is refused.
     """
-    config = ground.config
+    flyers = _configured(scenario)
+    return GroundedFlyers(flyers) if scenario.strategy is None else flyers
+
+
+def _configured(scenario: Scenario) -> Flyers:
+    config = scenario.config
     if config.link.kind == "external":
-        return ExternalFlyers(ground)
-    home, streams = ground.area.home, ground.streams
+        return ExternalFlyers(scenario)
+    home, streams = scenario.area.home, scenario.streams
     if config.vehicle.autopilot == "built-in":
-        return BuiltInFlyers(ground, simulated_vehicle(config.vehicle, home=home, streams=streams))
+        return BuiltInFlyers(
+            scenario, simulated_vehicle(config.vehicle, home=home, streams=streams)
+        )
     try:
-        return FirmwareFlyers(ground, plant_for(config.vehicle, home=home, streams=streams))
+        return FirmwareFlyers(scenario, plant_for(config.vehicle, home=home, streams=streams))
     except (SitlInputError, FlightInputError) as error:
         raise InputError(str(error)) from None
 
 
-def _demand(ground: Ground) -> Demand:
+def _demand(scenario: Scenario) -> Demand:
     """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
-    mission = ground.config.mission
-    away_m = np.linalg.norm(ground.devices_m - np.array(ground.area.home_m), axis=1)
+    mission = scenario.config.mission
+    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
     return Demand(
         speed_mps=mission.speed_mps,
         altitude_m=mission.altitude_m,
