@@ -192,7 +192,7 @@ def accuracy(federation: Federation, state: FederationState) -> dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
-class _Lesson:
+class CommunityUpdate:
     """What a round made of one community."""
 
     model: Vector
@@ -235,7 +235,7 @@ def _train(
 
 def _learn(
     federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
-) -> _Lesson:
+) -> CommunityUpdate:
     """Aggregate what arrived from one community's devices, and measure."""
     community = federation.communities[index]
     model, algorithm_state = state.models[index], state.algorithm[index]
@@ -245,9 +245,9 @@ def _learn(
         losses[device] = result.loss
         updates.append(Update(device, float(community.p[device]), result.model, result.steps))
     if not updates:
-        return _Lesson(model, algorithm_state, losses, state.correct[index])
+        return CommunityUpdate(model, algorithm_state, losses, state.correct[index])
     model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
-    return _Lesson(model, algorithm_state, losses, _correct(community, model))
+    return CommunityUpdate(model, algorithm_state, losses, _correct(community, model))
 
 
 def _correct(community: Community, model: Vector) -> Indices:

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
-from mission.base.console import Audience
-from mission.base.interrupted_files import SetAside
+from mission.base.console import RunConsole
+from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
@@ -74,7 +74,9 @@ class FolderRecorder:
         self.devices.extend(self._devices(record.round, learnt))
         self.rounds.append(record)
         if not result.remembered:
-            SetAside(self.folder).discard()  # log and tables hold all that the old ones held
+            InterruptedFiles(
+                self.folder
+            ).discard()  # log and tables hold all that the old ones held
             self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
 
@@ -110,7 +112,7 @@ def recording(
     checkpoint: CheckpointFolder,
     *,
     fence: tuple[Zone, ...],
-    audience: Audience,
+    console: RunConsole,
     stopwatch: Stopwatch,
     mirrors: Sequence[Sink] = (),
 ) -> Iterator[FolderRecorder]:
@@ -118,7 +120,7 @@ def recording(
     devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:
         progress = make_progress(
-            audience.console, rounds=scenario.config.mission.rounds, quiet=audience.quiet
+            console.out, rounds=scenario.config.mission.rounds, quiet=console.quiet
         )
         stack.callback(progress.close)
         log = stack.enter_context(
@@ -128,7 +130,7 @@ def recording(
                 devices=devices,
                 fence=fence,
                 mirrors=mirrors,
-                raw_mavlink=audience.log_mavlink,
+                raw_mavlink=console.log_mavlink,
             )
         )
         rounds = stack.enter_context(RoundTable(folder.rounds, scenario.federation.names))

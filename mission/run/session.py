@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from fl.federation import rounds as learning
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
-from mission.base.interrupted_files import SetAside
+from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
@@ -23,7 +23,7 @@ from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.ideal_experiment import IdealExperiment
-from mission.run.outcome import Ending
+from mission.run.outcome import Outcome
 from mission.run.recorder import recording
 from mission.run.resume import data_dir_of, read_checkpoint
 from mission.run.setup import set_up
@@ -51,7 +51,7 @@ def fly_session(
     path: Path,
     *,
     data_dir: Path | None,
-    audience: Audience,
+    console: RunConsole,
     workers: int | None = None,
     stopwatch: Stopwatch | None = None,
 ) -> int:
@@ -68,13 +68,13 @@ def fly_session(
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
     stopwatch = stopwatch or Stopwatch()
-    with stopwatch("setup"), audience.waiting(_SETTING_UP):
+    with stopwatch("setup"), console.waiting(_SETTING_UP):
         scenario, flyers = set_up(config, data_dir=data_dir)
         flyers.check()
-        live = live_views(audience)
+        live = live_views(console)
         folder = RunFolder.create(path)
         with folder.unless_refused():
-            flyers.await_vehicle(say=audience.say)
+            flyers.await_vehicle(say=console.say)
         text = config.to_toml()
         state = learning.init(scenario.federation)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
@@ -83,10 +83,10 @@ def fly_session(
         with stopwatch("setup"):
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
-        return _fly(ready, audience, stopwatch, workers=workers)
+        return _fly(ready, console, stopwatch, workers=workers)
 
 
-def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | None = None) -> int:
+def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | None = None) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
@@ -101,12 +101,12 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
     stopwatch = stopwatch or Stopwatch()
     folder = RunFolder(path)
     if folder.status() == "finished":
-        audience.say(f"{path} is finished: nothing to resume")
+        console.say(f"{path} is finished: nothing to resume")
         return 0
     values = read_checkpoint(path)
     data_dir = data_dir_of(values)
     with folder.lock():
-        with stopwatch("setup"), audience.waiting(_SETTING_UP):
+        with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
@@ -119,14 +119,14 @@ def resume_session(path: Path, *, audience: Audience, stopwatch: Stopwatch | Non
                 )
             flyers.check()
             found = checkpoint.load(scenario.federation, values)
-            live = live_views(audience)
-            SetAside(folder).take()
+            live = live_views(console)
+            InterruptedFiles(folder).take()
         ready = _Ready(scenario, flyers, folder, checkpoint, found.state, found.rounds, live)
-        return _fly(ready, audience, stopwatch)
+        return _fly(ready, console, stopwatch)
 
 
 def _fly(
-    ready: _Ready, audience: Audience, stopwatch: Stopwatch, *, workers: int | None = None
+    ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None = None
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
@@ -137,37 +137,37 @@ def _fly(
         remembered=len(ready.memory),
     )
     summary.started()
-    ending = Ending()
-    with _experiment(ready, audience, stopwatch, workers=workers) as experiment:
+    outcome = Outcome()
+    with _experiment(ready, console, stopwatch, workers=workers) as experiment:
         try:
-            with ending.flight():
+            with outcome.flight():
                 run_flight(experiment.run())
         finally:
-            if ending.status != "finished":
-                summary.ended(ending, experiment.totals, stopwatch)
-    if ending.status == "finished":
-        SetAside(folder).discard()
+            if outcome.status != "finished":
+                summary.ended(outcome, experiment.totals, stopwatch)
+    if outcome.status == "finished":
+        InterruptedFiles(folder).discard()
     # The figures read the finished log and tables.
-    with ending.aftermath(), stopwatch("figures"), audience.waiting("drawing figures"):
+    with outcome.post_processing(), stopwatch("figures"), console.waiting("drawing figures"):
         from mission.figures import run as figures  # with it matplotlib, which nothing before needs
 
         figures.draw_run(folder.path)
     # Last of all: a folder that says "finished" has everything.
-    summary.ended(ending, experiment.totals, stopwatch)
-    ending.raise_error(folder.path)
-    for line in _outcome(experiment, stopwatch):
-        audience.say(line)
-    audience.say(f"results in {folder.path}")
-    if ending.status == "interrupted":
+    summary.ended(outcome, experiment.totals, stopwatch)
+    outcome.raise_error(folder.path)
+    for line in _closing_lines(experiment, stopwatch):
+        console.say(line)
+    console.say(f"results in {folder.path}")
+    if outcome.status == "interrupted":
         again = f"; aerofed run --resume {folder.path} goes on"
-        audience.say(f"interrupted{'' if flyers.no_resume else again}")
+        console.say(f"interrupted{'' if flyers.no_resume else again}")
         return INTERRUPTED
     return 0
 
 
 @contextmanager
 def _experiment(
-    ready: _Ready, audience: Audience, stopwatch: Stopwatch, *, workers: int | None
+    ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
     with recording(
@@ -175,7 +175,7 @@ def _experiment(
         ready.folder,
         ready.checkpoint,
         fence=ready.flyers.fence(),
-        audience=audience,
+        console=console,
         stopwatch=stopwatch,
         mirrors=ready.live,
     ) as recorder:
@@ -189,7 +189,7 @@ def _experiment(
                 flyers=ready.flyers,
                 folder=ready.folder.path,
                 observers=(log,),
-                tap=(lambda link: RecordedLink(link, log)) if audience.log_mavlink else None,
+                tap=(lambda link: RecordedLink(link, log)) if console.log_mavlink else None,
             )
         )
         yield kind(
@@ -202,7 +202,7 @@ def _experiment(
         )
 
 
-def _outcome(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:
+def _closing_lines(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:
     shares = ", ".join(f"{name} {wall_s:.1f} s" for name, wall_s in stopwatch.wall_s.items())
     totals, mission = experiment.totals, experiment.scenario.config.mission
     done, lines = totals.rounds_done, []

@@ -5,7 +5,7 @@ from typing import Any
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
-from mission.run.outcome import Ending
+from mission.run.outcome import Outcome
 from mission.scenario.scenario import Scenario
 
 
@@ -31,9 +31,9 @@ class Summary:
         """Nothing has happened yet."""
         self._folder.write_summary({"status": "running", **self._about})
 
-    def ended(self, ending: Ending, totals: RunTotals, stopwatch: Stopwatch) -> None:
+    def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
         """How, and how far it came."""
-        self._folder.write_summary({**ending.summary, **self._about, **_totals(totals, stopwatch)})
+        self._folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
 
 def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:

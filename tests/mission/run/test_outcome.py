@@ -5,18 +5,18 @@ from pathlib import Path
 import pytest
 
 from mission.base.errors import AerofedError, FlightError, InputError
-from mission.run.outcome import Ending
+from mission.run.outcome import Outcome
 
 
 def test_what_goes_wrong_first_counts() -> None:
-    ending = Ending()
-    with ending.flight():
+    outcome = Outcome()
+    with outcome.flight():
         raise FlightError("lost")
-    with ending.aftermath():
+    with outcome.post_processing():
         raise InputError("no log to draw")
-    assert ending.summary == {"status": "failed", "error": "lost"}
+    assert outcome.summary == {"status": "failed", "error": "lost"}
     with pytest.raises(AerofedError, match=r"^lost; what was flown is in out$") as caught:
-        ending.raise_error(Path("out"))
+        outcome.raise_error(Path("out"))
     assert caught.value.exit_code == FlightError.exit_code
 
 
@@ -24,19 +24,19 @@ def test_what_goes_wrong_first_counts() -> None:
     ("end", "status"), [(None, "finished"), (KeyboardInterrupt, "interrupted")]
 )
 def test_a_figure_that_fails_is_a_failure(end: type[BaseException] | None, status: str) -> None:
-    ending = Ending()
-    with ending.flight():
+    outcome = Outcome()
+    with outcome.flight():
         if end is not None:
             raise end
-    assert ending.summary == {"status": status}
-    ending.raise_error(Path("out"))
-    with ending.aftermath():
+    assert outcome.summary == {"status": status}
+    outcome.raise_error(Path("out"))
+    with outcome.post_processing():
         raise InputError("no room")
-    assert ending.summary == {"status": "failed", "error": "no room"}
+    assert outcome.summary == {"status": "failed", "error": "no room"}
 
 
 def test_a_bug_is_raised_and_a_failure() -> None:
-    ending = Ending()
-    with pytest.raises(ZeroDivisionError), ending.flight():
+    outcome = Outcome()
+    with pytest.raises(ZeroDivisionError), outcome.flight():
         raise ZeroDivisionError
-    assert ending.summary == {"status": "failed"}
+    assert outcome.summary == {"status": "failed"}
