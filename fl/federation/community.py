@@ -39,7 +39,7 @@ class Community:
 
     @property
     def name(self) -> str:
-        """Its name in the settings."""
+        """The community's name in the settings."""
         return self.config.name
 
     @cached_property

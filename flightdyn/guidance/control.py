@@ -22,7 +22,7 @@ _LEAST_LIFT = 0.2  # thrust over weight below which the rotors turn nothing: on 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of the outer loop. Chosen by step responses of this airframe."""
+    """Gains of the outer loop, chosen by step responses of this airframe."""
 
     position: float = 1.6  # 1/s
     velocity: float = 4.5  # 1/s

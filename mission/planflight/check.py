@@ -72,7 +72,7 @@ def here_means(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[Missi
     return tuple(placed)
 
 
-def check_plan(
+def check_items(
     items: Sequence[MissionItem],
     fence: Sequence[MissionItem],
     rally: Sequence[MissionItem],

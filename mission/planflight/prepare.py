@@ -15,7 +15,7 @@ from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone
-from mission.planflight.check import PlannedPath, check_plan, here_means
+from mission.planflight.check import PlannedPath, check_items, here_means
 from sitl.autopilot.protocol.items import PLACES
 from sitl.vehicle import Vehicle
 
@@ -50,7 +50,7 @@ def prepare_plan(config: RunConfig, plan: PlanFile) -> PreparedPlan:
             raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
         planned = GeodeticPoint(first.x, first.y, ground)
         vehicle, imported = _at(planned, config, plan)
-    path = check_plan(
+    path = check_items(
         imported.items, imported.fence, imported.rally, vehicle=vehicle, source=str(plan.path)
     )
     area_config = _area_around(path, vehicle.autopilot.flight.home)

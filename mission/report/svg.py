@@ -30,7 +30,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Scale:
-    """From values to SVG units along one axis."""
+    """Maps values to SVG units along one axis."""
 
     low: float
     high: float

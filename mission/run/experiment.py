@@ -44,7 +44,7 @@ class Experiment(ABC):
 
     @abstractmethod
     async def run(self) -> None:
-        """All rounds, from the first to the last.
+        """Go through all rounds, from the first to the last.
 
         Raises:
             AerofedError: what ends the run before that.

@@ -41,7 +41,7 @@ class FlownExperiment(Experiment):
     _stage: str = field(default="", init=False)  # of the flight, for people
 
     async def run(self) -> None:
-        """All rounds, from take-off to landing.
+        """Fly all rounds, from take-off to landing.
 
         Raises:
             FlightError, LinkLostError: see `Pilot`.

@@ -15,7 +15,7 @@ class IdealExperiment(Experiment):
     """What learning comes to where the radio loses nothing and paths cost nothing."""
 
     async def run(self) -> None:
-        """As many rounds as the path budget would have paid for.
+        """Go through as many rounds as the path budget would have paid for.
 
         Raises:
             TrainingError: the training diverged.

@@ -50,7 +50,7 @@ class Outcome:
 
     @property
     def summary(self) -> dict[str, str]:
-        """For `summary.json`."""
+        """Status and error as `summary.json` has them."""
         why = {} if self.error is None else {"error": str(self.error)}
         return {"status": self.status, **why}
 

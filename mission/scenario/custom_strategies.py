@@ -65,18 +65,18 @@ class CustomStrategy:
 
     @property
     def fairness(self) -> bool:
-        """As the researcher's strategy has it."""
+        """What the researcher's strategy says."""
         with users_code(self.path, key=KEY, doing="fairness"):
             return bool(self.inner.fairness)
 
     @property
     def approach_m(self) -> Floats | None:
-        """As the researcher's strategy has it."""
+        """What the researcher's strategy says."""
         with users_code(self.path, key=KEY, doing="approach_m"):
             return self.inner.approach_m
 
     def importance(self, info: RoundInfo) -> Floats:
-        """Its own importance, or the paper's.
+        """The importance that the strategy gives devices, (K,); where it gives none, the paper's.
 
         Raises:
             InputError: of the wrong shape, negative or not finite.
@@ -92,7 +92,7 @@ class CustomStrategy:
         return importance
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """Its sortie, if its plan keeps the round's constraints.
+        """The strategy's sortie, if its plan keeps the round's constraints.
 
         Raises:
             InputError: no `Sortie`.

@@ -9,7 +9,7 @@ from sitl.firmware.px4_start import px4_launch
 
 
 def plant_rate_hz(vehicle: VehicleConfig) -> int:
-    """At how many ticks a second the firmware has the plant stepped."""
+    """Ticks a second in which the firmware has the plant stepped."""
     if vehicle.autopilot == "ardupilot":
         return max(vehicle.aircraft.physics_hz, RATE_HZ)
     return vehicle.aircraft.physics_hz

@@ -26,7 +26,7 @@ class Ports:
 
     @classmethod
     def to(cls, link: socket.socket) -> "Ports":
-        """To the socket `link` from a port that is free."""
+        """Ports to the socket `link` from one that is free."""
         with bound(socket.SOCK_DGRAM, 0) as free:
             return cls(link.getsockname()[1], free.getsockname()[1])
 

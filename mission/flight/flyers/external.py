@@ -62,7 +62,7 @@ class ExternalFlyer(Flyer):
 
     @property
     def battery_remaining(self) -> float:
-        """0..1; NaN where the vehicle does not know."""
+        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self.feed.battery_remaining
 
     def here(self) -> Passage:
@@ -83,7 +83,7 @@ class ExternalFlyer(Flyer):
             raise FlightError("the vehicle is armed already: land and disarm it first")
 
     async def take_off(self) -> None:
-        """From the ground to the hover above where the vehicle stands.
+        """Climb from the ground to the hover above where the vehicle stands.
 
         Raises:
             FlightError: see `ready`; or nobody charged an empty battery in time.
@@ -144,7 +144,7 @@ class ExternalFlyer(Flyer):
         return found
 
     async def land(self) -> None:
-        """Back to home and down."""
+        """Return to home and land."""
         await self.pilot.land()
         await self.seen_down()
 

@@ -32,7 +32,7 @@ class Flyer(ABC):
 
     @abstractmethod
     async def take_off(self) -> None:
-        """From the ground to the hover above home."""
+        """Climb from the ground to the hover above home."""
 
     @abstractmethod
     async def upload(self, plan: FlightPlan) -> None:
@@ -47,14 +47,14 @@ class Flyer(ABC):
 
     @abstractmethod
     async def land(self) -> None:
-        """Back to home and down."""
+        """Return to home and land."""
 
     @abstractmethod
     async def refresh(self, reserve: float) -> bool:
         """Have a full battery where less than `reserve` (0..1) is left; whether it was changed."""
 
     async def go_to(self, xy_m: Floats) -> None:
-        """To a point in area coordinates, outside any round."""
+        """Fly to a point in area coordinates, outside any round."""
         start = self.area.from_ned(self.here().est_ned_m)
         if float(np.linalg.norm(xy_m - start)) > self.mission.acceptance_radius_m:
             plan = direct_flight(start, xy_m, mission=self.mission)

@@ -90,7 +90,7 @@ class BuiltInFlyers(Flyers):
         check_link(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        """It is always there."""
+        """Wait for nothing: the simulated vehicle is there."""
 
     def fence(self) -> tuple[Zone, ...]:
         """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
@@ -104,7 +104,7 @@ class BuiltInFlyers(Flyers):
         tap: Tap | None,
         say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The simulated vehicle."""
+        """Start the simulated vehicle."""
         scenario = self.scenario
         return open_simulated(
             scenario.config, self.vehicle, area=scenario.area, observers=observers, tap=tap
@@ -141,10 +141,10 @@ class FirmwareFlyers(Flyers):
         check_link(config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        """It is started with the flight."""
+        """Wait for nothing: the firmware is started with the flight."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """None that is known here."""
+        """No fence that is known here."""
         return ()
 
     def open(
@@ -155,7 +155,7 @@ class FirmwareFlyers(Flyers):
         tap: Tap | None,  # noqa: ARG002
         say: Say,
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The firmware, in a folder of its own below `folder`."""
+        """Start the firmware, in a folder of its own below `folder`."""
         return open_firmware(
             self.scenario.config,
             self.plant,
@@ -190,7 +190,7 @@ class ExternalFlyers(Flyers):
         run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
     def fence(self) -> tuple[Zone, ...]:
-        """Whatever it has, nobody told us."""
+        """No fence that is known here."""
         return ()
 
     def open(
@@ -201,7 +201,7 @@ class ExternalFlyers(Flyers):
         tap: Tap | None,  # noqa: ARG002
         say: Say,
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The autopilot at `link.url`."""
+        """Connect to the autopilot at `link.url`."""
         scenario = self.scenario
         return open_external(
             scenario.config.link,
@@ -226,17 +226,17 @@ class GroundedFlyers(Flyers):
 
     @property
     def no_resume(self) -> str:
-        """As for those who fly."""
+        """What it is for those who would fly."""
         return self.flyers.no_resume
 
     def check(self) -> None:
-        """Nothing is needed."""
+        """Refuse nothing."""
 
     def await_vehicle(self, *, say: Say) -> None:
-        """None is needed."""
+        """Wait for nothing."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """As for those who fly."""
+        """What it is for those who would fly."""
         return self.flyers.fence()
 
     def open(

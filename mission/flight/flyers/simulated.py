@@ -35,7 +35,7 @@ SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from it
 def simulated_vehicle(
     config: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams
 ) -> Vehicle:
-    """On the ground at `home`, and with nothing that goes by wall time.
+    """A vehicle on the ground at `home`, with nothing that goes by wall time.
 
     Raises:
         InputError: the vehicle's settings are refused.
@@ -73,7 +73,7 @@ class SimulatedFlyer(Flyer):
         return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
     async def take_off(self) -> None:
-        """From the ground to the hover above home."""
+        """Climb from the ground to the hover above home."""
         await self.pilot.ready()
         await self.pilot.take_off(self.mission.altitude_m)
 
@@ -94,7 +94,7 @@ class SimulatedFlyer(Flyer):
         )
 
     async def land(self) -> None:
-        """Back to home and down."""
+        """Return to home and land."""
         await self.pilot.land()
 
     async def refresh(self, reserve: float) -> bool:

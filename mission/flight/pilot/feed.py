@@ -99,7 +99,7 @@ class TelemetryFeed:
 
     @property
     def battery_remaining(self) -> float:
-        """0..1; NaN where the vehicle does not know."""
+        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self._battery.remaining
 
     async def ask(self) -> None:

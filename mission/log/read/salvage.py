@@ -115,7 +115,7 @@ class _Effort:
         self._left = 16 * size + (1 << 26)
 
     def spend(self, count: int) -> None:
-        """So many bytes were looked at for nothing; too many raise _ExhaustedError."""
+        """Count bytes that were looked at for nothing; too many raise _ExhaustedError."""
         self._left -= count
         if self._left < 0:
             raise _ExhaustedError

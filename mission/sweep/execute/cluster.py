@@ -47,7 +47,7 @@ class RayEngine:
 
     @property
     def slots(self) -> int:
-        """As many as asked for; by default one for each CPU of the cluster."""
+        """Runs at a time: as many as asked for, by default one for each CPU of the cluster."""
         return self._slots
 
     def start(self, order: RunOrder) -> None:

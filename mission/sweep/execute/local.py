@@ -27,7 +27,7 @@ class LocalEngine:
 
     @property
     def slots(self) -> int:
-        """As many as asked for; by default one for each core."""
+        """Runs at a time: as many as asked for, by default one for each core."""
         return self._slots
 
     def start(self, order: RunOrder) -> None:

@@ -92,7 +92,7 @@ class Flight:
 
     @property
     def landed_state(self) -> LandedState:
-        """On the ground, climbing from it, sinking to it, or in the air."""
+        """Whether the aircraft is on the ground, climbing from it, sinking to it, or in the air."""
         if self._aircraft.crashed:
             return LandedState.UNDEFINED  # down, but whoever waits for a landing has not got one
         if self._aircraft.on_ground:
@@ -109,7 +109,7 @@ class Flight:
 
     @property
     def speed_limits(self) -> SpeedLimits:
-        """By the parameters."""
+        """The limits that the parameters set."""
         p = self._parameters
         return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
