@@ -11,7 +11,8 @@ from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 BUILT_IN_NETWORKS = ("lenet", "mcmahan")
 
 Positive = Annotated[float, Field(gt=0.0)]
-Unheard = Literal["zero", "left-out"]
+Unheard = Literal["left-out", "zero"]
+Missed = Literal["lost-too", "unscheduled"]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
 
 
@@ -138,15 +139,28 @@ class LearningConfig(_Frozen):
     importance_boost: float = Field(
         1.5, gt=1.0, le=100.0, description="lambda: factor on devices that missed a round"
     )
+    missed: Missed = Field(
+        "lost-too",
+        description="who missed a round, and gets the boost: the unscheduled and those whose "
+        "update was lost ('lost-too', the paper's text), or the 'unscheduled' (its equation)",
+    )
     cov_unheard: Unheard = Field(
-        "zero",
+        "left-out",
         description="what a device that was never heard is to the CoV of its community: "
-        "accuracy 'zero', or 'left-out' of it",
+        "'left-out' of it, or accuracy 'zero'",
     )
     cov_floor: Positive = Field(
-        0.001,
+        0.1,
         le=1.0,
         description="least CoV that importance sees, so that a fair community still counts",
+    )
+    report_on: Literal["test", "validation"] = Field(
+        "test",
+        description="what reported accuracy is measured on: a 'test' part of the task's held-out "
+        "images, which importance never sees, or the 'validation' images that drive the CoV",
+    )
+    test_share: float = Field(
+        0.5, gt=0.0, lt=1.0, description="part of each class held out for report_on = 'test'"
     )
     device: Literal["cpu", "cuda"] = Field(
         "cpu",

@@ -15,7 +15,7 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples` |
 | `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
 | `uplinks.csv` | a row a scheduled device, see below |
-| `learning.csv` | round, device, community, its accuracy on its own labels, its local loss |
+| `learning.csv` | round (0: untrained), device, community, accuracy, `received_accuracy`, loss |
 | `flight.mcap` | the flight log, see below |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |

@@ -87,10 +87,16 @@ def checked(
 
 
 def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:
-    """Part of every class held out for validation, the same part on every machine."""
+    """All but a part of every class, and that part; the same on every machine."""
     rng = np.random.Generator(np.random.PCG64(seed))
     held = np.zeros(len(labels), dtype=np.bool_)
     for label in np.unique(labels):
         members = rng.permutation(np.flatnonzero(labels == label))
-        held[members[: max(1, round(share * len(members)))]] = True
+        held[members[: held_out_of_each(np.array([len(members)]), share)[0]]] = True
     return Split(images[~held], labels[~held]), Split(images[held], labels[held])
+
+
+def held_out_of_each(samples: NDArray[np.int64], share: float) -> NDArray[np.int64]:
+    """How many of each class are held out, of `samples` (classes,): one at least of what is."""
+    wanted = np.maximum(1, np.rint(share * samples)).astype(np.int64)
+    return np.asarray(np.minimum(samples, wanted), dtype=np.int64)

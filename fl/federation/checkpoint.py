@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fl.errors import CheckpointError
 from fl.federation.rounds import Federation, FederationState
 
-FORMAT = 1
+FORMAT = 2
 
 
 def to_bytes(federation: Federation, state: FederationState) -> bytes:
@@ -28,6 +28,7 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
     for index, model in enumerate(state.models):
         arrays[f"model/{index}"] = model
         arrays[f"correct/{index}"] = state.correct[index]
+        arrays[f"reported/{index}"] = state.reported[index]
         for key, value in state.algorithm[index].items():
             arrays[f"algorithm/{index}/{key}"] = value
     header = {
@@ -75,6 +76,9 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
             missed=arrays["missed"].astype(np.bool_, copy=False),
             correct=tuple(
                 arrays[f"correct/{i}"].astype(np.int64, copy=False) for i in range(count)
+            ),
+            reported=tuple(
+                arrays[f"reported/{i}"].astype(np.int64, copy=False) for i in range(count)
             ),
         )
     except (ValueError, KeyError, TypeError, EOFError) as error:

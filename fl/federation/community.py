@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
-from fl.data.dataset import Dataset
+from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out
 from fl.data.load import load
 from fl.errors import SettingError
 from fl.federation.algorithms import Algorithm, make_algorithm
@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Stream = Callable[[str], np.random.Generator]
 
+TEST_SEED = 2206_02043  # of the draw that holds out the test part, the same in every run
+
 
 @dataclass(frozen=True, eq=False)
 class Community:
@@ -36,6 +38,7 @@ class Community:
     network: Network
     shares: tuple[Indices, ...]  # training samples of each device
     counts: Indices  # (K_c, classes) training samples of each device and class
+    test_share: float | None  # of the held-out images; None: reported on those that validate
 
     @property
     def name(self) -> str:
@@ -54,11 +57,27 @@ class Community:
         return np.asarray(samples / samples.sum(), dtype=np.float64)
 
     @cached_property
+    def _held_out(self) -> tuple[Split, Split]:
+        """Images that validate, and images to report on; planning needs none."""
+        every = self.dataset.validation
+        if self.test_share is None:
+            return every, every
+        return hold_out(every.images, every.labels, share=self.test_share, seed=TEST_SEED)
+
+    @property
+    def validation(self) -> Split:
+        """The images on which devices measure the accuracy that they send."""
+        return self._held_out[0]
+
+    @property
+    def reporting(self) -> Split:
+        """The images on which accuracy is reported."""
+        return self._held_out[1]
+
+    @cached_property
     def validation_counts(self) -> Indices:
         """Validation images of each class, (classes,)."""
-        return np.bincount(self.dataset.validation.labels, minlength=self.dataset.classes).astype(
-            np.int64
-        )
+        return _per_class(self.validation, self.dataset.classes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +148,20 @@ def build(
         if key not in loaded:
             loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
         rng = stream(f"fl/{config.name}/partition")
-        built.append(_community(config, loaded[key], rng, device=learning.device))
+        test_share = learning.test_share if learning.report_on == "test" else None
+        built.append(
+            _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
+        )
     return Federation(tuple(built), learning, make_algorithm(learning), stream)
 
 
 def _community(
-    config: CommunityConfig, dataset: Dataset, rng: np.random.Generator, *, device: str
+    config: CommunityConfig,
+    dataset: Dataset,
+    rng: np.random.Generator,
+    *,
+    device: str,
+    test_share: float | None,
 ) -> Community:
     labels, classes = dataset.train.labels, dataset.classes
     try:
@@ -173,4 +200,17 @@ def _community(
     orphans = np.flatnonzero(counts.sum(axis=0) == 0)
     if orphans.size:
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
-    return Community(config, dataset, network, tuple(shares), counts)
+    community = Community(config, dataset, network, tuple(shares), counts, test_share)
+    if test_share is not None:
+        held_out = _per_class(dataset.validation, classes)
+        if held_out.sum() == held_out_of_each(held_out, test_share).sum():
+            raise SettingError(
+                "learning.report_on", "test",
+                f"must be 'validation' for community {config.name}: of the {held_out.sum()} "
+                f"images of {config.task} that do not train, none would be left to validate",
+            )  # fmt: skip
+    return community
+
+
+def _per_class(split: Split, classes: int) -> Indices:
+    return np.bincount(split.labels, minlength=classes).astype(np.int64)

@@ -16,29 +16,38 @@ Indices = NDArray[np.int64]
 INITIAL_COV = 1.0  # psi_c of every community before the first update
 
 
-def device_accuracy(correct: Indices, total: Indices, owned: Bools) -> Floats:
+def device_accuracy(correct: Indices, total: Indices, counts: Indices) -> Floats:
     """eps_k(theta): accuracy of one model on the validation samples of each device, (K_c,).
 
-    A device's validation set is its own labels' part of the task's; `correct` and `total`
-    (classes,) count over the whole set. A device none of whose labels occurs there scores 0.
+    A device's validation samples are the task's in the proportions of its own training data,
+    `counts` (K_c, classes); `correct` and `total` (classes,) count over the task's whole set. So
+    eps_k is the mean of the classes' accuracies, weighted by the device's share of each. A class
+    without a validation sample is left out; a device that owns no other scores 0.
     """
-    hits = owned @ correct.astype(np.float64)
-    samples = owned @ total.astype(np.float64)
-    return np.asarray(hits / np.maximum(samples, 1.0), dtype=np.float64)
+    weights = counts * (total > 0)
+    share = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1)
+    return np.asarray(share @ (correct / np.maximum(total, 1)), dtype=np.float64)
 
 
-def windowed_accuracy(history: Floats) -> Floats:
-    """eps_k = mean over the models that came down in the last l rounds; `history` is (<= l, K)."""
-    return np.asarray(history.mean(axis=0), dtype=np.float64)
+def windowed_accuracy(history: Floats, *, period: int) -> Floats:
+    """eps_k (K,), the mean over the models that came down in the `period` (l) rounds before.
+
+    `history` (<= l + 1, K) ends with the model that has just come down, which does not count yet
+    (the paper's j = m-l .. m-1 in round m). In the first round there is no other: it stands in.
+    """
+    before = history[:-1][-period:] if len(history) > 1 else history
+    return np.asarray(before.mean(axis=0), dtype=np.float64)
 
 
-def coefficient_of_variation(p: Floats, accuracy: Floats, *, unheard: Unheard = "zero") -> float:
+def coefficient_of_variation(
+    p: Floats, accuracy: Floats, *, unheard: Unheard = "left-out"
+) -> float:
     """psi_c = sqrt(sum_k (eps_k - eps_bar)^2) / eps_bar with eps_bar = sum_k p_k eps_k.
 
     `accuracy` (K_c,) holds the last values received, NaN for a device never heard of, of which
-    the paper says nothing. "zero": it counts as 0; its labels were never trained on by itself,
-    and the community that hides it should look unfair, not fair. "left-out": psi is that of the
-    others, with their p_k scaled to sum to 1. Where eps_bar is 0 (nothing received, or nothing
+    the paper says nothing. "left-out": psi is that of the others, with their p_k scaled to sum to
+    1. "zero": it counts as 0; but then one device out of reach holds its community's psi above 1
+    for good, however well the others are served. Where eps_bar is 0 (nothing received, or nothing
     learnt) the ratio is undefined and the answer is that of the start, 1: the community keeps an
     ordinary claim.
     """
@@ -56,9 +65,9 @@ def coefficient_of_variation(p: Floats, accuracy: Floats, *, unheard: Unheard = 
 def importance(p: Floats, cov: Floats, missed: Bools, *, boost: float, floor: float) -> Floats:
     """delta_k = p_k psi_c lambda if device k missed the previous round, p_k psi_c otherwise.
 
-    `cov` (K,) is psi of each device's community, `boost` lambda > 1. A device missed the round
-    if it was not scheduled or its update was lost; before the first round all did. psi_c = 0
-    (perfectly equal devices) would make a community worthless and a plan for only such
-    communities meaningless, so psi_c counts as `floor` at least: it then comes last, not never.
+    `cov` (K,) is psi of each device's community, `boost` lambda > 1; before the first round all
+    devices missed one. psi_c = 0 (perfectly equal devices) would make a community worthless, so
+    that it waits for ever behind any other however badly it does: psi_c counts as `floor` at
+    least. The floor is ours, the paper has none.
     """
     return np.asarray(p * np.maximum(cov, floor) * np.where(missed, boost, 1.0), dtype=np.float64)

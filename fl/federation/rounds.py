@@ -1,7 +1,7 @@
 """The rounds of a federation: a state and one pure function per round.
 
 Rounds count from 1. theta_j is the global model after round j, theta_0 the initial one, so
-theta_{m-1} is what comes down in round m.
+theta_{m-1} is what comes down in round m: the paper's theta_m, which it numbers by that round.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.data.dataset import Split
 from fl.errors import DivergedError
 from fl.federation import fairness as fair
 from fl.federation.algorithms import AlgorithmState, Update
@@ -29,6 +30,7 @@ __all__ = [
     "importance",
     "init",
     "play_round",
+    "untrained",
 ]
 
 Floats = NDArray[np.float64]
@@ -44,11 +46,12 @@ class FederationState:
     rounds: int  # played so far
     models: tuple[Vector, ...]  # theta of each community
     algorithm: tuple[AlgorithmState, ...]
-    eps_history: Floats  # (<= l, K) eps_k of the last models that came down or will, newest last
+    eps_history: Floats  # (<= l + 1, K) eps_k of the last models, newest last: it goes down next
     eps_received: Floats  # (K,) last eps_k that reached the UAV; NaN: none yet
     cov: Floats  # (C,) psi
-    missed: Bools  # (K,) not scheduled, or update lost, in the last round
+    missed: Bools  # (K,) in the last round, as `learning.missed` has it
     correct: tuple[Indices, ...]  # validation images each model gets right, (classes,)
+    reported: tuple[Indices, ...]  # the same of the images that accuracy is reported on
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +59,10 @@ class RoundLearning:
     """What one round taught."""
 
     round: int
-    accuracy: dict[str, float]  # on the whole validation set, after the round
+    accuracy: dict[str, float]  # on the images to report on, after the round
     cov: dict[str, float]  # psi in force for the next round
-    device_accuracy: Floats  # (K,) eps_k(theta) of the new models on each device's own labels
+    device_accuracy: Floats  # (K,) eps_k(theta) of the new models, on each device's validation set
+    received_accuracy: Floats  # (K,) the last eps_k that reached the UAV; NaN: none yet
     local_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
 
 
@@ -70,7 +74,8 @@ def init(federation: Federation) -> FederationState:
         model.setflags(write=False)
         models.append(model)
     devices = federation.p.size
-    correct = [_correct(c, m) for c, m in zip(federation.communities, models, strict=True)]
+    measured = [_measured(c, m) for c, m in zip(federation.communities, models, strict=True)]
+    correct = [each.validation for each in measured]
     return FederationState(
         rounds=0,
         models=tuple(models),
@@ -83,7 +88,13 @@ def init(federation: Federation) -> FederationState:
         cov=_frozen(np.full(len(federation.communities), fair.INITIAL_COV)),
         missed=_frozen(np.ones(devices, dtype=np.bool_)),
         correct=tuple(correct),
+        reported=tuple(each.reporting for each in measured),
     )
+
+
+def untrained(federation: Federation, state: FederationState) -> RoundLearning:
+    """Round 0: what the initial models know; nothing was trained or received."""
+    return _round_learning(federation, state, np.full(federation.p.size, np.nan))
 
 
 def first_importance(federation: Federation) -> Floats:
@@ -130,8 +141,9 @@ def play_round(
         raise ValueError("a device that was not scheduled cannot deliver")
     number = state.rounds + 1
     period = federation.learning.cov_period_rounds
-    # A device sends eps_k = mean over j = m-l .. m-1 of eps_k(theta_j) along with its update.
-    sent = fair.windowed_accuracy(state.eps_history)
+    # Along with its update a device sends its mean accuracy over the models that came down in the
+    # l rounds before.
+    sent = fair.windowed_accuracy(state.eps_history, period=period)
     eps_received = np.where(delivered, sent, state.eps_received)
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
     parts: list[tuple[int, list[int]]] = []  # a community, and devices that it trains in one call
@@ -152,7 +164,7 @@ def play_round(
         [partial(_learn, federation, state, *each) for each in enumerate(trained)],
         workers=workers,
     )
-    correct = [lesson.correct for lesson in lessons]
+    correct = [lesson.measured.validation for lesson in lessons]
     losses = np.concatenate([lesson.losses for lesson in lessons])
     cov = state.cov.copy()
     if number % period == 0:
@@ -167,28 +179,43 @@ def play_round(
         rounds=number,
         models=tuple(lesson.model for lesson in lessons),
         algorithm=tuple(lesson.algorithm for lesson in lessons),
-        eps_history=_frozen(np.vstack([state.eps_history, eps])[-period:]),
+        eps_history=_frozen(np.vstack([state.eps_history, eps])[-(period + 1) :]),
         eps_received=_frozen(eps_received),
         cov=_frozen(cov),
-        missed=_frozen(~delivered),
+        missed=_frozen(~(delivered if federation.learning.missed == "lost-too" else scheduled)),
         correct=tuple(correct),
+        reported=tuple(lesson.measured.reporting for lesson in lessons),
     )
-    learnt = RoundLearning(
-        round=number,
-        accuracy=accuracy(federation, after),
-        cov=dict(zip(federation.names, map(float, cov), strict=True)),
-        device_accuracy=_frozen(eps),
-        local_loss=_frozen(losses),
-    )
-    return after, learnt
+    return after, _round_learning(federation, after, losses)
 
 
 def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
-    """Accuracy of each community's model on its whole validation set."""
+    """Accuracy of each community's model on the images that it is reported on."""
     return {
-        community.name: float(right.sum() / community.validation_counts.sum())
-        for community, right in zip(federation.communities, state.correct, strict=True)
+        community.name: float(right.sum() / len(community.reporting.labels))
+        for community, right in zip(federation.communities, state.reported, strict=True)
     }
+
+
+def _round_learning(
+    federation: Federation, after: FederationState, losses: Floats
+) -> RoundLearning:
+    return RoundLearning(
+        round=after.rounds,
+        accuracy=accuracy(federation, after),
+        cov=dict(zip(federation.names, map(float, after.cov), strict=True)),
+        device_accuracy=after.eps_history[-1],
+        received_accuracy=after.eps_received,
+        local_loss=_frozen(losses),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """How many images of each class, (classes,), a model gets right."""
+
+    validation: Indices
+    reporting: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +225,7 @@ class CommunityUpdate:
     model: Vector
     algorithm: AlgorithmState
     losses: Floats  # (K_c,)
-    correct: Indices  # (classes,)
+    measured: _Measured
 
 
 def _train(
@@ -245,23 +272,25 @@ def _learn(
         losses[device] = result.loss
         updates.append(Update(device, float(community.p[device]), result.model, result.steps))
     if not updates:
-        return CommunityUpdate(model, algorithm_state, losses, state.correct[index])
+        measured = _Measured(state.correct[index], state.reported[index])
+        return CommunityUpdate(model, algorithm_state, losses, measured)
     model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
-    return CommunityUpdate(model, algorithm_state, losses, _correct(community, model))
+    return CommunityUpdate(model, algorithm_state, losses, _measured(community, model))
 
 
-def _correct(community: Community, model: Vector) -> Indices:
-    return _frozen(
-        community.network.correct_per_class(
-            community.dataset.validation, model, scaling=community.scaling
-        )
-    )
+def _measured(community: Community, model: Vector) -> _Measured:
+    def correct(split: Split) -> Indices:
+        return _frozen(community.network.correct_per_class(split, model, scaling=community.scaling))
+
+    validation = correct(community.validation)
+    same = community.reporting is community.validation
+    return _Measured(validation, validation if same else correct(community.reporting))
 
 
 def _device_accuracy(federation: Federation, correct: Sequence[Indices]) -> Floats:
     return np.concatenate(
         [
-            fair.device_accuracy(right, community.validation_counts, community.counts > 0)
+            fair.device_accuracy(right, community.validation_counts, community.counts)
             for community, right in zip(federation.communities, correct, strict=True)
         ]
     )

@@ -4,7 +4,8 @@ import _thread
 import signal
 import sys
 import threading
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -14,6 +15,8 @@ T = TypeVar("T")
 
 # Long enough for the C code that called back to return to Python.
 _AGAIN_S = 0.1
+
+_one_only = False  # within `one_interruption`
 
 
 def hear_interruptions() -> None:
@@ -41,7 +44,8 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
     down under its own threads ends the process by SIGABRT.
 
     Raises:
-        KeyboardInterrupt: the flight was interrupted; when all of it has ended.
+        KeyboardInterrupt: the flight was interrupted; when all of it has ended. Within
+            `one_interruption` no other one is heard from then on.
     """
     import asyncio  # not while the program is loading
 
@@ -59,12 +63,35 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
         task = asyncio.ensure_future(flight)
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, interrupt, task)
         await asyncio.wait((task,))
+        if interrupted and _one_only:
+            _go_deaf(asyncio.get_running_loop())
         return task
 
     ended = asyncio.run(fly())
     if interrupted and ended.cancelled():
         raise KeyboardInterrupt
     return ended.result()
+
+
+def _go_deaf(loop: "asyncio.AbstractEventLoop") -> None:
+    """Without an instant in which an interruption is heard: the loop sets Python's handler."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    loop.remove_signal_handler(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+@contextmanager
+def one_interruption() -> Iterator[None]:
+    """Once a flight in the block was interrupted, the block completes what it writes."""
+    global _one_only
+    _one_only = True
+    try:
+        yield
+    finally:
+        _one_only = False
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def end_deaf() -> None:

@@ -55,6 +55,11 @@ class MissionConfig(BaseModel):
         description="who is served where, round by round: one of cov, no_cov, barycenter, "
         "rectangular, ideal, or one of your own as 'package.module:factory'",
     )
+    flight: Literal["flown", "none"] = Field(
+        "flown",
+        description="'none': nothing is flown, every waypoint is met exactly at the planned speed, "
+        "as in the paper; an hour of rounds takes seconds",
+    )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
@@ -81,7 +86,9 @@ class MissionConfig(BaseModel):
         description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
         "battery and comes back to where it was, outside the rounds",
     )
-    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: duration of a round")
+    hover_s: float = Field(
+        5.0, ge=1, le=600, description="barycenter, rectangular: hover of a round"
+    )
     hover_cost_m: float = Field(
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
     )
@@ -91,6 +98,13 @@ class MissionConfig(BaseModel):
         lt=0.5,
         description="rectangular: the tour's distance from the area's edge, "
         "as a fraction of its size",
+    )
+    tour_hover_points: int = Field(
+        0,
+        ge=0,
+        le=1000,
+        description="rectangular: 0: a round is the next L_max metres along the tour; else that "
+        "many points are spread over it, and a round flies to the next and hovers there hover_s",
     )
 
     @field_validator("strategy")
@@ -213,6 +227,18 @@ class RunConfig(BaseModel):
         names = [community.name for community in self.communities]
         if len(set(names)) < len(names):
             raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_flyer(self) -> Self:
+        other = (
+            "link.kind = 'external'" if self.link.kind == "external"
+            else f"vehicle.autopilot = '{self.vehicle.autopilot}'"
+            if self.vehicle.autopilot != "built-in"
+            else None
+        )  # fmt: skip
+        if self.mission.flight == "none" and other is not None:
+            raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
         return self
 
     def to_toml(self) -> str:

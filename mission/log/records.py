@@ -58,7 +58,8 @@ class Learnt:
     accuracy: dict[str, float]
     cov: dict[str, float]  # psi, in force for the next round
     loss: dict[str, float]  # mean over the trained devices; NaN where none was trained
-    device_accuracy: list[float]  # (K,) of the new models, on each device's own labels
+    device_accuracy: list[float]  # (K,) of the new models, on each device's validation set
+    received_accuracy: list[float]  # (K,) the last eps_k that the UAV received; NaN: none yet
     device_loss: list[float]  # (K,) mean local loss; NaN where not trained
 
 
@@ -66,8 +67,9 @@ class Learnt:
 class DeviceRecord:
     """One device after one round, as it stands in `learning.csv`."""
 
-    round: int  # from 1
+    round: int  # 0: the untrained models
     device: int  # index over all communities
     community: str
-    accuracy: float  # eps_k of its community's new model, on its own labels
+    accuracy: float  # of its community's new model, on its validation set
+    received_accuracy: float  # eps_k as the UAV last received it; NaN where it never did
     loss: float  # mean local training loss; NaN where its update did not arrive

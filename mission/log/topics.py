@@ -161,7 +161,7 @@ ROUNDS = _json(
     scheduled=("integer", "devices scheduled"),
     delivered=("integer", "updates that arrived"),
     battery_remaining=("number", "0..1 of the capacity at the end"),
-    accuracy=("by_community", "validation accuracy 0..1 after the round"),
+    accuracy=("by_community", "accuracy 0..1 after the round, on the images to report on"),
     cov=("by_community", "fairness CoV psi in force for the next round"),
 )
 UPLINKS = _json(
@@ -191,9 +191,9 @@ LEARNING = _json(
     "/learning",
     "aerofed.Learning",
     "What one community had learnt after a round",
-    round=("integer", "round, from 1"),
+    round=("integer", "round, from 1; 0: the untrained model"),
     community=("string", "name of the community"),
-    accuracy=("number", "validation accuracy 0..1"),
+    accuracy=("number", "accuracy 0..1 on the images that it is reported on"),
     cov=("number", "fairness CoV psi"),
     loss=("maybe", "mean local loss of the devices that trained; null where nobody did"),
 )

@@ -22,7 +22,7 @@ from mission.analysis.compare_plan import (
 from mission.analysis.load import load_run
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, FlightError
-from mission.base.interrupts import run_flight
+from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
@@ -59,9 +59,12 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: RunConsole
         about = _begin(folder, carrier)
         ready = carrier.ready
     nobody = Devices(np.zeros((0, 2)), ())
-    with FlightLog(
-        folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
-    ) as log:
+    with (
+        one_interruption(),
+        FlightLog(
+            folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
+        ) as log,
+    ):
         _attach(log, ready)
         try:
             with stopwatch("fly"), outcome.flight():

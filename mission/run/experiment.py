@@ -15,7 +15,7 @@ from mission.base.user_code import users_code
 from mission.log.records import Learnt, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
-from mission.run.learning import learn
+from mission.run.learning import learn, recorded
 from mission.run.round_result import Recorder, RoundResult
 from mission.scenario.scenario import Scenario
 
@@ -42,13 +42,21 @@ class Experiment(ABC):
         """Whether the rounds or the path budget are spent."""
         return self.totals.is_over(self.scenario.config.mission)
 
-    @abstractmethod
     async def run(self) -> None:
-        """Go through all rounds, from the first to the last.
+        """Record the untrained models, then go through all rounds.
 
         Raises:
             AerofedError: what ends the run before that.
         """
+        federation = self.scenario.federation
+        # A resumed run has the last round's models, and records the first ones again.
+        state = self.state if self.state.rounds == 0 else learning.init(federation)
+        self.recorder.learnt(0, recorded(federation, learning.untrained(federation, state)))
+        await self._run()
+
+    @abstractmethod
+    async def _run(self) -> None:
+        """Go through all rounds, from the first to the last."""
 
     @abstractmethod
     def flown(self) -> str:

@@ -40,13 +40,7 @@ class FlownExperiment(Experiment):
     tap: Tap | None = None  # on the link between pilot and built-in autopilot
     _stage: str = field(default="", init=False)  # of the flight, for people
 
-    async def run(self) -> None:
-        """Fly all rounds, from take-off to landing.
-
-        Raises:
-            FlightError, LinkLostError: see `Pilot`.
-            PlanError: see the planner.
-        """
+    async def _run(self) -> None:
         try:
             async with self.flyers.open(
                 self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice

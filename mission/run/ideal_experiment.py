@@ -12,14 +12,12 @@ from mission.run.experiment import Experiment
 
 @dataclass(kw_only=True)
 class IdealExperiment(Experiment):
-    """What learning comes to where the radio loses nothing and paths cost nothing."""
+    """What learning comes to where the radio loses nothing.
 
-    async def run(self) -> None:
-        """Go through as many rounds as the path budget would have paid for.
+    It has as many rounds as the path budget would have paid for.
+    """
 
-        Raises:
-            TrainingError: the training diverged.
-        """
+    async def _run(self) -> None:
         while not self.finished:
             await self._round()
 

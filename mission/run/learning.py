@@ -32,7 +32,12 @@ def learn(
         )
     except DivergedError as error:
         raise TrainingError(f"learning diverged: {error}") from None
-    return state, Learnt(
+    return state, recorded(federation, learnt)
+
+
+def recorded(federation: learning.Federation, learnt: learning.RoundLearning) -> Learnt:
+    """What a round taught, as the tables and the log hold it."""
+    return Learnt(
         learnt.accuracy,
         learnt.cov,
         {
@@ -40,6 +45,7 @@ def learn(
             for index, name in enumerate(federation.names)
         },
         learnt.device_accuracy.tolist(),
+        learnt.received_accuracy.tolist(),
         learnt.local_loss.tolist(),
     )
 

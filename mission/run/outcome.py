@@ -38,6 +38,9 @@ class Outcome:
         """Draw and tabulate in the block what was flown."""
         try:
             yield
+        except KeyboardInterrupt:
+            if self.status == "finished":
+                self.status = "interrupted"
         except AerofedError as failure:
             self._consequence(failure)
         # What a library says that finds no memory, for itself or for what it loads.

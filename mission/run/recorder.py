@@ -68,17 +68,20 @@ class FolderRecorder:
                 "area.home_m, mission.path_budget_m and the channel decide who is"
             )
         self.log.uplinks(result.uplinks)
-        self.log.learning(record.round, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        self.learnt(record.round, learnt)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
-        self.devices.extend(self._devices(record.round, learnt))
         self.rounds.append(record)
         if not result.remembered:
-            InterruptedFiles(
-                self.folder
-            ).discard()  # log and tables hold all that the old ones held
+            # Log and tables hold all that the old ones held.
+            InterruptedFiles(self.folder).discard()
             self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
+
+    def learnt(self, round_number: int, learnt: Learnt) -> None:
+        """Log and tabulate what the models know after a round; 0 is before the first."""
+        self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        self.devices.extend(self._devices(round_number, learnt))
 
     def phase(self, name: str) -> None:
         """Show the phase."""
@@ -99,10 +102,14 @@ class FolderRecorder:
 
     def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
         each = zip(
-            self.scenario.community_of, learnt.device_accuracy, learnt.device_loss, strict=True
+            self.scenario.community_of,
+            learnt.device_accuracy,
+            learnt.received_accuracy,
+            learnt.device_loss,
+            strict=True,
         )
-        for device, (community, accuracy, loss) in enumerate(each):
-            yield DeviceRecord(round_number, device, community, accuracy, loss)
+        for device, values in enumerate(each):
+            yield DeviceRecord(round_number, device, *values)
 
 
 @contextmanager

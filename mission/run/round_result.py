@@ -5,7 +5,7 @@ from typing import Protocol
 
 from fl.federation.rounds import FederationState
 from mission.flight.flight_plan import FlightPlan
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import Learnt, RoundRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import RoundMemory
 
@@ -33,6 +33,10 @@ class Recorder(Protocol):
         flight_plan: FlightPlan,
     ) -> None:
         """A round is about to be flown."""
+        ...
+
+    def learnt(self, round_number: int, learnt: Learnt) -> None:
+        """What the models know after a round, or, as round 0, untrained."""
         ...
 
     def finished(self, result: RoundResult) -> None:

@@ -11,7 +11,7 @@ from fl.federation import rounds as learning
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.interrupts import run_flight
+from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.loading import load_config
@@ -138,7 +138,10 @@ def _fly(
     )
     summary.started()
     outcome = Outcome()
-    with _experiment(ready, console, stopwatch, workers=workers) as experiment:
+    with (
+        one_interruption(),
+        _experiment(ready, console, stopwatch, workers=workers) as experiment,
+    ):
         try:
             with outcome.flight():
                 run_flight(experiment.run())

@@ -98,21 +98,48 @@ class Rectangular:
         return Sortie(finish(problem, fit_budget(tour, problem.path_budget_m)))
 
 
+@dataclass(frozen=True)
+class HoveringTour:
+    """Baseline 2 as its words may also be read: rounds over hovering points of the tour.
+
+    The points are spread evenly over it. A round flies along the tour to the next one and serves
+    there, hovering; what is left of its N steps all stand there.
+    """
+
+    corners_m: Floats  # (4, 2) in order of flight
+    points: int
+    hover_s: float
+    fairness: bool = True
+
+    @property
+    def approach_m(self) -> Floats:
+        """The tour starts at its first corner."""
+        return np.asarray(self.corners_m[0])
+
+    @property
+    def spacing_m(self) -> float:
+        """Between hovering points, along the tour."""
+        return float(_sides(self.corners_m).sum()) / self.points
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
+        """To the next hovering point, with the best schedule on the way and there."""
+        arc = _ends(self.corners_m, round_index * self.spacing_m, self.spacing_m)
+        if problem.steps < len(arc):
+            arc = arc[[0, *range(len(arc) - problem.steps + 1, len(arc))]]
+        tour = _along(self.corners_m, np.pad(arc, (0, problem.steps - len(arc)), mode="edge"))
+        tour[0] = problem.start_m
+        plan = finish(problem, fit_budget(tour, problem.path_budget_m))
+        return Sortie(plan, hold_s=self.hover_s)
+
+
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:
     """(steps, 2) points over `length_m` metres of a closed polygon from arc length `start_m`.
 
     Corners on the way are among the points where there are enough steps for all of them.
     """
-    sides = np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1)
-    knots = np.concatenate(([0.0], np.cumsum(sides)))
-    perimeter = float(knots[-1])
-    start = math.fmod(start_m, perimeter)
-    laps = np.arange(math.ceil((start + length_m) / perimeter) + 1)[:, None] * perimeter
-    inner = (knots[None, :-1] + laps).ravel()
-    inner = inner[(inner > start + 1e-6) & (inner < start + length_m - 1e-6)]
-    ends = np.concatenate(([start], inner, [start + length_m]))
+    ends = _ends(corners_m, start_m, length_m)
     if steps - 1 < len(ends) - 1:
-        arc = np.linspace(start, start + length_m, steps)
+        arc = np.linspace(ends[0], ends[-1], steps)
     else:
         lengths = np.diff(ends)
         legs = np.ones(len(lengths), dtype=int)
@@ -123,8 +150,29 @@ def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> F
             for a, b, n in zip(ends[:-1], ends[1:], legs, strict=True)
         ]
         arc = np.concatenate([*pieces, ends[-1:]])
+    return _along(corners_m, arc)
+
+
+def _sides(corners_m: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1))
+
+
+def _ends(corners_m: Floats, start_m: float, length_m: float) -> Floats:
+    """Arc lengths of the start of a stretch, of the corners on it, and of its end."""
+    knots = np.concatenate(([0.0], np.cumsum(_sides(corners_m))))
+    perimeter = float(knots[-1])
+    start = math.fmod(start_m, perimeter)
+    laps = np.arange(math.ceil((start + length_m) / perimeter) + 1)[:, None] * perimeter
+    inner = (knots[None, :-1] + laps).ravel()
+    inner = inner[(inner > start + 1e-6) & (inner < start + length_m - 1e-6)]
+    return np.concatenate(([start], inner, [start + length_m]))
+
+
+def _along(corners_m: Floats, arc: Floats) -> Floats:
+    """(n, 2) points of a closed polygon at arc lengths."""
+    knots = np.concatenate(([0.0], np.cumsum(_sides(corners_m))))
     closed = np.vstack((corners_m, corners_m[:1]))
-    arc = np.mod(arc, perimeter)
+    arc = np.mod(arc, knots[-1])
     return np.column_stack([np.interp(arc, knots, closed[:, axis]) for axis in (0, 1)])
 
 
@@ -141,7 +189,17 @@ def make_strategy(
             width, height = area.size_m
             low, high = config.tour_inset, 1.0 - config.tour_inset
             corners = np.array([[low, low], [high, low], [high, high], [low, high]])
-            return Rectangular(corners * (width, height), config.path_budget_m)
+            corners *= (width, height)
+            if not config.tour_hover_points:
+                return Rectangular(corners, config.path_budget_m)
+            tour = HoveringTour(corners, config.tour_hover_points, config.hover_s)
+            if tour.spacing_m > config.path_budget_m:
+                raise InputError(
+                    f"mission.tour_hover_points = {tour.points}: they would be {tour.spacing_m:.0f}"
+                    f" m apart, farther than a round flies: mission.path_budget_m is "
+                    f"{config.path_budget_m:g}"
+                )
+            return tour
         case "ideal":
             return None
         case other:

@@ -77,7 +77,7 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         "true_per": _mean([uplink.true_per for uplink in uplinks]),
     }
     for name in records[-1].accuracy if records else ():
-        mine = [item for item in learnt if item.community == name]
+        mine = [item for item in learnt if item.community == name and item.round > 0]
         row[f"participation_{name}"] = _mean([math.isfinite(item.loss) for item in mine])
         last = records[-FINAL_ROUNDS:]
         row[f"final_accuracy_{name}"] = _mean([record.accuracy[name] for record in last])

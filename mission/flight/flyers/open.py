@@ -25,6 +25,7 @@ from mission.flight.flyers.simulated import (
     open_simulated,
     simulated_vehicle,
 )
+from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Scenario
@@ -214,20 +215,12 @@ class ExternalFlyers(Flyers):
 
 
 @dataclass(frozen=True)
-class GroundedFlyers(Flyers):
-    """Those who would fly, where nothing is flown (strategy `ideal`): nobody looks for them."""
+class NoFlyers(Flyers):
+    """Nobody flies: a plan, if there is one, is met exactly."""
 
-    flyers: Flyers
-
-    @property
-    def position_source(self) -> str:
-        """Where positions would come from, for people."""
-        return self.flyers.position_source
-
-    @property
-    def no_resume(self) -> str:
-        """What it is for those who would fly."""
-        return self.flyers.no_resume
+    scenario: Scenario
+    position_source = PLANNED_POSITIONS
+    no_resume = ""
 
     def check(self) -> None:
         """Refuse nothing."""
@@ -236,14 +229,21 @@ class GroundedFlyers(Flyers):
         """Wait for nothing."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """What it is for those who would fly."""
-        return self.flyers.fence()
+        """No fence."""
+        return ()
 
     def open(
-        self, observers: Sequence[VehicleObserver], *, folder: Path, tap: Tap | None, say: Say
+        self,
+        observers: Sequence[VehicleObserver],
+        *,
+        folder: Path,  # noqa: ARG002
+        tap: Tap | None,  # noqa: ARG002
+        say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The flyer, should somebody want it."""
-        return self.flyers.open(observers, folder=folder, tap=tap, say=say)
+        """A flyer that meets every waypoint."""
+        return open_unflown(
+            self.scenario.config.mission, area=self.scenario.area, observers=observers
+        )
 
 
 def flyers_for(scenario: Scenario) -> Flyers:
@@ -252,12 +252,9 @@ def flyers_for(scenario: Scenario) -> Flyers:
     Raises:
         InputError: a setting of the vehicle is refused.
     """
-    flyers = _configured(scenario)
-    return GroundedFlyers(flyers) if scenario.strategy is None else flyers
-
-
-def _configured(scenario: Scenario) -> Flyers:
     config = scenario.config
+    if scenario.strategy is None or config.mission.flight == "none":
+        return NoFlyers(scenario)
     if config.link.kind == "external":
         return ExternalFlyers(scenario)
     home, streams = scenario.area.home, scenario.streams

@@ -110,16 +110,19 @@ def retold_cov(
     psi = [1.0] * len(federation.communities)
     for m, arrived in enumerate(arrivals, start=1):
         for k in arrived:
-            models = range(max(0, m - period), m)  # theta_{m-l} .. theta_{m-1}
+            # What came down in round j, m - l <= j <= m - 1, is the model after round j - 1.
+            models = [j - 1 for j in range(max(1, m - period), m)] or [0]
             received[k] = sum(float(eps_of_models[j][k]) for j in models) / len(models)
         if m % period == 0:
             for c in range(len(psi)):
                 devices = [k for k, of in enumerate(federation.community_of) if of == c]
-                eps = {k: received.get(k, 0.0) for k in devices}
-                mean = sum(float(federation.p[k]) * eps[k] for k in devices)
+                heard = [k for k in devices if k in received]
+                whole = sum(float(federation.p[k]) for k in heard)
+                mean = sum(float(federation.p[k]) / whole * received[k] for k in heard)
                 psi[c] = (
-                    math.sqrt(sum((eps[k] - mean) ** 2 for k in devices)) / mean if mean else 1.0
-                )
+                    math.sqrt(sum((received[k] - mean) ** 2 for k in heard)) / mean
+                    if mean else 1.0
+                )  # fmt: skip
     return psi
 
 
@@ -141,7 +144,7 @@ def test_cov_and_importance_over_rounds_are_as_specified() -> None:
         for k, c in enumerate(federation.community_of):
             boost = 1.0 if k in arrived else 1.5
             assert fed.importance(federation, state, fairness=True)[k] == pytest.approx(
-                federation.p[k] * psi[c] * boost
+                federation.p[k] * max(psi[c], 0.1) * boost
             )
             assert fed.importance(federation, state, fairness=False)[k] == pytest.approx(
                 federation.p[k] * boost
@@ -159,17 +162,71 @@ def test_a_scheduled_device_whose_update_is_lost_counts_as_missed() -> None:
     assert np.isnan(state.eps_received).tolist() == [True, False, True, True]
 
 
-def test_device_accuracy_is_measured_on_the_devices_own_labels() -> None:
+def test_device_accuracy_is_measured_in_the_proportions_of_the_devices_data() -> None:
     federation = build()
     state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
     community = federation.communities[0]
-    labels = community.dataset.validation.labels
-    for device, row in enumerate(community.counts):
-        own = set(np.flatnonzero(row).tolist())
-        n = sum(int((labels == c).sum()) for c in own)
-        right = sum(int(state.correct[0][c]) for c in own)
-        assert learnt.device_accuracy[device] == pytest.approx(right / n)
+    labels = community.validation.labels
+    for device, share in enumerate(community.shares):
+        own = community.dataset.train.labels[share]
+        right = [state.correct[0][c] / (labels == c).sum() for c in own]
+        assert learnt.device_accuracy[device] == pytest.approx(np.mean(right))
     assert len(set(learnt.device_accuracy.tolist())) > 1
+
+
+def test_accuracy_is_reported_on_images_that_importance_never_sees() -> None:
+    federation = build()
+    state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
+    community = federation.communities[0]
+    every = community.dataset.validation
+    parts = [community.validation, community.reporting]
+    assert sum(len(part.labels) for part in parts) == len(every.labels)
+    images = {image.tobytes() for image in parts[0].images}
+    assert not images & {image.tobytes() for image in parts[1].images}
+    for label in range(10):
+        of_each = [int((part.labels == label).sum()) for part in parts]
+        assert abs(of_each[0] - of_each[1]) <= 1
+    net, model = community.network, state.models[0]
+    right = net.correct_per_class(parts[1], model, scaling=community.scaling).sum()
+    assert learnt.accuracy["digits"] == right / len(parts[1].labels)
+
+
+def test_accuracy_may_be_reported_on_all_images_that_drive_importance() -> None:
+    federation = build(FAST.model_copy(update={"report_on": "validation"}))
+    state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
+    every = federation.communities[0].dataset.validation
+    assert federation.communities[0].validation is every
+    assert learnt.accuracy["digits"] == state.correct[0].sum() / len(every.labels)
+
+
+def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 256, (24, 4, 4)).astype(np.uint8)
+    labels = np.arange(24) % 2
+    np.savez(
+        tmp_path / "few.npz",
+        x_train=images[:22], y_train=labels[:22], x_test=images[22:], y_test=labels[22:],
+    )  # fmt: skip
+    few = CommunityConfig(
+        name="few", task="npz", data_file="few.npz", devices=2, labels_per_device=1
+    )
+    streams = RandomStreams(1)
+    with pytest.raises(SettingError, match=r"learning\.report_on = 'test': must be 'validation'"):
+        fed.build([few], FAST, data_dir=tmp_path, stream=streams.generator)
+    alone = FAST.model_copy(update={"report_on": "validation"})
+    fed.build([few], alone, data_dir=tmp_path, stream=streams.generator)
+
+
+def test_who_missed_a_round_is_the_papers_text_or_its_equation() -> None:
+    scheduled, delivered = flags(4, 0, 1), flags(4, 1)
+    for missed, expected in (
+        ("lost-too", [True, False, True, True]),
+        ("unscheduled", [False, False, True, True]),
+    ):
+        federation = build(FAST.model_copy(update={"missed": missed}))
+        state, _ = fed.play_round(
+            federation, fed.init(federation), scheduled=scheduled, delivered=delivered
+        )
+        assert state.missed.tolist() == expected
 
 
 def test_fedprox_without_its_term_is_fedavg() -> None:
@@ -267,7 +324,7 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
     for bad in damaged(saved):
         with pytest.raises(CheckpointError):
             from_bytes(federation, bad)
-    newer = saved.replace(b'"format": 1', b'"format": 9', 1)
+    newer = saved.replace(b'"format": 2', b'"format": 9', 1)
     with pytest.raises(CheckpointError, match="format 9"):
         from_bytes(federation, newer)
 

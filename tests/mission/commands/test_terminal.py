@@ -12,7 +12,7 @@ import pytest
 from patience import HANG_S, until
 from test_run import SMALL, begun
 
-from mission.base.interrupts import run_flight
+from mission.base.interrupts import one_interruption, run_flight
 from mission.cli import call
 
 AEROFED = [sys.executable, "-m", "mission"]
@@ -111,6 +111,21 @@ def test_run_flight_ends_in_order_however_often_it_is_interrupted() -> None:
     with pytest.raises(KeyboardInterrupt):
         run_flight(flight())
     assert told == ["landing"] * 3
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupted_flight_is_written_down_undisturbed() -> None:
+    async def flight() -> None:
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.sleep(HANG_S)
+
+    written = False
+    with one_interruption():
+        with pytest.raises(KeyboardInterrupt):
+            run_flight(flight())
+        signal.raise_signal(signal.SIGINT)
+        written = True
+    assert written
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

@@ -40,3 +40,18 @@ def test_a_bug_is_raised_and_a_failure() -> None:
     with pytest.raises(ZeroDivisionError), outcome.flight():
         raise ZeroDivisionError
     assert outcome.summary == {"status": "failed"}
+
+
+@pytest.mark.parametrize(
+    ("end", "status"), [(None, "interrupted"), (FlightError("lost"), "failed")]
+)
+def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
+    end: FlightError | None, status: str
+) -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        if end is not None:
+            raise end
+    with outcome.post_processing():
+        raise KeyboardInterrupt
+    assert outcome.status == status

@@ -1,0 +1,100 @@
+"""A flyer that flies nothing: every waypoint is met exactly, at the planned speed (the paper)."""
+
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdyn.state import BatteryState, Kinematics
+from mission.base.area import Area
+from mission.config.models import MissionConfig
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.observer import VehicleObserver, VehicleSample
+
+Floats = NDArray[np.float64]
+
+PLANNED_POSITIONS = "nothing is flown: every waypoint is met exactly, at the planned speed"
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+FULL = BatteryState(voltage_v=0.0, current_a=0.0, consumed_mah=0.0, remaining=1.0)
+
+
+@dataclass
+class UnflownFlyer(Flyer):
+    """Is where the plan wants it. Outside rounds it is where it is needed at once."""
+
+    area: Area
+    mission: MissionConfig
+    observers: Sequence[VehicleObserver]
+    _t_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self._ned_m = self.area.to_ned(np.array(self.area.home_m), 0.0)
+
+    @property
+    def t_ns(self) -> int:
+        """Time by the planned speed; it stands still outside rounds."""
+        return self._t_ns
+
+    def here(self) -> Passage:
+        """Where it is, which is where it believes to be."""
+        return Passage(self._t_ns, self._ned_m, self._ned_m)
+
+    async def take_off(self) -> None:
+        """Be above home at once."""
+        self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.mission.altitude_m)
+
+    async def go_to(self, xy_m: Floats) -> None:
+        """Be above a place at once."""
+        self._ned_m = self.area.to_ned(xy_m, self.mission.altitude_m)
+
+    async def land(self) -> None:
+        """Do nothing: nothing of a landing is recorded."""
+
+    async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
+        """Change nothing: no charge is used up."""
+        return False
+
+    async def upload(self, plan: FlightPlan) -> None:
+        """Do nothing: nobody has to be told."""
+
+    async def fly(self, plan: FlightPlan) -> Flight:
+        """Pass the stops one after another, and hover where the plan hovers."""
+        recorder = FlightRecorder()
+        recorder.start(self.here())
+        passages: list[Passage] = []
+        for stop in plan.stops:
+            there = self.area.to_ned(stop.xy_m, plan.alt_rel_m)
+            leg_m = float(np.linalg.norm(there - self._ned_m))
+            leg_s = leg_m / plan.speed_mps
+            velocity = (there - self._ned_m) / leg_s if leg_s > 0.0 else np.zeros(3)
+            self._move(there, leg_s, velocity, recorder)
+            passages.append(self.here())
+            if stop.hold_s > 0.0:
+                self._move(there, stop.hold_s, np.zeros(3), recorder)
+        flight = recorder.finish(self.here(), FULL.remaining)
+        return replace(flight, passages=tuple(passages))
+
+    def _move(
+        self, there: Floats, duration_s: float, velocity: Floats, recorder: FlightRecorder
+    ) -> None:
+        self._ned_m = there
+        self._t_ns += round(1e9 * duration_s)
+        state = Kinematics(self._t_ns, there, velocity, LEVEL, np.zeros(3))
+        sample = VehicleSample(
+            t_ns=self._t_ns, truth=state, belief=state, cmd_pos_ned_m=there,
+            gnss=None, battery=FULL, mode="NOT FLOWN", armed=False,
+        )  # fmt: skip
+        for observer in (recorder, *self.observers):
+            observer.sampled(sample)
+
+
+@asynccontextmanager
+async def open_unflown(
+    mission: MissionConfig, *, area: Area, observers: Sequence[VehicleObserver]
+) -> AsyncIterator[UnflownFlyer]:
+    """The flyer that flies nothing."""
+    yield UnflownFlyer(area, mission, observers)

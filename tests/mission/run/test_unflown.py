@@ -1,0 +1,78 @@
+"""Runs without flight: what was planned is what was met, and all else stays as it is."""
+
+from pathlib import Path
+
+import pytest
+
+from mission.cli import call
+from mission.log.records import UplinkRecord
+from mission.log.tables import read_rounds, read_uplinks
+
+SMALL = (
+    "--set", "mission.flight=none",
+    "--set", "mission.steps=5",
+    "--set", "mission.path_budget_m=300",
+    "--set", "communities.0.devices=3",
+    "--set", "communities.1.devices=3",
+    "--set", "learning.local_epochs=1",
+    "--quiet",
+)  # fmt: skip
+NAMES = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
+
+
+def play(out: Path, *more: str, rounds: int = 3) -> int:
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "unflown"
+    assert play(out) == 0
+    return out
+
+
+def place(uplink: UplinkRecord, who: str) -> tuple[float, float]:
+    return getattr(uplink, f"{who}_x_m"), getattr(uplink, f"{who}_y_m")
+
+
+def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
+    uplinks, rounds = read_uplinks(run / "uplinks.csv"), read_rounds(run / "rounds.csv")
+    assert len(rounds) == 3
+    for uplink in uplinks:
+        assert place(uplink, "true") == pytest.approx(place(uplink, "plan"), abs=0.5)
+        assert place(uplink, "est") == place(uplink, "true")
+        assert uplink.true_per == pytest.approx(uplink.plan_per, abs=1e-3)
+        assert uplink.true_alt_m == 60.0
+    for record in rounds:
+        assert record.flown_path_m == pytest.approx(record.plan_path_m, abs=2.5)
+        assert record.duration_s == pytest.approx(record.flown_path_m / 20.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "ideal", "no_cov"])
+def test_every_strategy_does_without_flight(tmp_path: Path, strategy: str) -> None:
+    assert play(tmp_path / "run", "--set", f"mission.strategy={strategy}", rounds=2) == 0
+    rounds = read_rounds(tmp_path / "run" / "rounds.csv")
+    hover = 5.0 if strategy == "barycenter" else 0.0 if strategy == "ideal" else None
+    assert hover is None or {record.duration_s for record in rounds} == {hover}
+
+
+def test_it_repeats_and_reads_like_any_run(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert play(tmp_path / "again") == 0
+    for name in NAMES:
+        assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
+    assert call(["compare", str(run)]) == 0
+    assert "cross-track" in capsys.readouterr().out
+    assert call(["log", "check", str(run)]) == 0
+
+
+def test_a_vehicle_that_would_never_fly_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = ("--set", "link.kind=external", "--set", "link.url=udpin://127.0.0.1:14540")
+    assert play(tmp_path / "run", *link) == 2
+    assert "mission.flight = 'none' flies nothing, and so needs no link.kind = 'external'" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "run").exists()
