@@ -52,7 +52,7 @@ class ConvNet:
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Widths of the flattened maps, the hidden layers, the logits."""
+        """Of the flattened maps, the hidden layers, the logits."""
         return math.prod(self.pooled[1]) * self.channels[1], *self.hidden, self.classes
 
     @property

@@ -212,7 +212,7 @@ def _start_handle() -> Line2D:
 
 
 def path_handles() -> list[Line2D]:
-    """Legend entries of `band` and of the line in it."""
+    """Of `band` and of the line in it."""
     return [
         Line2D([], [], color=BAND, lw=5, marker="o", ms=3.5, mfc="white", mec=PLANNED,
                label="planned"),
@@ -221,7 +221,7 @@ def path_handles() -> list[Line2D]:
 
 
 def fence_handles(run: FlightData) -> list[Line2D]:
-    """Legend entries of the kinds of fence that there are."""
+    """Of the kinds of fence that there are."""
     kinds = sorted({zone.keep_in for zone in run.fence}, reverse=True)
     return [
         Line2D([], [], **_FENCE_STYLE[kind], label="fence" if kind else "no entry")
@@ -230,7 +230,7 @@ def fence_handles(run: FlightData) -> list[Line2D]:
 
 
 def home_handle() -> Line2D:
-    """Legend entry of the take-off point."""
+    """Of the take-off point."""
     return Line2D([], [], marker="s", ms=6, mfc="none", mec=TEXT, ls="", label="home")
 
 

@@ -46,7 +46,7 @@ def map_legend(run: FlightData) -> list[str]:
 
 
 class MapFrame:
-    """Maps area metres to SVG units: a unit is a metre, scaled to 800 units across."""
+    """From area metres to SVG units: a unit is a metre, scaled to 800 units across."""
 
     def __init__(self, run: FlightData) -> None:
         low, high = extent(run, margin=_MARGIN)

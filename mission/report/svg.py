@@ -30,7 +30,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Scale:
-    """Maps values to SVG units along one axis."""
+    """From values to SVG units along one axis."""
 
     low: float
     high: float

@@ -25,7 +25,7 @@ class EndRow:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Ends of the interval, as far as the value can be; the mean itself for a single seed."""
+        """Of the interval, as far as the value can be; the mean itself for a single seed."""
         half = self.half if math.isfinite(self.half) else 0.0
         return max(self.mean - half, self.least), min(self.mean + half, self.most)
 
