@@ -27,7 +27,7 @@ from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
 from mission.figures.flight import draw_flight
-from mission.flight.flyers.open import check_link
+from mission.flight.flyers.ports import check_link
 from mission.flight.plan_file import read_plan_file
 from mission.log.live.view import live_views
 from mission.log.values import Devices, FlightData

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from mission.config.models import RunConfig
-from mission.flight.flyers.open import Flyers, flyers_for
+from mission.flight.flyers.choice import flyers_for
+from mission.flight.flyers.open import Flyers
 from mission.scenario.scenario import Scenario, build_scenario
 
 

@@ -1,6 +1,5 @@
-"""Who flies a run: chosen once, when the run is set up."""
+"""The kinds of flyers that a run can have, and how each is made ready and opened."""
 
-import socket
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
@@ -9,30 +8,26 @@ from typing import Protocol
 
 import numpy as np
 
-from flightdyn.errors import FlightInputError
 from flightdyn.plant import Plant
-from mission.base.errors import InputError, LinkLostError
+from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
-from mission.config.models import LinkConfig
 from mission.flight.fence import fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
 from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.ports import check_link
 from mission.flight.flyers.simulated import (
     SIMULATED_POSITIONS,
     Tap,
     open_simulated,
-    simulated_vehicle,
 )
 from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Scenario
-from sitl.errors import SitlInputError
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
-from sitl.firmware.vehicle import plant_for
 from sitl.observer import VehicleObserver
 from sitl.vehicle import Vehicle
 
@@ -246,28 +241,6 @@ class NoFlyers(Flyers):
         )
 
 
-def flyers_for(scenario: Scenario) -> Flyers:
-    """Who flies in a scenario, as its configuration says.
-
-    Raises:
-        InputError: a setting of the vehicle is refused.
-    """
-    config = scenario.config
-    if scenario.strategy is None or config.mission.flight == "none":
-        return NoFlyers(scenario)
-    if config.link.kind == "external":
-        return ExternalFlyers(scenario)
-    home, streams = scenario.area.home, scenario.streams
-    if config.vehicle.autopilot == "built-in":
-        return BuiltInFlyers(
-            scenario, simulated_vehicle(config.vehicle, home=home, streams=streams)
-        )
-    try:
-        return FirmwareFlyers(scenario, plant_for(config.vehicle, home=home, streams=streams))
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
-
-
 def _demand(scenario: Scenario) -> Demand:
     """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
     mission = scenario.config.mission
@@ -278,32 +251,3 @@ def _demand(scenario: Scenario) -> Demand:
         distance_m=float(away_m.max(initial=0.0)),
         acceptance_m=mission.acceptance_radius_m,
     )
-
-
-def check_link(link: LinkConfig) -> None:
-    """Refuse ports that are taken.
-
-    Raises:
-        LinkLostError: names the key and the port.
-    """
-    if link.kind == "udp":
-        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
-    elif link.kind == "external":
-        _check_url(link.url, "link.url")
-    for url in link.gcs:
-        _check_url(url, "link.gcs")
-
-
-def _check_url(url: str, key: str) -> None:
-    host, _, port = url.removeprefix("udpin://").rpartition(":")
-    if url.startswith("udpin://") and port.isdecimal():
-        _check_port(host, int(port), f"{key} = {url}")
-
-
-def _check_port(host: str, port: int, what: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None
