@@ -263,9 +263,14 @@ def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
     speed_mps = float(legs_m.sum()) / ready.path.duration_s
     slots_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
     log.plan(
-        t_ns, 1, problem, plan,
-        speed_mps=speed_mps, ideal_slot_s=slots_s, height_m=points[:, 2],
-    )  # fmt: skip
+        t_ns,
+        1,
+        problem,
+        plan,
+        speed_mps=speed_mps,
+        ideal_slot_s=slots_s,
+        height_m=points[:, 2],
+    )
 
 
 def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:

@@ -85,9 +85,15 @@ class UnflownFlyer(Flyer):
         self._t_ns += round(1e9 * duration_s)
         state = Kinematics(self._t_ns, there, velocity, LEVEL, np.zeros(3))
         sample = VehicleSample(
-            t_ns=self._t_ns, truth=state, belief=state, cmd_pos_ned_m=there,
-            gnss=None, battery=FULL, mode="NOT FLOWN", armed=False,
-        )  # fmt: skip
+            t_ns=self._t_ns,
+            truth=state,
+            belief=state,
+            cmd_pos_ned_m=there,
+            gnss=None,
+            battery=FULL,
+            mode="NOT FLOWN",
+            armed=False,
+        )
         for observer in (recorder, *self.observers):
             observer.sampled(sample)
 

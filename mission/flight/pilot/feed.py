@@ -172,9 +172,16 @@ class TelemetryFeed:
         mode, armed = self._pilot.mode, self._pilot.armed
         self.battery.read(belief.t_ns, self._battery.remaining, flying=self._pilot.flying)
         sample = VehicleSample(
-            t_ns=belief.t_ns, truth=truth, belief=belief, cmd_pos_ned_m=None, gnss=None,
-            battery=known.battery, mode=mode, armed=armed, wind_ned_mps=known.wind_ned_mps,
-        )  # fmt: skip
+            t_ns=belief.t_ns,
+            truth=truth,
+            belief=belief,
+            cmd_pos_ned_m=None,
+            gnss=None,
+            battery=known.battery,
+            mode=mode,
+            armed=armed,
+            wind_ned_mps=known.wind_ned_mps,
+        )
         for observer in self._observers:
             observer.sampled(sample)
         early, self._early = self._early, []

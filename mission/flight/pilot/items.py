@@ -26,11 +26,16 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     """
     waypoints = [
         _item(
-            NAV_WAYPOINT, stop.hold_s, plan.acceptance_m, 0.0, math.nan,
-            at=position, z=plan.alt_rel_m,
+            NAV_WAYPOINT,
+            stop.hold_s,
+            plan.acceptance_m,
+            0.0,
+            math.nan,
+            at=position,
+            z=plan.alt_rel_m,
         )
         for stop, position in zip(plan.stops, positions, strict=True)
-    ]  # fmt: skip
+    ]
     speed = _item(DO_CHANGE_SPEED, _GROUND_SPEED, plan.speed_mps, _UNCHANGED, 0.0)
     return _numbered([waypoints[0], speed, *waypoints[1:]])
 
@@ -74,11 +79,15 @@ def _essence(items: list[MissionItem], dialect: Dialect) -> list[tuple[int, ...]
     """What must come back unchanged; parameters travel as 32-bit floats, heights in cm."""
     return [
         (
-            item.seq, item.command, item.x, item.y, round(item.z * 100),
+            item.seq,
+            item.command,
+            item.x,
+            item.y,
+            round(item.z * 100),
             round(item.param2 * 1000) if dialect.keeps_radius else 0,
         )
         for item in items
-    ]  # fmt: skip
+    ]
 
 
 def _item(

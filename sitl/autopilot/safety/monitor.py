@@ -19,11 +19,21 @@ from sitl.autopilot.values.snapshot import Dials, Snapshot
 _GNSS_CURRENT_S = 1.5  # a solution is current for so long
 _SATELLITES_UNKNOWN = 255
 _PRESENT = (
-    Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.BARO | Sensor.GNSS
-    | Sensor.RATE_CONTROL | Sensor.ATTITUDE_CONTROL | Sensor.YAW_CONTROL
-    | Sensor.ALTITUDE_CONTROL | Sensor.POSITION_CONTROL | Sensor.MOTORS
-    | Sensor.AHRS | Sensor.BATTERY | Sensor.PREARM_CHECK
-)  # fmt: skip
+    Sensor.GYRO
+    | Sensor.ACCEL
+    | Sensor.MAG
+    | Sensor.BARO
+    | Sensor.GNSS
+    | Sensor.RATE_CONTROL
+    | Sensor.ATTITUDE_CONTROL
+    | Sensor.YAW_CONTROL
+    | Sensor.ALTITUDE_CONTROL
+    | Sensor.POSITION_CONTROL
+    | Sensor.MOTORS
+    | Sensor.AHRS
+    | Sensor.BATTERY
+    | Sensor.PREARM_CHECK
+)
 _NEEDS_GNSS = Sensor.GNSS | Sensor.POSITION_CONTROL
 _ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
 
