@@ -19,12 +19,12 @@ from mission.flight.flyers.external import ExternalFlyer, open_external, telemet
 from mission.flight.flyers.simulated import SIMULATED_POSITIONS, SimulatedFlyer, open_simulated
 from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.log.write.writer import FlightLog
 from mission.planflight.prepare import PreparedPlan, prepare_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.autopilot.codec.names import command_name
-from sitl.autopilot.protocol.items import PLACES
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem
 

@@ -10,13 +10,13 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import AreaConfig, RunConfig
-from mission.flight.fence import fence_of
+from mission.flight.fence_zones import fence_of
 from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone
 from mission.planflight.check import PlannedPath, check_items, here_means
-from sitl.autopilot.protocol.items import PLACES
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.vehicle import Vehicle
 
 _MARGIN_M = 50.0  # around the plan, for the map

@@ -8,7 +8,7 @@ from flightdyn.aircraft import Aircraft
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.orders import FlightCommands
+from sitl.autopilot.flying.flight_commands import FlightCommands
 from sitl.autopilot.flying.permissions import Permissions
 from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.modes import Mode
@@ -17,7 +17,7 @@ from sitl.autopilot.pilots.pilots import Pilots
 from sitl.autopilot.protocol.absent import Absent
 from sitl.autopilot.protocol.commands import CommandServer, Refusal
 from sitl.autopilot.protocol.ftp import FtpServer
-from sitl.autopilot.protocol.items import check_item, why_refused
+from sitl.autopilot.protocol.item_rules import check_item, why_refused
 from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.message_requests import MessageCommands
 from sitl.autopilot.protocol.parameter_server import ParameterServer

@@ -20,10 +20,10 @@ from mission.flight.flyers.contact import Say, located, until, until_ready
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.items import stop_items
 from mission.flight.pilot.limits import Demand, Limits, read_limits
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver
 

@@ -25,7 +25,7 @@ from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError

@@ -11,7 +11,7 @@ import numpy as np
 from flightdyn.plant import Plant
 from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
-from mission.flight.fence import fence_of
+from mission.flight.fence_zones import fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware

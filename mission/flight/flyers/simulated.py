@@ -17,8 +17,8 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
-from mission.flight.pilot.items import stop_items
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.mission_items import stop_items
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.config import VehicleConfig
 from sitl.errors import LinkError, SitlInputError

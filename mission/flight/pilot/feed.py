@@ -17,7 +17,7 @@ from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.flight.pilot.battery import BatteryWatch
 from mission.flight.pilot.clock import VehicleClock
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample

@@ -7,7 +7,7 @@ from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.navigator import Navigator
-from sitl.autopilot.protocol.items import NAVIGATION
+from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.reporter import Reporter
 from sitl.autopilot.values.messages import MissionItem
 
