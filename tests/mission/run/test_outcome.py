@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from mission.base.errors import AerofedError, FlightError, InputError
+from mission.planner.errors import SolverError
 from mission.run.outcome import Outcome
 
 
@@ -55,3 +56,12 @@ def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
     with outcome.post_processing():
         raise KeyboardInterrupt
     assert outcome.status == status
+
+
+def test_an_error_in_other_words_stays_what_it_is(tmp_path: Path) -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        raise SolverError("OSQP", "max_iter")
+    with pytest.raises(SolverError, match=f"OSQP.*no usable solution; .* in {tmp_path}") as raised:
+        outcome.raise_error(tmp_path)
+    assert (raised.value.exit_code, raised.value.status) == (3, "max_iter")
