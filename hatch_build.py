@@ -1,26 +1,15 @@
 """Builds the native libraries into the wheel, or into the tree of an editable installation."""
 
-import importlib.util
 import platform
 import sys
 import sysconfig
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-
-def _building() -> ModuleType:
-    """`native.building` by its path: in a build nothing of the project can be imported."""
-    path = Path(__file__).with_name("native") / "building.py"
-    spec = importlib.util.spec_from_file_location("native_building", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up there
-    spec.loader.exec_module(module)
-    return module
+sys.path.insert(0, str(Path(__file__).parent))  # in a build, nothing of the project is on the path
+from native import building
 
 
 class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
@@ -28,13 +17,11 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
 
     def dependencies(self) -> list[str]:
         """What the build needs besides hatchling."""
-        building = _building()
         return [] if building.named() or next(building.compilers(), None) else [building.ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the libraries, and name the wheel after the platform that they run on."""
         del version
-        building = _building()
         for library in building.LIBRARIES:
             path = library.path if library.path.exists() else building.build(library)
             where = path.relative_to(self.root)

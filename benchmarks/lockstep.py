@@ -6,7 +6,7 @@ where there is one, wall time.
 
     python benchmarks/lockstep.py [--devices 6] [--batch 32] [--rounds 5]
 
-compiled   the built-in network in `fl.kernels`, on the processor in either table
+built in   the built-in network in `fl.native`, on the processor in either table
 one by one the same network as a torch module
 lockstep   the same under `torch.func.vmap`; on a GPU as a CUDA graph
 """
@@ -58,7 +58,7 @@ def rounds_of(
         BuiltInNetwork(net, name=name, device=device, devices=devices, lockstep=lockstep)
         for lockstep in (False, True)
     )
-    return {"compiled": a_round(net), "one by one": a_round(alone), "lockstep": a_round(together)}
+    return {"built in": a_round(net), "one by one": a_round(alone), "lockstep": a_round(together)}
 
 
 def main() -> None:
@@ -71,7 +71,7 @@ def main() -> None:
     places = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     for place in places:
         clock = time.process_time if place == "cpu" else time.perf_counter
-        print(f"{place:<18} compiled one by one lockstep   one by one/lockstep")
+        print(f"{place:<18} built in one by one lockstep   one by one/lockstep")
         for title, name, shape in CASES:
             ways = rounds_of(
                 name, shape, device=place, devices=arguments.devices, batch=arguments.batch
@@ -81,14 +81,14 @@ def main() -> None:
                 for way, train in ways.items():
                     start = clock()
                     train()
-                    if number:  # the first one compiles and captures
+                    if number:  # the first one captures
                         taken[way].append(clock() - start)
             ms = {
                 way: 1e3 * float(np.median(times)) / (arguments.devices * STEPS)
                 for way, times in taken.items()
             }
             print(
-                f"{title:<18} {ms['compiled']:8.3f} {ms['one by one']:10.3f}"
+                f"{title:<18} {ms['built in']:8.3f} {ms['one by one']:10.3f}"
                 f" {ms['lockstep']:8.3f} {ms['one by one'] / ms['lockstep']:15.2f}x",
                 flush=True,
             )

@@ -3,10 +3,8 @@
 Every number of a line is measured in the same run, in CPU time. The optimum is bracketed by the
 certified planner at a gap of 0.1 %: "optimum" is the share reached of the best value known, and
 "short of bound" what is missing at most to the true optimum. Large instances are compared with
-the better of two long searches, about half of the seconds each: simulated annealing, which shares
-nothing with the planner (`planner_annealing.py`, where numba is installed), and the planner's own
-exploration from hundreds of starts. Layouts are drawn from seeds that no constant of the planner
-was chosen on.
+the planner's own exploration from hundreds of starts. Layouts are drawn from seeds that no constant
+of the planner was chosen on.
 
 Reward and bound need tables of the channel out to a reach, which a process makes once and then
 keeps. Plans are timed with them at hand; what they cost has a line of its own by channel. Run:
@@ -15,7 +13,6 @@ keeps. Plans are timed with them at hand; what they cost has a line of its own b
 """
 
 import argparse
-import importlib.util
 import json
 import subprocess
 import sys
@@ -158,40 +155,33 @@ def longer(devices: int) -> None:
         )
 
 
-def long_search(problem: RoundProblem, seconds: float) -> tuple[float, float, float]:
-    """(annealing's best value, the planner's own, CPU seconds of both); NaN without numba."""
+def long_search(problem: RoundProblem, seconds: float) -> tuple[float, float]:
+    """(the best value found, CPU seconds)."""
     began = time.process_time()
-    own, ms = timed(SqpPlanner(starts=500, tries=500), problem)
-    tries = int(500 * (seconds / 2.0 * 1e3 - ms) / ms)
+    found, ms = timed(SqpPlanner(starts=500, tries=500), problem)
+    tries = int(500 * (seconds * 1e3 - ms) / ms)
     if tries > 500:
         again, _ = timed(SqpPlanner(starts=500, tries=tries), problem)
-        own = max(own, again, key=lambda one: one.value)
-    value = float("nan")
-    if importlib.util.find_spec("numba") is not None:
-        from planner_annealing import search
-
-        annealed, _ = search(problem, began + seconds - time.process_time())
-        check_plan(problem, annealed)
-        value = annealed.value
-    return value, own.value, time.process_time() - began
+        found = max(found, again, key=lambda one: one.value)
+    return found.value, time.process_time() - began
 
 
 def large(seconds: float, sizes: Sequence[tuple[int, float]]) -> None:
     """N = 50, against a search of that many CPU seconds."""
     print(f"\nN = 50, against {seconds:.0f} s of search; CPU ms")
     print(
-        f"{'K':>5} {'L m':>6} {'channel':14} {'ms':>6} {'value':>8} {'annealing':>10}"
-        f" {'own':>8} {'CPU s':>6} {'of the best':>12}"
+        f"{'K':>5} {'L m':>6} {'channel':14} {'ms':>6} {'value':>8} {'search':>8}"
+        f" {'CPU s':>6} {'of the best':>12}"
     )
     for devices, budget in sizes:
         for channel in CHANNELS:
             problem = layout(0, devices=devices, steps=50, channel=channel, budget=budget)
             plan, spent = timed(SqpPlanner(), problem)
-            annealed, own, took = long_search(problem, seconds)
-            best = np.nanmax([plan.value, annealed, own])
+            found, took = long_search(problem, seconds)
+            best = max(plan.value, found)
             print(
                 f"{devices:5d} {budget:6.0f} {channel:14} {spent:6.0f} {plan.value:8.5f}"
-                f" {annealed:10.5f} {own:8.5f} {took:6.0f} {plan.value / best:12.4f}",
+                f" {found:8.5f} {took:6.0f} {plan.value / best:12.4f}",
                 flush=True,
             )
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
-BUILT_IN_NETWORKS = ("lenet", "mcmahan")
+BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 
 Positive = Annotated[float, Field(gt=0.0)]
 Unheard = Literal["left-out", "zero"]
@@ -17,7 +17,7 @@ Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "
 
 
 class _Frozen(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class ChannelConfig(_Frozen):
@@ -70,6 +70,25 @@ class ChannelConfig(_Frozen):
         return replace(changed, tx_power_db=changed.tx_power_db + self.extra_gain_db)
 
 
+class ConvNetConfig(_Frozen):
+    """For network = 'convnet': blocks (convolution, 2x2 max-pooling, ReLU), then dense layers."""
+
+    channels: tuple[Annotated[int, Field(ge=1, le=512)], ...] = Field(
+        (16, 32),
+        min_length=0,
+        max_length=8,
+        description="feature maps after each block; its convolution keeps height and width, "
+        "its pooling halves them",
+    )
+    kernel: Literal[3, 5] = Field(3, description="width of the convolutions")
+    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(
+        (64,),
+        min_length=0,
+        max_length=7,
+        description="units of the dense layers between the blocks and the classes",
+    )
+
+
 class CommunityConfig(_Frozen):
     """Devices with one common task, and how its data are spread over them."""
 
@@ -96,8 +115,19 @@ class CommunityConfig(_Frozen):
     )
     network: str = Field(
         "lenet",
-        description="'lenet', 'mcmahan', or a torch module as 'package.module:callable'",
+        description="'lenet', 'mcmahan', 'convnet', or a torch module as 'package.module:callable'",
     )
+    convnet: ConvNetConfig | None = Field(
+        None, description="for network = 'convnet': how many layers, how large"
+    )
+
+    @model_validator(mode="after")
+    def _sizes_with_convnet_only(self) -> Self:
+        if (self.network == "convnet") != (self.convnet is not None):
+            raise ValueError(
+                "the table convnet belongs to network = 'convnet', which needs it; it may be empty"
+            )
+        return self
 
     @model_validator(mode="after")
     def _file_with_npz_only(self) -> Self:
@@ -164,5 +194,5 @@ class LearningConfig(_Frozen):
     )
     device: Literal["cpu", "cuda"] = Field(
         "cpu",
-        description="where networks train: the processor, or a GPU by way of torch",
+        description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )

@@ -8,7 +8,7 @@ from flightdyn.faults import Fault
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class GustConfig(_Model):

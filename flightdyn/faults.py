@@ -9,7 +9,7 @@ _Force = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Fault(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     at_s: float = Field(
         default=0.0, ge=0, le=1e6, description="simulated time at which a configured fault begins"

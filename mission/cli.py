@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
@@ -13,11 +12,19 @@ from mission.base.terminal import Terminal
 from mission.commands import helps
 from native.errors import LibraryError
 
+
+def _version() -> str:
+    # Imported here: it takes a sixth of `aerofed --help`.
+    from importlib.metadata import version
+
+    return version("aerofed")
+
+
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
 app = App(
     name="aerofed",
-    version=lambda: version("aerofed"),
+    version=_version,
     console=Terminal(),
     help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
     help_epilogue=f"Exit codes:\n{_CODES}",

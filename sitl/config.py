@@ -11,7 +11,7 @@ from flightdyn.config import AircraftConfig
 class FirmwareConfig(BaseModel):
     """A real autopilot's firmware, which flies the aircraft instead of the built-in autopilot."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     path: Path | None = Field(
         default=None,
@@ -30,7 +30,7 @@ class FirmwareConfig(BaseModel):
 class VehicleConfig(BaseModel):
     """The aircraft, its autopilot and how closely it is watched."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     aircraft: AircraftConfig = Field(
         default_factory=AircraftConfig, description="physics, sensors, estimation and control"

@@ -1,6 +1,8 @@
 """A task's images and labels: what they are, and where they come from."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,19 +45,32 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Dataset:
-    """One task. Labels run from 0 to `classes` - 1 in both splits."""
+    """One task. Labels run from 0 to `classes` - 1 in both splits.
+
+    Planning looks at the labels alone, so that generated images are drawn when first looked at.
+    """
 
     task: str
-    train: Split
-    validation: Split
+    labels: Labels  # of the training images
+    held_out: Labels  # (classes,) validation images of each class
+    image_shape: tuple[int, int, int]  # height, width, channels
     classes: int
     provenance: Provenance
+    load_splits: Callable[[], tuple[Split, Split]]
+
+    @cached_property
+    def _splits(self) -> tuple[Split, Split]:
+        return self.load_splits()
 
     @property
-    def image_shape(self) -> tuple[int, int, int]:
-        """(height, width, channels)"""
-        _, height, width, channels = self.train.images.shape
-        return height, width, channels
+    def train(self) -> Split:
+        """What devices share among them."""
+        return self._splits[0]
+
+    @property
+    def validation(self) -> Split:
+        """What models are measured on."""
+        return self._splits[1]
 
 
 def checked(
@@ -83,14 +98,18 @@ def checked(
             f"training images of {train.images.shape[1:]},"
             f" validation images of {validation.images.shape[1:]}",
         )
-    return Dataset(task, train, validation, classes, provenance)
+    _, height, width, channels = train.images.shape
+    return Dataset(
+        task, train.labels, np.bincount(validation.labels, minlength=classes),
+        (height, width, channels), classes, provenance, lambda: (train, validation),
+    )  # fmt: skip
 
 
 def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:
     """All but a part of every class, and that part; the same on every machine."""
     rng = np.random.Generator(np.random.PCG64(seed))
     held = np.zeros(len(labels), dtype=np.bool_)
-    for label in np.unique(labels):
+    for label in sorted(set(labels.tolist())):
         members = rng.permutation(np.flatnonzero(labels == label))
         held[members[: held_out_of_each(np.array([len(members)]), share)[0]]] = True
     return Split(images[~held], labels[~held]), Split(images[held], labels[held])

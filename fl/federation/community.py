@@ -77,7 +77,7 @@ class Community:
     @cached_property
     def validation_counts(self) -> Indices:
         """Validation images of each class, (classes,)."""
-        return _per_class(self.validation, self.dataset.classes)
+        return np.bincount(self.validation.labels, minlength=self.dataset.classes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Federation:
             digest.update(repr((community.name, community.config.task)).encode())
             digest.update(repr(community.network.shapes).encode())
             digest.update(repr(community.dataset.provenance.files).encode())
-            digest.update(community.dataset.train.labels.tobytes())
+            digest.update(community.dataset.labels.tobytes())
             for share in community.shares:
                 digest.update(share.tobytes() + b"|")
         return digest.hexdigest()
@@ -163,7 +163,7 @@ def _community(
     device: str,
     test_share: float | None,
 ) -> Community:
-    labels, classes = dataset.train.labels, dataset.classes
+    labels, classes = dataset.labels, dataset.classes
     try:
         if config.partition == "labels":
             owns = partition.draw_owners(
@@ -194,6 +194,7 @@ def _community(
         config.network,
         image_shape=dataset.image_shape,
         classes=classes,
+        convnet=config.convnet,
         device=device,
         devices=config.devices,
     )
@@ -202,7 +203,7 @@ def _community(
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
     community = Community(config, dataset, network, tuple(shares), counts, test_share)
     if test_share is not None:
-        held_out = _per_class(dataset.validation, classes)
+        held_out = dataset.held_out
         if held_out.sum() == held_out_of_each(held_out, test_share).sum():
             raise SettingError(
                 "learning.report_on", "test",
@@ -210,7 +211,3 @@ def _community(
                 f"images of {config.task} that do not train, none would be left to validate",
             )  # fmt: skip
     return community
-
-
-def _per_class(split: Split, classes: int) -> Indices:
-    return np.bincount(split.labels, minlength=classes).astype(np.int64)

@@ -1,4 +1,4 @@
-"""LeNet-size networks and McMahan's CNN, trained by native code (`fl.native`)."""
+"""Convolutional networks, trained by native code (`fl.native`)."""
 
 import itertools
 import math
@@ -21,46 +21,39 @@ from fl.training.local import (
     batch_order,
 )
 
-KERNEL = 5
-
 
 @dataclass(frozen=True)
 class ConvNet:
-    """Two (5x5 convolution, 2x2 max-pooling, ReLU) blocks, then dense layers with ReLU between.
+    """(Convolution, 2x2 max-pooling, ReLU) blocks, then dense layers with ReLU between.
 
-    Parameters and their order are those of torch's modules: weights (out, in, 5, 5) or
+    Parameters and their order are those of torch's modules: weights (out, in, kernel, kernel) or
     (out, in), then biases; pooled maps are flattened as (channel, height, width).
     """
 
     image_shape: tuple[int, int, int]  # height, width, channels
-    channels: tuple[int, int]
-    padding: tuple[int, int]
+    channels: tuple[int, ...]  # feature maps after each block
+    kernel: int
+    padding: tuple[int, ...]  # of each block
     hidden: tuple[int, ...]
     classes: int
 
     parallel = True
 
     @property
-    def pooled(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """(height, width) of the maps after either block."""
-        height, width = self.image_shape[:2]
-        sizes = []
-        for pad in self.padding:
-            height, width = ((n + 2 * pad - KERNEL + 1) // 2 for n in (height, width))
-            sizes.append((height, width))
-        return sizes[0], sizes[1]
-
-    @property
     def widths(self) -> tuple[int, ...]:
         """Of the flattened maps, the hidden layers, the logits."""
-        return math.prod(self.pooled[1]) * self.channels[1], *self.hidden, self.classes
+        height, width, depth = self.image_shape
+        for pad in self.padding:
+            height, width = ((n + 2 * pad - self.kernel + 1) // 2 for n in (height, width))
+        features = height * width * (depth, *self.channels)[-1]
+        return features, *self.hidden, self.classes
 
     @property
     def shapes(self) -> Shapes:
         """Weight and bias of each layer in turn."""
         depths = (self.image_shape[2], *self.channels)
         weights: list[tuple[int, ...]] = [
-            (out, inside, KERNEL, KERNEL) for inside, out in itertools.pairwise(depths)
+            (out, inside, self.kernel, self.kernel) for inside, out in itertools.pairwise(depths)
         ]
         weights += [(out, inside) for inside, out in itertools.pairwise(self.widths)]
         return tuple(shape for weight in weights for shape in (weight, weight[:1]))
@@ -107,7 +100,7 @@ class ConvNet:
         return Network(
             self.image_shape,
             self.channels,
-            (KERNEL, KERNEL),
+            (self.kernel,) * len(self.channels),
             self.padding,
             self.widths[1:],
             sum(math.prod(shape) for shape in self.shapes),

@@ -102,7 +102,8 @@ def _choice(value: Any, key: Key) -> str:
     """The closest of a key's choices."""
     if get_origin(key.annotation) is not Literal or not isinstance(value, str):
         return ""
-    close = get_close_matches(value, get_args(key.annotation), n=1)
+    texts = [choice for choice in get_args(key.annotation) if isinstance(choice, str)]
+    close = get_close_matches(value, texts, n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 

@@ -161,7 +161,7 @@ def _words(key: Key, *, many: bool = False) -> str:
         options = [_key(key.path, option, key.bounds) for option in arguments]
         return " or ".join(_words(option, many=many) for option in options)
     if origin is Literal:
-        choices = ", ".join(f"'{choice}'" for choice in arguments)
+        choices = ", ".join(map(repr, arguments))
         return choices if len(arguments) == 1 else f"one of {choices}"
     if origin is tuple:
         element = _key((*key.path, 0), arguments[0], ())

@@ -14,17 +14,18 @@ from mission.base.user_code import is_import_path
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
-from sitl.errors import LinkError
-from sitl.links import UdpLink
 
 Length = Annotated[float, Field(gt=0, le=100_000)]
 Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
-class AreaConfig(BaseModel):
-    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
+class _Model(BaseModel):
+    # Deferred: a model within another is built with that one, once.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+
+class AreaConfig(_Model):
+    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
 
     size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
     home_m: tuple[Coordinate, Coordinate] = Field(
@@ -45,10 +46,8 @@ class AreaConfig(BaseModel):
 STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 
 
-class MissionConfig(BaseModel):
+class MissionConfig(_Model):
     """What is flown: the paper's symbols stand in the descriptions."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     strategy: str = Field(
         "cov",
@@ -120,10 +119,8 @@ class MissionConfig(BaseModel):
         return strategy
 
 
-class LinkConfig(BaseModel):
+class LinkConfig(_Model):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["in_process", "udp", "external"] = Field(
         "in_process",
@@ -187,6 +184,10 @@ class LinkConfig(BaseModel):
     @field_validator("gcs")
     @classmethod
     def _udp(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
+        if urls:
+            # Imported here: asyncio is half of what reading a configuration takes.
+            from sitl.errors import LinkError
+            from sitl.links import UdpLink
         for url in urls:
             try:
                 UdpLink(url)
@@ -204,23 +205,21 @@ class LinkConfig(BaseModel):
         return self
 
 
-class RunConfig(BaseModel):
+class RunConfig(_Model):
     """Everything that a run depends on, apart from the data files."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(
         "run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"], description="names the run"
     )
     seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
-    area: AreaConfig = AreaConfig()
-    mission: MissionConfig = MissionConfig()
-    planner: PlannerConfig = PlannerConfig()
-    channel: ChannelConfig = ChannelConfig()
+    area: AreaConfig = Field(default_factory=AreaConfig)
+    mission: MissionConfig = Field(default_factory=MissionConfig)
+    planner: PlannerConfig = Field(default_factory=PlannerConfig)
+    channel: ChannelConfig = Field(default_factory=ChannelConfig)
     communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
-    learning: LearningConfig = LearningConfig()
-    vehicle: VehicleConfig = VehicleConfig()
-    link: LinkConfig = LinkConfig()
+    learning: LearningConfig = Field(default_factory=LearningConfig)
+    vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
+    link: LinkConfig = Field(default_factory=LinkConfig)
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:

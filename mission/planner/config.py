@@ -12,7 +12,7 @@ PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 class PlannerConfig(BaseModel):
     """The planner of a run."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     kind: PlannerKind = Field(
         "certified",

@@ -31,7 +31,7 @@ MOST_SHOWN = 10  # wrong entries named in one message
 class ChannelEntry(BaseModel):
     """The constants of `fl.radio.channel.Channel`; sigma is of the natural logarithm."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     altitude_m: Positive
     alpha_los: Number
@@ -50,7 +50,7 @@ class ChannelEntry(BaseModel):
 class ProblemEntry(BaseModel):
     """One problem of the file. Metres."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
     devices: tuple[Point, ...]

@@ -75,6 +75,8 @@ class Scenario:
         budget = link_budget(self.channel)
         if budget.per > 0.5:
             lines.append(f"the channel hardly reaches anybody; {budget}")
+        if self.config.learning.device == "cuda":
+            lines.append("learning.device = 'cuda' is experimental: nobody has flown with it yet")
         for community in self.federation.communities:
             source = community.dataset.provenance
             if not source.official:

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 
+from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
@@ -17,8 +18,8 @@ digest = hashlib.sha256()
 rng = np.random.Generator(np.random.PCG64(3))
 
 
-def learn(name, shape, dtype, count):
-    net = make_network(name, image_shape=shape, classes=10)
+def learn(name, shape, dtype, count, convnet=None):
+    net = make_network(name, convnet=convnet, image_shape=shape, classes=10)
     pixels = rng.integers(0, 256, (count, *shape)).astype(dtype)
     split = Split(pixels, rng.integers(0, 10, count))
     scaling, model = scaling_of(split), net.initial(rng)
@@ -46,6 +47,8 @@ def plan(channel, devices, steps, per_step):
 learn("lenet", (12, 12, 3), np.uint8, 30)
 learn("lenet", (9, 11, 1), np.float32, 21)
 learn("mcmahan", (4, 5, 1), np.uint8, 17)
+learn("convnet", (9, 8, 2), np.uint8, 18, ConvNetConfig(channels=(5, 3, 6), hidden=(7, 9)))
+learn("convnet", (3, 4, 1), np.float32, 18, ConvNetConfig(channels=(), hidden=()))
 plan("suburban", 12, 8, 3)
 plan("high-rise", 9, 4, 1)
 plan("suburban+10dB", 45, 10, 2)

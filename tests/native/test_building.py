@@ -100,6 +100,17 @@ def build_hook(monkeypatch):
     return module.NativeBuildHook(Path())
 
 
+def test_a_wheel_is_for_every_python_of_its_platform(monkeypatch):
+    hook, data = build_hook(monkeypatch), {"force_include": {}}
+    hook.root = building.ROOT
+    hook.initialize("standard", data)
+    assert data["tag"].startswith("py3-none-")
+    assert not data["tag"].endswith("-any")
+    assert data["pure_python"] is False
+    packed = {Path(path).parts[0] for path in data["force_include"].values()}
+    assert packed == {"fl", "mission"}
+
+
 def test_the_build_asks_for_a_compiler_where_there_is_none(monkeypatch, tmp_path):
     hook = build_hook(monkeypatch)
     assert hook.dependencies() == []

@@ -20,18 +20,21 @@ class PlainNet(nn.Module):
     def __init__(self, net: ConvNet) -> None:
         super().__init__()
         height, width, depth = net.image_shape
-        first, second = net.channels
-        self.conv1 = nn.Conv2d(depth, first, 5, padding=net.padding[0])
-        self.conv2 = nn.Conv2d(first, second, 5, padding=net.padding[1])
+        depths = (depth, *net.channels)
+        self.convolutions = nn.ModuleList(
+            nn.Conv2d(*pair, net.kernel, padding=pad)
+            for pair, pad in zip(itertools.pairwise(depths), net.padding, strict=True)
+        )
         with torch.no_grad():
             features = self.features(torch.zeros(1, depth, height, width)).numel()
         widths = [features, *net.hidden, net.classes]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(widths))
 
     def features(self, x: Tensor) -> Tensor:
-        """Maps of (batch, channels, height, width) after both blocks."""
-        x = F.max_pool2d(F.relu(self.conv1(x)), 2)
-        return F.max_pool2d(F.relu(self.conv2(x)), 2)
+        """Maps of (batch, channels, height, width) after all blocks."""
+        for convolution in self.convolutions:
+            x = F.max_pool2d(F.relu(convolution(x)), 2)
+        return x
 
     def forward(self, x: Tensor) -> Tensor:
         """Logits of images (batch, channels, height, width)."""

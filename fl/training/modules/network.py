@@ -20,7 +20,6 @@ from fl.training.local import (
     scaling_of,
 )
 from fl.training.modules.alone import OneByOne, images_of, take
-from fl.training.modules.lockstep import Lockstep
 from fl.training.modules.repeatable import own_randomness, repeatable
 from fl.training.modules.users import Factory, built, check_answer
 
@@ -81,6 +80,9 @@ class ModuleNetwork:
         alone = OneByOne(self._module, self._device)
         self._training: Training = alone
         if lockstep or (lockstep is None and device == "cuda"):
+            # Imported here: experimental, and no other path has any of it.
+            from fl.training.modules.lockstep import Lockstep
+
             together = Lockstep(self._module, self._device, slots=min(devices, MOST_SLOTS))
             reason = self._trial(alone, together, image_shape)
             if reason is None:
@@ -91,7 +93,7 @@ class ModuleNetwork:
     @property
     def lockstep(self) -> bool:
         """Whether devices take their steps together."""
-        return isinstance(self._training, Lockstep)
+        return not isinstance(self._training, OneByOne)
 
     @property
     def shapes(self) -> Shapes:

@@ -57,6 +57,11 @@ def test_channel_settings_refused(settings: dict[str, object], message: str) -> 
         ({"task": "npz"}, "data_file belongs to task = 'npz'"),
         ({"data_file": "x.npz"}, "data_file belongs to task = 'npz'"),
         ({"dirichlet_alpha": 0.0}, "dirichlet_alpha"),
+        ({"network": "convnet"}, "convnet belongs to network = 'convnet'"),
+        ({"convnet": {}}, "convnet belongs to network = 'convnet'"),
+        ({"network": "convnet", "convnet": {"kernel": 4}}, "convnet.kernel"),
+        ({"network": "convnet", "convnet": {"channels": [8, 0]}}, "convnet.channels.1"),
+        ({"network": "convnet", "convnet": {"channels": [8] * 9}}, "convnet.channels"),
     ],
 )
 def test_community_settings_refused(settings: dict[str, object], message: str) -> None:

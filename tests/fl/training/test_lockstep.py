@@ -145,15 +145,15 @@ def test_other_settings_images_and_batches_find_no_stale_step(split: Split) -> N
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_the_built_in_networks_start_and_train_alike_in_torch(split: Split, device: str) -> None:
-    compiled, torchs = convnet(), built_in(device=device, lockstep=True)
-    assert torchs.shapes == compiled.shapes
-    np.testing.assert_array_equal(torchs.initial(rng(3)), compiled.initial(rng(3)))
-    pairs = zip(train(compiled, split, range(4)), train(torchs, split, range(4)), strict=True)
+    native, torchs = convnet(), built_in(device=device, lockstep=True)
+    assert torchs.shapes == native.shapes
+    np.testing.assert_array_equal(torchs.initial(rng(3)), native.initial(rng(3)))
+    pairs = zip(train(native, split, range(4)), train(torchs, split, range(4)), strict=True)
     for one, other in pairs:
         assert other.loss == pytest.approx(one.loss, rel=1e-5)
         np.testing.assert_allclose(other.model, one.model, rtol=1e-3, atol=1e-5)
     counts = [
-        n.correct_per_class(split, one.model, scaling=scaling_of(split)) for n in (compiled, torchs)
+        n.correct_per_class(split, one.model, scaling=scaling_of(split)) for n in (native, torchs)
     ]
     np.testing.assert_array_equal(*counts)
 
@@ -218,7 +218,7 @@ def test_a_step_that_nobody_needs_gives_its_memory_back_at_once(split: Split) ->
 
 
 @pytest.mark.parametrize("algorithm", ["fedprox", "scaffold"])
-def test_rounds_in_lockstep_are_those_of_the_compiled_network(
+def test_rounds_in_lockstep_are_those_of_the_native_network(
     monkeypatch: pytest.MonkeyPatch, algorithm: str
 ) -> None:
     community = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
@@ -243,12 +243,12 @@ def test_rounds_in_lockstep_are_those_of_the_compiled_network(
         return BuiltInNetwork(net, name=name, device=device, devices=4, lockstep=True)
 
     rounds = ([0, 2], [], [1, 2, 3])
-    compiled = play(build(), *rounds)
+    native = play(build(), *rounds)
     monkeypatch.setattr("fl.federation.community.make_network", in_torch)
     torchs = build()
     together = play(torchs, *rounds)
-    np.testing.assert_allclose(together.models[0], compiled.models[0], rtol=1e-3, atol=1e-5)
-    np.testing.assert_array_equal(together.missed, compiled.missed)
+    np.testing.assert_allclose(together.models[0], native.models[0], rtol=1e-3, atol=1e-5)
+    np.testing.assert_array_equal(together.missed, native.missed)
     np.testing.assert_array_equal(together.models[0], play(torchs, *rounds).models[0])
 
 
@@ -258,10 +258,10 @@ def test_on_a_gpu_the_built_in_networks_train_in_lockstep(split: Split, name: st
     def network(device: str) -> Network:
         return make_network(name, image_shape=SHAPE, classes=10, device=device, devices=4)
 
-    compiled, gpu = network("cpu"), network("cuda")
+    native, gpu = network("cpu"), network("cuda")
     assert isinstance(gpu, ModuleNetwork)
     assert gpu.lockstep
     first, again = train(gpu, split, range(4)), train(gpu, split, range(4))
-    for one, other, third in zip(train(compiled, split, range(4)), first, again, strict=True):
+    for one, other, third in zip(train(native, split, range(4)), first, again, strict=True):
         np.testing.assert_allclose(other.model, one.model, rtol=2e-3, atol=2e-4)
         np.testing.assert_array_equal(other.model, third.model)

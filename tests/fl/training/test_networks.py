@@ -8,6 +8,7 @@ import torch
 from devices import DEVICES
 from torch import nn
 
+from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.errors import NetworkError
 from fl.training.convnet import ConvNet
@@ -184,6 +185,10 @@ def test_unknown_networks_are_refused(name: str) -> None:
 def test_images_too_small_for_the_built_in_networks() -> None:
     with pytest.raises(NetworkError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
+    three = ConvNetConfig(channels=(2, 2, 2))
+    with pytest.raises(NetworkError, match="3 blocks halve them to nothing, 8 x 8 is the least"):
+        make_network("convnet", convnet=three, image_shape=(8, 7, 1), classes=10)
+    make_network("convnet", convnet=three, image_shape=(8, 8, 1), classes=10)
     for size in range(4, 40):
         split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):

@@ -1,18 +1,14 @@
 """Local training against torch's own modules, autograd and optimiser."""
 
-import os
-import platform
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from reference_net import train_plainly
 
+from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.training.convnet import ConvNet
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
@@ -63,11 +59,18 @@ CASES = [
     ("lenet", (19, 26, 2)),  # nothing of it divides by two
     ("mcmahan", (8, 8, 1)),
     ("mcmahan", (9, 14, 3)),
+    (ConvNetConfig(), (12, 13, 3)),
+    (ConvNetConfig(channels=(5, 9, 12), kernel=3, hidden=(20, 11)), (9, 14, 2)),
+    (ConvNetConfig(channels=(7,), kernel=5, hidden=()), (8, 8, 1)),
+    (ConvNetConfig(channels=(), hidden=(30,)), (8, 8, 1)),
 ]
 
 
-def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
-    net = make_network(name, image_shape=shape, classes=10)
+def conv_net(name: str | ConvNetConfig, shape: tuple[int, int, int]) -> ConvNet:
+    if isinstance(name, ConvNetConfig):
+        net = make_network("convnet", convnet=name, image_shape=shape, classes=10)
+    else:
+        net = make_network(name, image_shape=shape, classes=10)
     assert isinstance(net, ConvNet)
     return net
 
@@ -75,7 +78,7 @@ def conv_net(name: str, shape: tuple[int, int, int]) -> ConvNet:
 @pytest.mark.parametrize("batch_size", [5, 16, 40])
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_training_is_textbook_fedprox(
-    name: str, shape: tuple[int, int, int], batch_size: int
+    name: str | ConvNetConfig, shape: tuple[int, int, int], batch_size: int
 ) -> None:
     split = random_split(shape, 150)
     net = conv_net(name, shape)
@@ -100,9 +103,10 @@ def test_training_is_textbook_fedprox(
         np.testing.assert_allclose(result.model, plain.flat(), **TOLERANCE)
 
 
-def test_one_step_follows_the_gradient_to_rounding() -> None:
+@pytest.mark.parametrize("name", ["lenet", ConvNetConfig(channels=(8, 16, 32), hidden=(64, 32))])
+def test_one_step_follows_the_gradient_to_rounding(name: str | ConvNetConfig) -> None:
     split = random_split((32, 32, 3), 16)
-    net = conv_net("lenet", (32, 32, 3))
+    net = conv_net(name, (32, 32, 3))
     model, scaling = net.initial(rng(1)), scaling_of(split)
     step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
     (moved,) = net.train(
@@ -188,31 +192,3 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     got = net.correct_per_class(split, model, scaling=scaling)
     assert got.tolist() == expected
     assert got.sum() > 0
-
-
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names an x86 processor")
-def test_an_old_processor_computes_the_same_bytes(tmp_path: Path) -> None:
-    """Without wide vectors and fused multiply-add, which are then imitated, it is only slow."""
-    script = (
-        "import hashlib; import numpy as np; from test_training import *;"
-        "net = conv_net('lenet', (8, 8, 1));"
-        "split = random_split((8, 8, 1), 40); model = net.initial(rng(2));"
-        "task = LocalTask(np.arange(40), rng(1)); scaling = scaling_of(split);"
-        "done, = net.train(split, model, [task], scaling=scaling, settings=SETTINGS);"
-        "print(hashlib.sha256(done.model.tobytes()).hexdigest(), done.loss)"
-    )
-    old = {
-        "NUMBA_CPU_NAME": "nehalem",
-        "NUMBA_CPU_FEATURES": "+sse4.2",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-    }
-    results = [
-        subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=Path(__file__).parent, capture_output=True, text=True, check=True,
-            env=os.environ | change | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        ).stdout
-        for change in ({}, old)
-    ]  # fmt: skip
-    assert results[0] == results[1]
-    assert len(results[0]) > 64

@@ -1,6 +1,7 @@
 """What is told of a run before its first round."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,14 @@ def test_classes_without_an_owner_are_said() -> None:
     assert orphans
     notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
     assert any(line.startswith(notice) for line in scenario.notices())
+
+
+def test_training_on_a_gpu_is_said_to_be_experimental() -> None:
+    ground = build_ground(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
+    assert not any("experimental" in line for line in ground.notices())
+    learning = ground.config.learning.model_copy(update={"device": "cuda"})
+    on_gpu = replace(ground, config=ground.config.model_copy(update={"learning": learning}))
+    assert any("'cuda' is experimental" in line for line in on_gpu.notices())
 
 
 def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:
