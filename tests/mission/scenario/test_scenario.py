@@ -43,10 +43,10 @@ def test_classes_without_an_owner_are_said() -> None:
 
 
 def test_training_on_a_gpu_is_said_to_be_experimental() -> None:
-    ground = build_ground(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
-    assert not any("experimental" in line for line in ground.notices())
-    learning = ground.config.learning.model_copy(update={"device": "cuda"})
-    on_gpu = replace(ground, config=ground.config.model_copy(update={"learning": learning}))
+    scenario = build_scenario(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
+    assert not any("experimental" in line for line in scenario.notices())
+    learning = scenario.config.learning.model_copy(update={"device": "cuda"})
+    on_gpu = replace(scenario, config=scenario.config.model_copy(update={"learning": learning}))
     assert any("'cuda' is experimental" in line for line in on_gpu.notices())
 
 
