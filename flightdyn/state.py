@@ -65,7 +65,7 @@ class Innovation:
 
     @property
     def ratio(self) -> float:
-        """Size of the innovation as a share of what is still believed; refused from 1 on."""
+        """Size of the innovation divided by the largest that is accepted; refused from 1 on."""
         return math.sqrt(max(self.nis, 0.0) / self.gate)
 
 

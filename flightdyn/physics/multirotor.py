@@ -248,7 +248,7 @@ class Multirotor:
             self._direct(0.0 if motors is None else 1.0)
         self._driven = motors
         for put, value in zip(self._motor, motors or (), strict=motors is not None):
-            put(min(1.0, max(0.0, value)))
+            put(value if 0.0 <= value <= 1.0 else min(1.0, max(0.0, value)))
 
     def set_motor_health(self, motor: int, share: float) -> None:
         """Share of the ordered voltage that reaches motor 0..3."""

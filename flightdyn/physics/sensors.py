@@ -87,6 +87,7 @@ class Gnss:
         self._draws = _draws(rng, 9)
         self._delay_ns = round(config.delay_s * 1e9)
         self._pending: deque[GnssFix] = deque()
+        self.due_ns: float = math.inf  # when the next solution arrives
         self.on = True
         self.jump_ned_m: Triple = (0.0, 0.0, 0.0)
         # Of the last solution, jumps included.
@@ -119,12 +120,15 @@ class Gnss:
                 satellites=config.satellites,
             )
         )
+        self.due_ns = self._pending[0].t_ns + self._delay_ns
 
     def deliver(self, t_ns: int) -> GnssFix | None:
         """The solution that arrives by `t_ns`, if one does."""
-        if self._pending and self._pending[0].t_ns + self._delay_ns <= t_ns:
-            return self._pending.popleft()
-        return None
+        if t_ns < self.due_ns:
+            return None
+        fix, waiting = self._pending.popleft(), self._pending
+        self.due_ns = waiting[0].t_ns + self._delay_ns if waiting else math.inf
+        return fix
 
 
 @dataclass(frozen=True, slots=True)

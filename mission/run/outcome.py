@@ -43,8 +43,10 @@ class Outcome:
                 self.status = "interrupted"
         except AerofedError as failure:
             self._consequence(failure)
-        # What a library says that finds no memory, for itself or for what it loads.
-        except (MemoryError, ImportError, OSError) as failure:
+        except MemoryError:
+            self._consequence(AerofedError("figures: out of memory"))
+        # What a library says that finds no memory for what it loads.
+        except (ImportError, OSError) as failure:
             self._consequence(AerofedError(f"figures: {first_line(failure)}"))
 
     def _consequence(self, failure: AerofedError) -> None:

@@ -1,6 +1,7 @@
 """Everything that the libraries do, on data from seeds; prints a digest of what comes out."""
 
 import hashlib
+import socket
 import sys
 
 import numpy as np
@@ -13,6 +14,7 @@ from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.models import make_network
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
+from sitl.firmware.native import library as bridge
 
 digest = hashlib.sha256()
 rng = np.random.Generator(np.random.PCG64(3))
@@ -44,6 +46,41 @@ def plan(channel, devices, steps, per_step):
     digest.update(np.array([made.value, made.upper_bound, made.nodes]).tobytes())
 
 
+def hil(ticks):
+    """PX4's stream, in which anything may come at any time."""
+    ours, theirs = socket.socketpair()
+    link = bridge.Hil(socket=ours.fileno())
+    at = bridge.address_of(link)
+    for tick in range(1, ticks):
+        bridge.put_inertial(link, 0, tick, *rng.normal(0.0, 3.0, 6))
+        bridge.hil_send(at, rng.bytes(36) if tick % 5 == 0 else None)
+        digest.update(theirs.recv(65536))
+        junk = bytearray(rng.bytes(int(rng.integers(1, 700))))
+        for marker in rng.integers(0, len(junk), 5):
+            junk[marker] = 0xFD
+        theirs.sendall(junk)
+        bridge.hil_wait(at, False)
+        digest.update(bytes(link)[: bridge.Hil.socket.offset])
+
+
+def json(ticks):
+    """ArduPilot's datagrams, of whatever length."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    link = bridge.Json(socket=ours.fileno())
+    at = bridge.address_of(link)
+    for _ in range(ticks):
+        bridge.put_state(link, 0, *rng.normal(0.0, 10.0 ** rng.integers(-9, 300), 16))
+        bridge.json_send(at)
+        digest.update(theirs.recv(65536))
+        theirs.send(rng.bytes(int(rng.integers(1, 300))))
+        theirs.send(b"\x1a\x48" + rng.bytes(38))
+        for _ in range(2):
+            digest.update(bytes((bridge.json_wait(at),)))
+        digest.update(bytes(link)[: bridge.Json.socket.offset])
+
+
+hil(300)
+json(300)
 learn("lenet", (12, 12, 3), np.uint8, 30)
 learn("lenet", (9, 11, 1), np.float32, 21)
 learn("mcmahan", (4, 5, 1), np.uint8, 17)

@@ -64,6 +64,7 @@ def test_corner_is_cut_as_the_parabola_says(turn: float) -> None:
     assert np.max(cross_track(points, p)[outside]) <= 1.05
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(

@@ -199,14 +199,14 @@ def observe(seed: int, seconds: float) -> Errors:
         belief, truth = estimator.now, past[aircraft.t_ns]
         now = [*np.subtract(truth[0], belief.p), *np.subtract(truth[1], belief.v)]
         covariance = estimator.covariance[:9, :9]
-        rows.append(
-            (np.array(e), covariance, np.array(now), navigation.sensors.receiver.error_ned_m)
-        )
+        wander = np.array(navigation.sensors.receiver.error_ned_m)
+        rows.append((np.array(e), covariance, np.array(now), wander))
         for innovation in estimator.innovations:
             assert innovation.accepted or innovation.nis < 40
             nis[innovation.kind].append(innovation.nis / len(innovation.values))
         estimator.innovations.clear()
-    return Errors(*(np.array(column) for column in zip(*rows, strict=True)), nis=nis)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return Errors(columns[0], columns[1], columns[2], columns[3], nis=nis)
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +214,7 @@ def flights() -> list[Errors]:
     return [observe(seed, 40.0) for seed in range(20)]
 
 
+@pytest.mark.slow
 def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
     """Mean NEES over the seeds, at instants far apart, in its two-sided 95 % band."""
     for part, dof in ((slice(0, 9), 9), (slice(3, 6), 3), (slice(6, 9), 3)):
@@ -234,6 +235,7 @@ def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
         assert nees.mean() == pytest.approx(dof, rel=0.25)
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
     """Normalised innovations of one kind are nearly independent: their mean is one."""
     for kind, dof in (("gnss position", 3), ("gnss velocity", 3), ("baro", 1), ("heading", 1)):
@@ -243,6 +245,7 @@ def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
         assert low - 0.03 <= values.mean() <= high + 0.03, kind
 
 
+@pytest.mark.slow
 def test_default_sensors_give_the_accuracy_promised(flights: list[Errors]) -> None:
     now = np.concatenate([f.now for f in flights])
     gnss = np.concatenate([f.gnss for f in flights])
@@ -306,6 +309,7 @@ def test_a_jump_of_fifty_metres_is_not_believed() -> None:
     assert worst_error(aircraft, 5.0)[0] < 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [ImuBias(gyro_radps=(0.01, -0.01, 0.01)), ImuBias(accel_mps2=(0.5, -0.3, 0.3))],
@@ -328,6 +332,7 @@ def test_an_imu_that_changes_its_bias_is_found_out(fault: ImuBias) -> None:
     assert np.subtract(after.accel, before.accel) == pytest.approx(fault.accel_mps2, abs=0.15)
 
 
+@pytest.mark.slow
 def test_height_stays_right_far_from_home() -> None:
     """At 3 km the ground has fallen 0.7 m below the plane that touches it at home."""
     aircraft = make(seed=2, sensors=SensorsConfig(), wind=BREEZE)

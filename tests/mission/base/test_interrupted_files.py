@@ -71,6 +71,7 @@ def test_killed_while_the_old_ones_are_removed(folder: RunFolder) -> None:
     assert [path.name for path in folder.checkpoint.iterdir()] == ["interrupted"]
 
 
+@pytest.mark.slow
 def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     out = tmp_path / "killed"
     killed(out, after_rounds=2, delay_s=0.0)

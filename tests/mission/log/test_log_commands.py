@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -157,7 +158,7 @@ def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("to", ["csv", "kml", "attachments"])
-def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: str) -> None:
+def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: Any) -> None:
     target = tmp_path / "out"
     if to == "kml":
         target.write_text("mine")
@@ -180,13 +181,14 @@ def test_a_runs_folder_stands_for_its_log(
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "kml", "attachments"])
 def test_an_export_that_cannot_be_finished_leaves_nothing(
-    made: Fixed, tmp_path: Path, to: str
+    made: Fixed, tmp_path: Path, to: Any
 ) -> None:
     with no_file_larger_than(2000), pytest.raises(InputError, match="out: cannot write"):
         log.export(made.log, tmp_path / "out", to=to)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
     made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

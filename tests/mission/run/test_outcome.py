@@ -46,6 +46,7 @@ def test_a_bug_is_raised_and_a_failure() -> None:
 @pytest.mark.parametrize(
     ("end", "status"), [(None, "interrupted"), (FlightError("lost"), "failed")]
 )
+@pytest.mark.slow
 def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
     end: FlightError | None, status: str
 ) -> None:

@@ -87,6 +87,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "own_code", raising=False)
 
 
+@pytest.mark.slow
 def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
     out = tmp_path / "age"
     assert fly(out, "mission.strategy=examples.staleness:make", rounds=4) == 0
@@ -108,6 +109,7 @@ def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
     assert len(ages) > 1
 
 
+@pytest.mark.slow
 def test_an_own_strategy_resumes_with_the_ages_it_had(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,6 +138,7 @@ def test_age_of_information() -> None:
     assert info.age_rounds.tolist() == [7, 1, 4]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own")
 def test_an_own_planner_flies(tmp_path: Path) -> None:
     more = ("planner.kind=import", "planner.factory=own_code:Stay")
@@ -205,6 +208,7 @@ def test_own_code_that_is_unfinished_is_one_line(
     assert not out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "failure", [LogError(Path("flight.mcap"), "no room"), SolverError("OSQP", "max_iter")]
 )

@@ -22,7 +22,8 @@ def test_the_assignment_is_written_as_it_is() -> None:
     ]
     assert len({len(labels) for _, labels in owned}) > 1
     for row, (community, labels), place in zip(table, owned, scenario.devices_m, strict=True):
-        written = dict(map(int, entry.split(":")) for entry in row["labels"].split())
+        pairs = (entry.split(":") for entry in row["labels"].split())
+        written = {int(label): int(count) for label, count in pairs}
         assert written == {c: int((labels == c).sum()) for c in set(labels.tolist())}
         assert (row["community"], int(row["samples"])) == (community.name, len(labels))
         everybody = sum(len(share) for share in community.shares)
