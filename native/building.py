@@ -77,6 +77,7 @@ LIBRARIES = (
     Library("learning", ROOT / "fl" / "native", "training.c", "learning.c"),
     Library("planner", ROOT / "mission" / "planner" / "native", "planning.c", "planner.c"),
     Library("bridge", ROOT / "sitl" / "firmware" / "native", None, "bridge.c"),
+    Library("flight", ROOT / "flightdyn" / "native", "core.c", "flight.c"),
 )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from native.building import LIBRARIES
+from native.building import library
 from native.loading import address, functions, load
 
 MOST_BLOCKS = MOST_LAYERS = 8
@@ -129,7 +129,7 @@ class Images:
         )
 
 
-_FUNCTIONS = functions(load(LIBRARIES[0]), _Functions)
+_FUNCTIONS = functions(load(library("learning")), _Functions)
 
 
 def train(

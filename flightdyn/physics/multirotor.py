@@ -16,7 +16,6 @@ from flightdyn.frames import (
     LocalFrame,
     Quaternion,
     Triple,
-    frozen,
     normal_gravity,
     quaternion_from_euler,
     rotation_matrix,
@@ -322,10 +321,6 @@ class Multirotor:
 
     def kinematics(self, t_ns: int) -> Kinematics:
         """The true state, stamped `t_ns`."""
-        return Kinematics(
-            t_ns=t_ns,
-            pos_ned_m=frozen(self.position_ned()),
-            vel_ned_mps=frozen(self.velocity_ned()),
-            q_frd_to_ned=frozen(self.attitude()),
-            omega_frd_radps=frozen(self.rates()),
+        return Kinematics.of(
+            t_ns, *self.position_ned(), *self.velocity_ned(), *self.attitude(), *self.rates()
         )

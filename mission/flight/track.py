@@ -107,5 +107,5 @@ class FlightRecorder:
     def _keep(self, t_ns: int, true_ned_m: Floats, est_ned_m: Floats) -> None:
         if not self._t_ns or t_ns > self._t_ns[-1]:
             self._t_ns.append(t_ns)
-            self._true_m.extend(true_ned_m)
-            self._est_m.extend(est_ned_m)
+            self._true_m.extend(true_ned_m.tolist())
+            self._est_m.extend(est_ned_m.tolist())

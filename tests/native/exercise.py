@@ -12,6 +12,21 @@ from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.models import make_network
+from flightdyn.config import LimitsConfig
+from flightdyn.frames import quaternion_from_euler
+from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.path_plan import plan_path
+from flightdyn.native.library import (
+    ATTITUDE,
+    NOTHING,
+    TARGET,
+    TRACK,
+    Guide,
+    Increments,
+    Innovations,
+    Strapdown,
+    Transition,
+)
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 from sitl.firmware.native import library as bridge
@@ -79,6 +94,47 @@ def json(ticks):
         digest.update(bytes(link)[: bridge.Json.socket.offset])
 
 
+def fly():
+    """Every order of the guidance where IMU samples lead to, and the filter's matrices."""
+    earth, dt = (9.81, 5e-5, -5e-5), 0.004
+    increments, carried = Increments(3), Strapdown(earth, most=3)
+    carried.place((0.0, 0.0, -30.0), (1.0, 0.0, 0.0), quaternion_from_euler(0.1, -0.2, 0.7))
+    carried.correct((0.01, -0.02, 0.003), (0.1, 0.0, -0.2))
+    corners = np.array([(0, 0, -30), (60, 0, -30), (60, 50, -32), (20, 50, -32)], dtype=float)
+    path = FlightPath(corners, np.full(3, 12.0), np.full(4, 5.0))
+    trajectory, _ = plan_path(path, LimitsConfig())
+    gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
+    guide = Guide(gains)
+    guide.track(trajectory.pieces)
+    memory = guide.memory
+    memory.armed = memory.effectiveness = memory.course = memory.path = 1.0
+    memory.rate = memory.smooth_rate = memory.room = 1.0
+    for step in range(2000):
+        memory.mode = (TRACK, TRACK, TARGET, ATTITUDE, NOTHING)[step // 100 % 5]
+        memory.oriented = memory.q[0] = 1.0
+        memory.thrust_order = float("nan") if step % 2 else 0.4
+        samples = rng.normal(0.0, 1.0, (5, 6)) - (0, 0, 0, 0, 0, 9.81)
+        increments.add(samples.ravel().tolist(), dt_s=dt)
+        carried.carry(increments, 0, increments.count)
+        if increments.count == 3:
+            increments.drop(3)
+            place, speed, (w, x, y, z) = memory.p, memory.v, carried.numbers[6:]
+            carried.place(
+                (place[0], place[1], place[2]), (speed[0], speed[1], speed[2]), (w, x, y, z)
+            )
+        flags, _ = guide.step(carried)
+        digest.update(np.array([flags, *carried.numbers, *carried.gained]).tobytes())
+        digest.update(bytes(memory))
+    matrix, noise = rng.normal(size=(8, 22)), np.eye(8)
+    innovations, root = Innovations(matrix, noise), rng.normal(size=(22, 22))
+    innovations.residual[:] = rng.normal(size=8)
+    stds, squares = innovations.measure(root * root.T + 40 * np.eye(22))
+    digest.update(np.array([*stds, *squares]).tobytes())
+    transition = np.zeros((22, 22))
+    Transition(transition).write((0.5, 0.5, -0.5, 0.5), (1.0, 2.0, 3.0), 0.2)
+    digest.update(transition.tobytes())
+
+
 hil(300)
 json(300)
 learn("lenet", (12, 12, 3), np.uint8, 30)
@@ -90,4 +146,5 @@ plan("suburban", 12, 8, 3)
 plan("high-rise", 9, 4, 1)
 plan("suburban+10dB", 45, 10, 2)
 digest.update(normal_shares(np.linspace(-40.0, 40.0, 4001)).tobytes())
+fly()
 sys.stdout.write(digest.hexdigest())

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Message, Metadata
-from mcap.writer import Writer
 
 from mission.base.run_folder import write_atomically
+from mission.log.chunked import ChunkedWriter
 from mission.log.errors import LogError
 from mission.log.mcap_io import new_writer
 from mission.log.read.salvage import Gap, Salvaged, salvage
@@ -94,7 +94,9 @@ def _write(stream: IO[bytes], saved: Salvaged) -> int:
     return unknown
 
 
-def _write_chunk(writer: Writer, messages: list[Message], channel_ids: dict[int, int]) -> int:
+def _write_chunk(
+    writer: ChunkedWriter, messages: list[Message], channel_ids: dict[int, int]
+) -> int:
     unknown = 0
     for message in messages:
         channel = channel_ids.get(message.channel_id)

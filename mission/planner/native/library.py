@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from native.building import LIBRARIES
+from native.building import library
 from native.loading import address, functions, load
 
 MOST_DEVICES = 40  # of a search
@@ -129,7 +129,7 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
         raise ValueError(f"{name} must be from 0 to {end - 1}")
 
 
-_FUNCTIONS = functions(load(LIBRARIES[1]), _Functions)
+_FUNCTIONS = functions(load(library("planner")), _Functions)
 
 
 def explore(

@@ -20,7 +20,8 @@ from flightdyn.config import (
 )
 from flightdyn.faults import GnssJump, GnssOff, ImuBias
 from flightdyn.frames import Quaternion, Triple, frozen, quaternion_multiply, rotation_matrix
-from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
+from flightdyn.inertial import Earth, NavState
+from flightdyn.native.library import Increments, Strapdown
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.inertial_navigation import InertialNavigation
@@ -76,8 +77,10 @@ class Twin:
         )
         self.accel_bias = estimator_accel_bias
         align = Alignment(ZERO, force, FIELD, pressure_pa(0.0), 4.0)
+        self._carried = Strapdown(EARTH, most=1)
+        self._carried.place(*self.state[1:])
         self.estimator = Estimator(
-            config, align=align, fix=self.fix(0), t_ns=0, earth=EARTH, step_s=0.1
+            config, align=align, fix=self.fix(0), t_ns=0, earth=EARTH, step_s=0.1, increments=5
         )
 
     def fix(self, t_ns: int) -> GnssFix:
@@ -87,15 +90,16 @@ class Twin:
     def step(self) -> None:
         t_ns = self.state.t_ns + 20_000_000
         t = t_ns * 1e-9
-        angle = 0.02 * np.array([0.9 * math.sin(t), 0.7 * math.cos(1.3 * t), 0.4])
+        rates = [0.9 * math.sin(t), 0.7 * math.cos(1.3 * t), 0.4]
         r = np.array(rotation_matrix(self.state.q)).reshape(3, 3)
         push = np.array([3 * math.sin(0.5 * t), 2 * math.cos(0.8 * t), -EARTH.gravity_mps2])
-        velocity = 0.02 * (r.T @ push)
-        true = ImuIncrement(t_ns, 0.02, tuple(angle.tolist()), tuple(velocity.tolist()))
-        self.state, _ = propagate(self.state, true, gyro_bias=ZERO, accel_bias=ZERO, earth=EARTH)
+        force = r.T @ push
+        true = Increments(1)
+        true.add([*rates, *force.tolist()], dt_s=0.02)
+        self._carried.carry(true, 0, 1)
+        self.state = NavState.of(t_ns, self._carried)
         self.history[t_ns] = self.state
-        bias = 0.02 * np.array(self.accel_bias)
-        felt = true._replace(velocity=tuple((velocity + bias).tolist()))
+        felt = [*rates, *(force + self.accel_bias).tolist()]
         if t_ns % 200_000_000 == 0:
             north, east, down = self.state.p
             height = (north**2 + east**2) / (2 * 6.371e6) - down
@@ -105,7 +109,7 @@ class Twin:
             self.estimator.observe_mag(MagSample(t_ns, (x, y, z)))
         epoch = t_ns - 120_000_000
         due = epoch > 0 and epoch % 200_000_000 == 0
-        self.estimator.step(felt, self.fix(epoch) if due else None)
+        self.estimator.step(felt, t_ns, self.fix(epoch) if due else None, dt_s=0.02)
 
 
 def test_noiseless_twin_is_exact() -> None:
