@@ -15,7 +15,7 @@ from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 
 from mission.base.errors import AerofedError
 from mission.flight.flight_plan import FlightPlan, Stop
-from mission.flight.flyers.flyer import SimulatedFlyer
+from mission.flight.flyers.simulated import SimulatedFlyer
 from sitl.observer import VehicleEvent, VehicleSample
 
 _MISSION_M = 320.0
@@ -110,7 +110,7 @@ async def many_missions(count: int) -> None:
                 failures.append(str(error))
                 continue
             costs.append(meter.read())
-            unreached += len(flight.reached) != len(plan.stops)
+            unreached += None in flight.passages
             untold += await progress.missing(len(plan.stops) + 1)  # and the speed item
             resident.append(resident_mb())
         task.cancel()

@@ -14,7 +14,7 @@ from flightdyn.physics.airframe.parameters import Airframe
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of the outer loop. Chosen by step responses of this airframe."""
+    """Gains of the outer loop, chosen by step responses of this airframe."""
 
     position: float = 1.6  # 1/s
     velocity: float = 4.5  # 1/s

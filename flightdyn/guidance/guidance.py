@@ -65,7 +65,7 @@ class Guidance:
 
     @property
     def landed(self) -> bool:
-        """On the ground, as far as the belief tells."""
+        """Whether the aircraft stands on the ground, as far as the belief tells."""
         return self._land.landed
 
     @property

@@ -11,7 +11,7 @@ from mission.base.run_folder import write_atomically
 from mission.log.chunked import ChunkedWriter
 from mission.log.errors import LogError
 from mission.log.mcap_io import new_writer
-from mission.log.read.salvage import Loss, Saved, salvage
+from mission.log.read.salvage import Gap, Salvaged, salvage
 from mission.log.values import NS_PER_S
 
 
@@ -24,7 +24,7 @@ class Recovery:
     attachments: int
     start_ns: int
     end_ns: int
-    losses: tuple[Loss, ...]
+    losses: tuple[Gap, ...]
     unknown: int  # messages of channels that nothing describes any more
 
     @property
@@ -63,7 +63,7 @@ def recover(source: Path, target: Path) -> Recovery:
     )
 
 
-def _write(stream: IO[bytes], saved: Saved) -> int:
+def _write(stream: IO[bytes], saved: Salvaged) -> int:
     """Write the batches, a chunk each; returns the messages that no channel describes."""
     schemas, channels = saved.declarations()
     writer = new_writer(stream)

@@ -23,7 +23,7 @@ class FlownPath:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Begin another path."""
         self._points: list[messages.XYZ] = []
         self._due = 1  # points at which it is written next
 

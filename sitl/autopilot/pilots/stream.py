@@ -37,7 +37,7 @@ class Stream:
         return self._clock.now - self._heard_at < self._patience_s()
 
     def heard(self) -> None:
-        """Here it is."""
+        """Note that it was heard now."""
         self._heard_at = self._clock.now
 
     def watch(self, *, flown_by: bool) -> None:

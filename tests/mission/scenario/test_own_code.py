@@ -14,7 +14,7 @@ from mission.log.errors import LogError
 from mission.planner.errors import SolverError
 from mission.run.recorder import FolderRecorder
 from mission.run.round_result import RoundResult
-from mission.scenario.custom_strategies import Known
+from mission.scenario.custom_strategies import RoundInfo
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
@@ -41,7 +41,7 @@ class Weighs:
     weights: object
     fairness = True
     approach_m = None
-    def importance(self, known):
+    def importance(self, info):
         return self.weights
     def sortie(self, round_index, problem):
         return Sortie(Jump().plan(problem))
@@ -132,8 +132,10 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
 
 
 def test_age_of_information() -> None:
-    known = Known(7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3]))
-    assert known.age_rounds.tolist() == [7, 1, 4]
+    info = RoundInfo(
+        7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3])
+    )
+    assert info.age_rounds.tolist() == [7, 1, 4]
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from patience import HANG_S, until
 
 from mission.cli import call
 from mission.commands.options import load
-from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.local import LocalEngine
 from mission.sweep.execute.worker import RunEnd, RunOrder, execute
 
@@ -54,9 +54,9 @@ class Inline:
     slots = 1
 
     def start(self, order: RunOrder) -> None:
-        self.ended = Ended(order, execute(order))
+        self.ended = RunFinished(order, execute(order))
 
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
+    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:  # noqa: ARG002
         return (self.ended,)
 
     def close(self) -> None: ...
@@ -229,7 +229,7 @@ class Deadly(Inline):
     """Its workers always die."""
 
     def start(self, order: RunOrder) -> None:
-        self.ended = Ended(order, None)
+        self.ended = RunFinished(order, None)
 
 
 def test_a_run_whose_worker_always_dies_is_given_up(

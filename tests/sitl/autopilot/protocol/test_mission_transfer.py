@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 
 from sitl.autopilot.protocol.echo import ECHOES
-from sitl.autopilot.protocol.items import check_item
+from sitl.autopilot.protocol.item_rules import check_item
 from sitl.autopilot.protocol.transfer import (
     MAX_ITEMS,
     REQUEST_AGAIN_S,
