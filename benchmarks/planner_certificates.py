@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from planner import layout, tabled, timed
 
-from fl.radio import CHANNEL_PRESETS
+from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, linear_sum_assignment
 from test_certificate import SEEDS, random_problem
 
-from fl.radio import CHANNEL_PRESETS, average_per
+from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.arrays import instance
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import check_plan, path_length
