@@ -3,17 +3,25 @@
 from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import (
-    MOST_DEVICES, Effort, Found, explore, search_orders, search_places,
-)  # fmt: skip
+    MOST_DEVICES,
+    Effort,
+    Found,
+    explore,
+    search_orders,
+    search_places,
+)
 from mission.planner.problem import RoundPlan, RoundProblem
 
 MAX_OPEN = 50_000
 STARTS = 64  # devices that a first path is built towards
 MIN_TRIES, MAX_TRIES = 40, 450
-# Where the stops are is searched where they are few. With one more than that, the order of visits
-# often settles it sooner, or it never does.
-FEW_STEPS = 4
+# Few stops are searched by where they are, many by the order of visits. In between the order
+# settles it soon or never; with fewer places than devices, a stop being one place matters longer.
+FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
+# Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
+# divided by the devices are looked into.
+SHARED_NODES = 40_000
 
 
 class CertifiedPlanner:
@@ -43,16 +51,19 @@ class CertifiedPlanner:
             return at_rest
         devices, limits = instance(problem)
         relaxation = relax(problem, devices)
-        tried = tries(len(devices.delta))
-        first = explore(devices, limits, starts=STARTS, tries=tried)
+        count = len(devices.delta)
+        first = explore(devices, limits, starts=STARTS, tries=tries(count))
         found = Found(*first, root_bound(relaxation.promise[:, 0], limits))
-        if limits.steps > FEW_STEPS and len(devices.delta) <= MOST_DEVICES:
-            # With more devices, the search cannot narrow the gap in any time worth waiting for.
-            most = ORDER_NODES if limits.steps == FEW_STEPS + 1 else self._max_nodes
-            if effort := self._effort(found, most):
+        scarce = limits.steps * limits.per_step < count
+        by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
+        if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
+            effort = self._effort(found, ORDER_NODES if by_place else self._max_nodes)
+            if effort is not None:
                 found = search_orders(devices, limits, relaxation, plan=found, effort=effort)
-        if limits.steps <= FEW_STEPS + 1 and (effort := self._effort(found, self._max_nodes)):
-            found = search_places(devices, limits, plan=found, effort=effort)
+        if by_place:
+            most_nodes = self._max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
+            if (effort := self._effort(found, most_nodes)) is not None:
+                found = search_places(devices, limits, plan=found, effort=effort)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
         return RoundPlan(
             made.waypoints_m, made.schedule, made.value, max(found.bound, made.value), found.nodes
