@@ -8,10 +8,16 @@ from scipy.optimize import differential_evolution, linear_sum_assignment
 from test_certificate import SEEDS, random_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.planner.arrays import instance
+from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import check_plan, path_length
-from mission.planner.native.library import square_bound
+from mission.planner.native.library import (
+    Effort,
+    Found,
+    search_orders,
+    search_places,
+    square_bound,
+)
 from mission.planner.sqp import SqpPlanner
 
 CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))
@@ -32,14 +38,15 @@ def best_assignment(problem, places):
 
 
 @THOROUGH
-@given(SEEDS, CHANNELS, st.integers(1, 5), st.floats(0.05, 300.0))
-def test_no_stop_in_a_square_earns_more_than_its_bound(seed, channel, per_step, half):
-    problem = random_problem(seed, per_step=per_step, preset=channel)
+@given(SEEDS, CHANNELS, st.integers(1, 5), st.integers(1, 3), st.floats(0.05, 300.0))
+def test_no_stop_in_a_square_earns_more_than_its_bound(seed, channel, devices, per_step, half):
+    per_step = min(per_step, devices)
+    problem = random_problem(seed, devices=devices, per_step=per_step, preset=channel)
     rng = np.random.default_rng(seed)
     middle = rng.uniform(0.0, 800.0, 2)
     if seed % 2:  # right above a device, where f may have a kink
         middle = problem.devices_m[0] + rng.uniform(-half, half, 2)
-    places = middle + rng.uniform(-half, half, (500, 2))
+    places = middle + half * np.clip(rng.normal(0.0, 2.0, (500, 2)), -1.0, 1.0)
     best = np.sort(rewards(problem, places), axis=-1)[:, -per_step:].sum(axis=-1)
     bound = square_bound(*instance(problem), *(middle - problem.start_m), half)
     assert best.max() <= bound
@@ -140,6 +147,23 @@ def test_no_other_plan_lies_above_the_bound(seed, channel, steps, per_step, budg
         scale = min(1.0, budget / max(path_length(way), 1e-9))
         others.append(best_assignment(problem, problem.start_m + (way - problem.start_m) * scale))
     assert max(others) <= min(plan.upper_bound, tighter.upper_bound) * (1.0 + 1e-9)
+
+
+@THOROUGH
+@given(SEEDS, CHANNELS, st.integers(2, 5), st.integers(1, 4), st.floats(100.0, 900.0))
+def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, per_step, budget):
+    problem = random_problem(
+        seed, devices=8, steps=steps, per_step=per_step, budget=budget, preset=channel
+    )
+    best = CertifiedPlanner(max_nodes=300).plan(problem).value
+    devices, limits = instance(problem)
+    nowhere = np.zeros((steps, 2)), np.full(8, -1)
+    poor = Found(1e-6 * best, *nowhere, np.inf)  # the bound may not lean on a good plan
+    for nodes in (1, 4, 16, 64):
+        effort = Effort(1e-3, nodes, 1000)
+        by_order = search_orders(devices, limits, relax(problem, devices), plan=poor, effort=effort)
+        by_place = search_places(devices, limits, plan=poor, effort=effort)
+        assert min(by_order.bound, by_place.bound) >= best * (1.0 - 1e-6)
 
 
 @pytest.mark.parametrize("channel", ["suburban+10dB", "suburban", "suburban+30dB"])
