@@ -105,6 +105,10 @@ def test_problems_that_the_search_cannot_take():
     for bad_effort in ((1.0, 1, 1), (0.1, -1, 1), (0.1, 1, 0)):
         with pytest.raises(ValueError, match="nothing to search for"):
             planner.Effort(*bad_effort)
-er.explore(devices(0), limits, starts=1, tries=1)
+    for bad in (planner.Limits(1, 1, 1.0), planner.Limits(2, 0, 1.0), planner.Limits(2, 1, 0.0)):
+        with pytest.raises(ValueError, match="nothing to move for"):
+            planner.explore(devices(2), bad, starts=1, tries=1)
+    with pytest.raises(ValueError, match="no device"):
+        planner.explore(devices(0), limits, starts=1, tries=1)
     with pytest.raises(ValueError, match="must be finite"):
         planner.assign(np.array([[np.nan]]), 1)

@@ -48,7 +48,9 @@ def test_no_stop_in_a_square_earns_more_than_its_bound(seed, channel, devices, p
         middle = problem.devices_m[0] + rng.uniform(-half, half, 2)
     places = middle + half * np.clip(rng.normal(0.0, 2.0, (500, 2)), -1.0, 1.0)
     best = np.sort(rewards(problem, places), axis=-1)[:, -per_step:].sum(axis=-1)
-    bound = square_bound(*instance(problem), *(middle - problem.start_m), half)
+    devices_c, limits = instance(problem)
+    x, y = middle - problem.start_m
+    bound = square_bound(devices_c, limits, x, y, half)
     assert best.max() <= bound
 
 
@@ -60,7 +62,9 @@ def test_the_bound_of_a_square_is_tight(away_m):
     grid = np.linspace(-half, half, 41)
     places = middle + np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     best = np.sort(rewards(problem, places), axis=-1)[:, -3:].sum(axis=-1).max()
-    bound = square_bound(*instance(problem), *(middle - problem.start_m), half)
+    devices_c, limits = instance(problem)
+    x, y = middle - problem.start_m
+    bound = square_bound(devices_c, limits, x, y, half)
     assert best <= bound <= 1.005 * best
 
 
