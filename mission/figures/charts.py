@@ -69,7 +69,7 @@ def line_chart(
         "x:Q",
         title=x,
         scale=scale_x,
-        axis=alt.Axis(tickMinStep=1, format="d") if whole_x else alt.Axis(),
+        axis=_whole(series) if whole_x else alt.Axis(),
     )
     up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
     dashes = named(names, [_DASHED if item.dashed else [1, 0] for item in series])
@@ -224,6 +224,11 @@ def _reach(values: np.ndarray[Any, np.dtype[np.float64]], most: float) -> list[f
     low = min(low, 0.0)
     air = 0.06 * (high - low) or 0.5
     return [low and low - air, min(high + air, most)]
+
+
+def _whole(series: Sequence[Series]) -> alt.Axis:
+    """Labels at whole numbers only."""
+    return alt.Axis(values=some(sorted({int(at) for item in series for at in item.x})), format="d")
 
 
 def some(numbers: Sequence[int], most: int = 12) -> list[int]:

@@ -164,6 +164,7 @@ def test_accuracy_begins_with_the_untrained_models_where_the_log_has_them(tmp_pa
     accuracy, _, _ = map(described, learning_charts(begun))
     found = [row for row in rows(accuracy, "series", "y") if row["series"] == "digits"]
     assert [row["x"] for row in found] == [0, 1, 2]
+    assert next(layers(accuracy))["encoding"]["x"]["axis"]["values"] == [0, 1, 2]
     assert found[0]["y"] == 10.0
 
 
