@@ -35,7 +35,7 @@ def learning_charts(run: FlightData) -> list[alt.LayerChart]:
         ]
 
     accuracy = line_chart(
-        "Validation accuracy", by_community("accuracy", 100.0), x="round", y="accuracy (%)",
+        "Accuracy", by_community("accuracy", 100.0), x="round", y="accuracy (%)",
         most=100.0, whole_x=True,
     )  # fmt: skip
     cov = line_chart(

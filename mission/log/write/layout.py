@@ -125,7 +125,7 @@ def _learning(communities: Sequence[str]) -> fl.PlotPanel:
         )
         for index, name in enumerate(communities)
     ]
-    return _plot("Validation accuracy", series, low=0.0, high=1.0)
+    return _plot("Accuracy", series, low=0.0, high=1.0)
 
 
 def _per() -> fl.PlotPanel:

@@ -191,7 +191,7 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     order = tuple(groups)
     flying = {label: runs for label, runs in groups.items() if flies(runs)}
     accuracy = tuple(
-        Panel(f"accuracy_{name}", f"{name}: validation accuracy", "accuracy (%)", 100.0, 100.0)
+        Panel(f"accuracy_{name}", f"{name}: accuracy", "accuracy (%)", 100.0, 100.0)
         for name in communities
     )
     pictures = [Picture("accuracy-rounds", "Accuracy by round", accuracy, by_round, groups, order)]

@@ -144,10 +144,10 @@ def test_bands_are_the_intervals_as_far_as_the_quantity_goes(page: str) -> None:
     half = 4.3027 * 2.0 / np.sqrt(3)
     ends = [
         (band[-1]["low"], band[-1]["high"])
-        for band in tables(charts(page)["a: validation accuracy"], "low", "high")
+        for band in tables(charts(page)["a: accuracy"], "low", "high")
     ]
     assert pytest.approx((44.0 - half, 44.0 + half), rel=1e-4) in ends
-    spec = charts(page)["b: validation accuracy"]
+    spec = charts(page)["b: accuracy"]
     bands = tables(spec, "low", "high")
     assert max(row["high"] for band in bands for row in band) <= 100.0
     line = next(layer for layer in layers(spec) if layer["mark"]["type"] == "line")
