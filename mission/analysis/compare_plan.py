@@ -10,7 +10,7 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.load import LoadedRun
 from mission.base.errors import InputError
-from mission.log.records import RoundRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Floats, PlanRecord
 
 KEY = "planned_and_flown"  # of the summary
@@ -164,22 +164,15 @@ def _last_ns(data: FlightData) -> int:
 
 
 def _as_round(plan: PlanRecord, numbers: PlannedAndFlown) -> RoundRecord:
-    return RoundRecord(
+    return replace(
+        UNKNOWN_ROUND,
         round=plan.round,
         start_t_s=plan.t_ns / NS_PER_S,
         duration_s=numbers.flown_duration_s,
-        plan_objective=_NAN,
-        est_objective=_NAN,
-        true_objective=_NAN,
-        upper_bound=_NAN,
         plan_path_m=numbers.plan_path_m,
         flown_path_m=numbers.flown_path_m,
         budget_used_m=numbers.flown_path_m,
-        scheduled=0,
-        delivered=0,
         battery_remaining=numbers.battery_remaining,
-        accuracy={},
-        cov={},
     )
 
 

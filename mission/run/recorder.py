@@ -10,8 +10,8 @@ from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
-from mission.log.records import DeviceRecord, Learnt, RoundRecord
-from mission.log.tables import LearningTable, RoundTable, UplinkTable
+from mission.log.records import DeviceRecord, Learnt, RoundRecord, UplinkRecord
+from mission.log.tables import Table
 from mission.log.values import Devices
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
@@ -29,9 +29,9 @@ class FolderRecorder:
     world: World
     folder: RunFolder
     log: FlightLog
-    rounds: RoundTable
-    uplinks: UplinkTable
-    devices: LearningTable
+    rounds: Table[RoundRecord]
+    uplinks: Table[UplinkRecord]
+    devices: Table[DeviceRecord]
     checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
@@ -71,7 +71,7 @@ class FolderRecorder:
         self.learnt(record.round, learnt)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
-        self.rounds.append(record)
+        self.rounds.extend([record])
         if not result.remembered:
             SetAside(self.folder).discard()  # log and tables hold all that the old ones held
             self.checkpoint.save(self.world.federation, result.state, result.memory)
@@ -138,9 +138,10 @@ def recording(
                 raw_mavlink=audience.log_mavlink,
             )
         )
-        rounds = stack.enter_context(RoundTable(folder.rounds, world.federation.names))
-        uplinks = stack.enter_context(UplinkTable(folder.uplinks))
-        learnt = stack.enter_context(LearningTable(folder.learning))
+        names = world.federation.names
+        rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
+        uplinks = stack.enter_context(Table(folder.uplinks, UplinkRecord))
+        learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.
         log.attach("config.toml", "application/toml", world.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", world.devices_csv().encode())

@@ -15,8 +15,8 @@ import pyarrow.parquet
 
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.tables import read_learning, read_rounds, read_uplinks
+from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
+from mission.log.tables import read_table
 from mission.sweep.grid import Key, Point
 
 Cell: TypeAlias = str | int | float | bool
@@ -54,8 +54,9 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         summary: dict[str, Any] = json.loads(folder.summary.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
-    records, uplinks = read_rounds(folder.rounds), read_uplinks(folder.uplinks)
-    learnt = read_learning(folder.learning)  # a device that trained has a loss
+    records = read_table(folder.rounds, RoundRecord)
+    uplinks = read_table(folder.uplinks, UplinkRecord)
+    learnt = read_table(folder.learning, DeviceRecord)  # a device that trained has a loss
     devices = len(folder.devices.read_text(encoding="utf-8").splitlines()) - 1
     keys = point.keys
     rounds = _round_rows(keys, records, uplinks, devices=devices)
@@ -133,14 +134,9 @@ def _round_rows(
     rows = []
     for record in records:
         served = by_round[record.round]
-        row: Row = dict(keys)
-        for name in record.__slots__:
-            value = getattr(record, name)
-            if isinstance(value, dict):
-                row |= {f"{name}_{community}": float(item) for community, item in value.items()}
-            else:
-                row[name] = value
-        row |= {
+        row: Row = {
+            **keys,
+            **flat(record),
             "end_t_s": record.start_t_s + record.duration_s,
             "participation": _ratio(record.delivered, devices),
             "plan_per": _mean([uplink.plan_per for uplink in served]),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
+from mission.log.records import flat
 from mission.log.values import FlightData, Floats, InnovationTrack, PlanRecord
 
 Column: TypeAlias = Sequence[Any] | NDArray[Any]
@@ -43,15 +44,8 @@ def tables(data: FlightData) -> Tables:
             "x_m": data.devices.pos_m[:, 0],
             "y_m": data.devices.pos_m[:, 1],
         },
-        "rounds": _columns(
-            {
-                **{k: v for k, v in asdict(record).items() if k not in ("accuracy", "cov")},
-                **{f"accuracy_{name}": value for name, value in record.accuracy.items()},
-                **{f"cov_{name}": value for name, value in record.cov.items()},
-            }
-            for record in data.rounds
-        ),
-        "uplinks": _columns(asdict(record) for record in data.uplinks),
+        "rounds": _columns(map(flat, data.rounds)),
+        "uplinks": _columns(map(flat, data.uplinks)),
         "learning": _columns(
             {"t_s": r.t_ns / 1e9, **{k: v for k, v in asdict(r).items() if k != "t_ns"}}
             for r in data.learning

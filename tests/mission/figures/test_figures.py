@@ -16,7 +16,8 @@ from mission.base.errors import InputError
 from mission.cli import call
 from mission.figures.maps import overview, round_maps
 from mission.figures.run import comparison_figure, draw_comparison, draw_run, learning_curves
-from mission.log.tables import RoundTable, UplinkTable
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import Table
 from mission.log.write.writer import FlightLog
 
 
@@ -96,8 +97,8 @@ def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
     world = devices(np.random.default_rng(1))
     with (
         FlightLog(tmp_path / "flight.mcap", area=AREA, devices=world),
-        RoundTable(tmp_path / "rounds.csv", world.communities),
-        UplinkTable(tmp_path / "uplinks.csv"),
+        Table(tmp_path / "rounds.csv", RoundRecord, communities=world.communities),
+        Table(tmp_path / "uplinks.csv", UplinkRecord),
     ):
         pass
     assert draw_run(tmp_path) == ()

@@ -20,7 +20,8 @@ from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.export.tables import _texts
 from mission.log.read import framing, inspection
 from mission.log.read.reader import read_log
-from mission.log.tables import read_rounds, read_uplinks
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import read_table
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +103,10 @@ def test_diff_says_where(made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
     assert log.export(made.log, tmp_path / "csv", to="csv") == 0
-    for name, read in (("rounds", read_rounds), ("uplinks", read_uplinks)):
+    for name, record in (("rounds", RoundRecord), ("uplinks", UplinkRecord)):
         exported = (tmp_path / "csv" / f"{name}.csv").read_bytes()
         assert exported == (made.log.parent / f"{name}.csv").read_bytes()
-        assert read(tmp_path / "csv" / f"{name}.csv")
+        assert read_table(tmp_path / "csv" / f"{name}.csv", record)
     track = rows(tmp_path / "csv" / "track.csv")
     assert len(track) == len(made.samples)
     data = read_log(made.log)
