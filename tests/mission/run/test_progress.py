@@ -16,7 +16,8 @@ from mission.run.recorder import FolderRecorder
 
 def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRecord:
     return replace(
-        UNKNOWN_ROUND, round=number, start_t_s=60.0, duration_s=70.0 if flown else 0.0, plan_objective=planned,
+        UNKNOWN_ROUND, round=number, start_t_s=60.0, duration_s=70.0 if flown else 0.0,
+        plan_objective=planned,
         est_objective=1.9, true_objective=1.9, upper_bound=2.0, plan_path_m=800.0,
         flown_path_m=801.0, budget_used_m=801.0, scheduled=12, delivered=9, battery_remaining=0.9,
         accuracy={"digits": 0.125, "colour-shapes": 0.5}, cov={},
