@@ -11,6 +11,7 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.compare import Label
 from mission.analysis.load import LoadedRun
+from mission.base import polyline
 from mission.base.errors import InputError
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Floats, PlanRecord
@@ -140,7 +141,7 @@ def plan_flight(run: LoadedRun) -> PlanFlight:
     battery = data.battery.remaining
     numbers = PlannedAndFlown(
         plan_path_m=plan.path_m,
-        flown_path_m=float(np.linalg.norm(np.diff(truth.pos_m[:, :2], axis=0), axis=1).sum()),
+        flown_path_m=polyline.length(truth.pos_m[:, :2]),
         plan_duration_s=float(told["duration_s"]),
         flown_duration_s=(end_ns - plan.t_ns) / NS_PER_S,
         cross_track_rms_m=_rms(cross_m),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.area import Area
 from mission.log.records import (
     MAYBE,
@@ -101,7 +102,7 @@ class PlanRecord:
     @property
     def path_m(self) -> float:
         """Length of the planned polyline."""
-        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+        return polyline.length(self.waypoints_m)
 
 
 @dataclass(frozen=True)
