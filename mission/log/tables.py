@@ -1,9 +1,7 @@
 """`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row, read back with checks.
 
-Plain CSV (comma, "\\n", UTF-8), one header line; numbers in their shortest exact form, so that
-reading gives back the very same float; `nan` where there is no value; `true` and `false`. A
-round's accuracies and CoVs stand in one column a community: `accuracy_<name>`, `cov_<name>`.
-The same records give the same bytes.
+CSV of the dialect of `csv_text` with one header line. A round's accuracies and CoVs stand in one
+column a community: `accuracy_<name>`, `cov_<name>`. The same records give the same bytes.
 """
 
 import csv
@@ -13,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Generic, Self, TypeVar
 
+from mission.base import csv_text
 from mission.base.columns import columns
 from mission.base.errors import InputError
 from mission.log.records import (
@@ -54,11 +53,11 @@ class Table(Generic[Record]):
     def extend(self, records: Iterable[Record]) -> None:
         """Write a row each and hand them to the operating system."""
         rows = map(flat, records)
-        self._append([_text(row[name]) for name in self._header] for row in rows)
+        self._append([row[name] for name in self._header] for row in rows)
 
-    def _append(self, rows: Iterable[Sequence[str]]) -> None:
+    def _append(self, rows: Iterable[Sequence[Any]]) -> None:
         try:
-            self._file.write("".join(_line(row) for row in rows))
+            self._file.write(csv_text.lines(rows))
             self._file.flush()
         except OSError as error:
             raise TableError(f"{self.path}: cannot write the table: {error.strerror}") from None
@@ -115,20 +114,6 @@ def _header(record: type[Any], communities: Sequence[str] = ()) -> tuple[str, ..
         else:
             names.append(column.name)
     return tuple(names)
-
-
-def _text(value: float | int | bool | str) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(float(value))  # numpy's own floats would say np.float64(...)
-    return str(value)
-
-
-def _line(cells: Sequence[str]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(cells)
-    return out.getvalue()
 
 
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:

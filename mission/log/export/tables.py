@@ -1,6 +1,5 @@
 """A log as tables, written as CSV, and the files inside it."""
 
-import csv
 import math
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base import csv_text
 from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
@@ -88,11 +88,9 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
     with new_folder(folder) as partial:
         for name, columns in found.items():
-            with (partial / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(columns)
-                rows = (_texts(column) for column in columns.values())
-                writer.writerows(zip(*rows, strict=True))
+            rows = zip(*map(_harmless, columns.values()), strict=True)
+            text = csv_text.lines([columns, *rows])
+            (partial / f"{name}.csv").write_text(text, encoding="utf-8", newline="")
     return tuple(folder / f"{name}.csv" for name in found)
 
 
@@ -172,12 +170,8 @@ def _axes(prefix: str, pos_m: Floats) -> dict[str, Column]:
 _COMPUTED = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
-def _texts(column: Column) -> Iterable[str]:
+def _harmless(column: Column) -> Iterable[Any]:
     values = column.tolist() if isinstance(column, np.ndarray) else column
     for value in values:
-        if isinstance(value, bool):
-            yield "true" if value else "false"
-        elif isinstance(value, str):
-            yield f"'{value}" if value.startswith(_COMPUTED) else value
-        else:
-            yield repr(value) if isinstance(value, float) else str(value)
+        computed = isinstance(value, str) and value.startswith(_COMPUTED)
+        yield f"'{value}" if computed else value
