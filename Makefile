@@ -5,13 +5,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test check clean
+.PHONY: run test test-fast check docs clean
 
 run: $(READY)
 	$(BIN)/aerofed run
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+# Under a minute: without whole runs, and without what needs more than a clone brings.
+test-fast: $(READY)
+	$(BIN)/python -m pytest -m "not slow and not real"
 
 # What CI checks beside the tests.
 check: $(READY)
@@ -20,6 +24,11 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python docs/generate.py --check
+
+# The documentation as a site, in build/site.
+docs: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)

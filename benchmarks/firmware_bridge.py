@@ -1,19 +1,29 @@
-"""What our side of a firmware's bridge costs, against bare JSBSim in the same run.
+"""What our side of a firmware's bridge costs, against bare JSBSim and the kernel in the same run.
 
-A stand-in process answers as the firmware would, at once: what is counted is the processor time
-of the thread that steps the plant, system calls included. Sensors are the default ones. Hovering
-duty cycles keep the rotors turning.
+A stand-in process answers as the firmware would, at once, from what was made beforehand. Counted
+is the processor time of the thread that steps the plant, system calls included. The parts take
+turns, second by simulated second, on one processor, which the stand-in shares:
+
+    physics     JSBSim's step alone, of the same aircraft, climbing alike, at the same rate
+    exchange    one message of the same size each way, by the kernel's sockets
+    both        physics and exchange in turns in the shortest loop: less a bridge cannot cost
+    bridge      ours: clock, exchange, reading and writing of messages, plant, sensors
 
     python benchmarks/firmware_bridge.py [simulated seconds]
 """
 
+import math
 import multiprocessing
+import os
 import socket
 import struct
 import sys
 import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 
-from fastcrc import crc16
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.config import AircraftConfig
@@ -21,13 +31,78 @@ from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
-from sitl.firmware.bridge import Bridge, read, sensors_of
+from sitl.firmware.bridge import Bridge
+from sitl.firmware.clockwork import Clockwork
 from sitl.firmware.px4 import Px4Bridge
+from sitl.firmware.sockets import LOOPBACK
 
 HOME = GeodeticPoint(47.397742, 8.545594, 488.0)
-HOVER = 0.38  # duty cycle; it climbs slowly
+CLIMB = 0.5  # duty cycle
+WARM_UP_S = 3.0  # simulated, up to where the ground is not looked for
 _SENSOR_FRAME = 76  # bytes; the last of a tick
-_EXTRA = mav.MAVLink_hil_actuator_controls_message.crc_extra
+_STATE = 340  # bytes of ArduPilot's
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A firmware as the benchmark needs it: a tick's messages, by the number of the tick."""
+
+    name: str
+    rate_hz: int
+    kind: socket.SocketKind
+    bridge: Callable[[Plant], Bridge]
+    from_firmware: Callable[[int], bytes]
+    to_firmware: Callable[[int], bytes]
+    tick_of: Callable[[bytes], int]  # of what the firmware is sent
+
+    def connect(self, port: int) -> socket.socket:
+        """As the firmware does."""
+        sock = socket.socket(socket.AF_INET, self.kind)
+        sock.connect((LOOPBACK, port))
+        if self.kind is socket.SOCK_STREAM:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return sock
+
+    def peer(self, port: int, ticks: int) -> None:
+        """The stand-in's process: an answer to each tick."""
+        answers = [self.from_firmware(tick) for tick in range(ticks)]
+        sock, tick_of = self.connect(port), self.tick_of
+        sock.send(answers[0])
+        with suppress(ConnectionError):
+            while data := sock.recv(4096):
+                sock.send(answers[tick_of(data)])
+
+
+def _controls(tick: int) -> bytes:
+    """HIL_ACTUATOR_CONTROLS, motors a little different at every tick."""
+    out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
+    motors = [CLIMB + 1e-3 * (tick % 7)] * 16
+    return bytes(mav.MAVLink_hil_actuator_controls_message(4000 * tick, motors, 129, 1).pack(out))
+
+
+def _sensors(tick: int) -> bytes:
+    return bytes(10) + struct.pack("<Q", 4000 * tick) + bytes(_SENSOR_FRAME - 18)
+
+
+def _request(tick: int) -> bytes:
+    pulses = [1000 + round(1000 * (CLIMB + 1e-3 * (tick % 7)))] * 4 + [0] * 12
+    return struct.pack("<HHI16H", 18458, RATE_HZ, tick, *pulses)
+
+
+def _state(tick: int) -> bytes:
+    return f'\n{{"timestamp":{tick / RATE_HZ:.6f},'.encode().ljust(_STATE, b"0")
+
+
+PX4 = Protocol(
+    "PX4 (HIL, TCP)", 250, socket.SOCK_STREAM, lambda plant: Px4Bridge(plant, port=0),
+    _controls, _sensors,
+    lambda data: int.from_bytes(data[-66:-58], "little") // 4000,
+)  # fmt: skip
+ARDUPILOT = Protocol(
+    "ArduPilot (JSON, UDP)", RATE_HZ, socket.SOCK_DGRAM,
+    lambda plant: ArduPilotBridge(plant, port=0), _request, _state,
+    lambda data: round(float(data[14 : data.index(b",")]) * RATE_HZ),
+)  # fmt: skip
 
 
 def plant(rate_hz: int) -> Plant:
@@ -35,101 +110,160 @@ def plant(rate_hz: int) -> Plant:
     return Plant(AircraftConfig(physics_hz=rate_hz), home=HOME, streams=RandomStreams(1))
 
 
-def px4(port: int) -> None:
-    """Answer each HIL_SENSOR with controls of its instant."""
-    sock = socket.create_connection(("127.0.0.1", port))
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
-    frame = bytearray(mav.MAVLink_hil_actuator_controls_message(0, [HOVER] * 16, 129, 1).pack(out))
-    while data := sock.recv(4096):
-        frame[10:18] = data[-_SENSOR_FRAME + 10 : -_SENSOR_FRAME + 18]
-        frame[-2:] = crc16.mcrf4xx(bytes(frame[1:-2]) + bytes((_EXTRA,))).to_bytes(2, "little")
-        sock.sendall(frame)
+class Part(ABC):
+    """What is measured; `go` takes its processor and wall time."""
+
+    def __init__(self) -> None:
+        self.cpu_us: list[float] = []  # a tick, block by block
+        self.wall_us: list[float] = []
+
+    @abstractmethod
+    def run(self, ticks: int) -> float:
+        """Take so many ticks; the processor time (s) that they took."""
+
+    def go(self, ticks: int, *, counted: bool = True) -> None:
+        began = time.perf_counter()
+        spent = self.run(ticks)
+        if counted:
+            self.cpu_us.append(1e6 * spent / ticks)
+            self.wall_us.append(1e6 * (time.perf_counter() - began) / ticks)
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop."""
 
 
-def ardupilot(port: int) -> None:
-    """Ask, wait for the answer, and ask for the next tick."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.connect(("127.0.0.1", port))
-    pulses = [1000 + round(1000 * HOVER)] * 4 + [0] * 12
-    count = 0
-    while True:
-        sock.send(struct.pack("<HHI16H", 18458, RATE_HZ, count, *pulses))
-        try:
-            sock.recv(4096)
-        except ConnectionError:
-            return
-        count += 1
+class Loop(Part):
+    """Physics, or the exchange with a stand-in, or both."""
+
+    def __init__(self, protocol: Protocol, *, ticks: int, physics: bool, exchange: bool) -> None:
+        super().__init__()
+        self._next = 1
+        self._messages = [protocol.to_firmware(tick) for tick in range(ticks)]
+        self._sock = _met(protocol, ticks) if exchange else None
+        self._step: Callable[[], object] = _nothing
+        if physics:
+            aircraft = plant(protocol.rate_hz)
+            aircraft.vehicle.drive((CLIMB,) * 4)
+            for _ in range(round(WARM_UP_S * protocol.rate_hz)):
+                aircraft.step()
+            self._step = aircraft.vehicle.run
+
+    def run(self, ticks: int) -> float:
+        sock, step = self._sock, self._step
+        began = time.thread_time()
+        if sock is None:
+            for _ in range(ticks):
+                step()
+        else:
+            recv, send = sock.recv, sock.send
+            for message in self._messages[self._next : self._next + ticks]:
+                step()
+                send(message)
+                recv(4096)
+            self._next += ticks
+        return time.thread_time() - began
+
+    def close(self) -> None:
+        if self._sock is not None:
+            self._sock.close()
 
 
-def bridged_s(bridge: Bridge, peer: object, seconds: float) -> float:
-    """Processor seconds of this thread for a simulated second of the bridge."""
-    bridge.open()
-    process = multiprocessing.Process(target=peer, args=(bridge.port,), daemon=True)  # type: ignore[attr-defined,arg-type]
-    process.start()
-    clock = bridge.plant.clock
-    while clock.t_ns < 0.5e9:
-        bridge.tick()
-    began, from_s = time.thread_time(), clock.t_ns / 1e9
-    while clock.t_ns / 1e9 < from_s + seconds:
-        bridge.tick()
-    spent = time.thread_time() - began
-    process.kill()
-    bridge.close()
-    return spent / seconds
+class Bridged(Part):
+    """Ours: the clock that runs a bridge, in this thread instead of its own."""
+
+    def __init__(self, protocol: Protocol, *, ticks: int) -> None:
+        super().__init__()
+        aircraft = plant(protocol.rate_hz)
+        bridge = protocol.bridge(aircraft)
+        bridge.open()
+        self._ticks, self._until, self._tick = aircraft.clock, 0, bridge.tick
+        bridge.tick = self._tick_in_turn  # type: ignore[method-assign]
+        self._clock = Clockwork(bridge, speed=math.inf)
+        _started(protocol, bridge.port, ticks)  # type: ignore[attr-defined]
+
+    def _tick_in_turn(self) -> bool:
+        if self._ticks.tick == self._until:
+            self._clock._stopped = True
+            return False
+        return self._tick()
+
+    def run(self, ticks: int) -> float:
+        self._until = self._ticks.tick + ticks
+        self._clock._stopped = False
+        self._clock.run()
+        began = time.thread_time()
+        self._clock._run_until_stopped()
+        return time.thread_time() - began
+
+    def close(self) -> None:
+        self._clock.stop()
 
 
-def bare_s(rate_hz: int, seconds: float) -> float:
-    """The same of JSBSim's step alone."""
-    vehicle = plant(rate_hz).vehicle
-    vehicle.drive((HOVER,) * 4)
-    run = vehicle.run
-    for _ in range(rate_hz // 2):
-        run()
-    began = time.thread_time()
-    for _ in range(round(rate_hz * seconds)):
-        run()
-    return (time.thread_time() - began) / seconds
+def _nothing() -> None:
+    return None
 
 
-def sensed_s(rate_hz: int, seconds: float) -> float:
-    """The same of the plant with its sensors, nothing sent."""
-    aircraft = plant(rate_hz)
-    sensors = sensors_of(aircraft)
-    aircraft.vehicle.drive((HOVER,) * 4)
-    began = time.thread_time()
-    for _ in range(round(rate_hz * seconds)):
-        aircraft.step()
-        read(aircraft, sensors)
-    return (time.thread_time() - began) / seconds
+def _started(protocol: Protocol, port: int, ticks: int) -> None:
+    multiprocessing.Process(target=protocol.peer, args=(port, ticks), daemon=True).start()
+
+
+def _met(protocol: Protocol, ticks: int) -> socket.socket:
+    """A socket that the stand-in has come to."""
+    with socket.socket(socket.AF_INET, protocol.kind) as listener:
+        listener.bind((LOOPBACK, 0))
+        port = listener.getsockname()[1]
+        if protocol.kind is socket.SOCK_STREAM:
+            listener.listen(1)
+            _started(protocol, port, ticks)
+            sock, _peer = listener.accept()
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            _started(protocol, port, ticks)
+            sock = listener.dup()
+            sock.connect(sock.recvfrom(0, socket.MSG_PEEK)[1])
+    sock.recv(4096)
+    return sock
+
+
+def measured(protocol: Protocol, seconds: int) -> Sequence[Part]:
+    """Physics, exchange, both, bridge."""
+    rate = protocol.rate_hz
+    ticks = round(rate * (WARM_UP_S + seconds)) + 100  # and some while PX4 boots
+    parts = (
+        Loop(protocol, ticks=ticks, physics=True, exchange=False),
+        Loop(protocol, ticks=ticks, physics=False, exchange=True),
+        Loop(protocol, ticks=ticks, physics=True, exchange=True),
+        Bridged(protocol, ticks=ticks),
+    )
+    parts[-1].go(round(WARM_UP_S * rate), counted=False)
+    for _ in range(seconds):
+        for part in parts:
+            part.go(rate)
+    for part in parts:
+        part.close()
+    return parts
 
 
 def main() -> None:
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
-    print(f"{seconds:g} simulated s each; ms of processor time a simulated second, best of 3")
-    cases = (
-        ("PX4", 250, px4, lambda: Px4Bridge(plant(250), port=0)),
-        (
-            f"ArduPilot, {RATE_HZ} Hz",
-            RATE_HZ,
-            ardupilot,
-            lambda: ArduPilotBridge(plant(RATE_HZ), port=0),
-        ),
-    )
-    for name, rate, peer, bridge in cases:
-        rows = [
-            (
-                bare_s(rate, seconds),
-                sensed_s(rate, seconds),
-                bridged_s(bridge(), peer, seconds),
-            )
-            for _ in range(3)
-        ]
-        bare, sensed, bridged = (1e3 * min(column) for column in zip(*rows, strict=True))
+    seconds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    processor = min(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {processor})
+    load = os.getloadavg()[0]
+    print(f"us a tick, processor time (wall time), best of {seconds} turns; load {load:.1f}")
+    for protocol in (PX4, ARDUPILOT):
+        parts = measured(protocol, seconds)
+        cpu = [min(part.cpu_us) for part in parts]
+        wall = [min(part.wall_us) for part in parts]
+        names = ("physics", "exchange", "both", "bridge")
+        said = (f"{n} {c:.2f} ({w:.2f})" for n, c, w in zip(names, cpu, wall, strict=True))
+        physics, _, both, bridge = cpu
         print(
-            f"{name}, {rate} Hz: bare JSBSim {bare:.2f}, with plant and sensors {sensed:.2f} "
-            f"({sensed / bare:.2f}x), bridge {bridged:.2f} ({bridged / bare:.2f}x), "
-            f"{1e3 / bridged:.0f} simulated s a processor second"
+            f"{protocol.name}, {protocol.rate_hz} Hz: {', '.join(said)}\n"
+            f"  bridge / physics {bridge / physics:.2f}x; without the physics in it "
+            f"{bridge / physics - 1:.2f}x; least possible {both / physics:.2f}x; "
+            f"bridge / least possible {bridge / both:.2f}x; "
+            f"{1e6 / bridge / protocol.rate_hz:.0f} simulated s a processor second"
         )
 
 

@@ -61,25 +61,30 @@ def cruising(sensors: str) -> Aircraft:
     return aircraft
 
 
-def stepped(step: Callable[[], object], seconds: float) -> Cost:
-    """The cost of `step` for so many simulated seconds."""
+def advance(aircraft: Aircraft, seconds: float) -> None:
+    """So much simulated time."""
+    until_ns = aircraft.t_ns + round(seconds * 1e9)
+    while aircraft.t_ns < until_ns:
+        aircraft.advance(HZ)
+
+
+def stepped(aircraft: Aircraft, seconds: float) -> Cost:
+    """The cost of so many simulated seconds."""
     cpu, wall = time.process_time(), time.perf_counter()
-    for _ in range(round(seconds * HZ)):
-        step()
+    advance(aircraft, seconds)
     return Cost(seconds, time.process_time() - cpu, time.perf_counter() - wall)
 
 
 def physics(aircraft: Aircraft, seconds: float) -> Cost:
     """What of a guided flight is JSBSim's: half of the time by CPU, half by wall."""
-    objects: Any = aircraft
-    run, spent = aircraft.vehicle.run, []
+    vehicle: Any = aircraft.vehicle
+    run, spent = vehicle.run, []
     for clock in (time.thread_time, time.perf_counter):
         watch = Stopwatch(clock)
-        objects._run = watch.wrap("physics", run)
-        for _ in range(round(seconds * HZ / 2)):
-            aircraft.step()
+        vehicle.run = aircraft.plant.run = watch.wrap("physics", run)
+        advance(aircraft, seconds / 2)
         spent.append(watch.spent["physics"])
-    objects._run = run
+    vehicle.run = aircraft.plant.run = run
     return Cost(seconds / 2, *spent)
 
 
@@ -89,8 +94,8 @@ def layers(seconds: float) -> dict[str, Callable[[], Cost]]:
     length_m = seconds * 10.6  # flown in about so many seconds: 80 m legs are mostly turns
     return {
         "JSBSim, FCS and turbulence included": lambda: physics(inner, seconds),
-        "guidance, control, battery": lambda: stepped(truth.step, seconds),
-        "IMU, GNSS, baro, magnetometer, filter": lambda: stepped(chain.step, seconds),
+        "guidance, control, battery": lambda: stepped(truth, seconds),
+        "IMU, GNSS, baro, magnetometer, filter": lambda: stepped(chain, seconds),
         "autopilot, samples at 10 Hz": lambda: flown_without_link(length_m, log=False),
         "MCAP log": lambda: flown_without_link(length_m, log=True),
         "event loop, link, telemetry": lambda: asyncio.run(flown_unheard(length_m)),
@@ -166,16 +171,17 @@ def aircraft_table(seconds: float) -> None:
     """Print where the aircraft's own time goes."""
     aircraft = cruising("realistic")
     watch = Stopwatch()
-    objects: Any = aircraft
-    objects._run = watch.wrap("physics", aircraft._run)
+    vehicle: Any = aircraft.vehicle
+    vehicle.run = aircraft.plant.run = watch.wrap("physics", vehicle.run)
     navigation: Any = aircraft.navigation
-    navigation.tick = watch.wrap("sensors: IMU every tick, others when due", navigation.tick)
-    navigation.update = watch.wrap("estimator: increments, filter, replay", navigation.update)
-    guidance: Any = objects._guidance
+    navigation.run = watch.wrap("physics, IMU and rates at every tick", navigation.run)
+    navigation.sense = watch.wrap("the other sensors, when due", navigation.sense)
+    navigation.update = watch.wrap("estimator: increments, filter", navigation.update)
+    guidance: Any = aircraft._guidance
     guidance.step = watch.wrap("guidance and outer loop, 50 Hz", guidance.step)
-    objects._housekeep = watch.wrap("battery, faults, ground", objects._housekeep)
-    for _ in range(round(seconds * HZ)):
-        aircraft.step()
+    plant: Any = aircraft.plant
+    plant._look_around = watch.wrap("battery, faults, ground", plant._look_around)
+    advance(aircraft, seconds)
     print("\ninside the aircraft, by timers (their own time taken off)")
     for name, spent in watch.spent.items():
         print(f"{name:42}{spent / seconds * 1e3:8.2f}")

@@ -40,7 +40,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     """One run in this process; its times in seconds."""
     from rich.console import Console
 
-    from mission.base.console import Audience
+    from mission.base.console import RunConsole
     from mission.base.stopwatch import Stopwatch
     from mission.config.loading import builtin_config, load_config
     from mission.log.write.writer import FlightLog
@@ -100,7 +100,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
             config,
             folder,
             data_dir=None,
-            audience=Audience(Console(quiet=True), quiet=True, live_port=port),
+            console=RunConsole(Console(quiet=True), quiet=True, live_port=port),
         )
     summary = json.loads((folder / "summary.json").read_text())
     wall_s = summary["wall_s"]

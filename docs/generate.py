@@ -7,10 +7,12 @@ leads nowhere or an example is no configuration.
 import sys
 from pathlib import Path
 
-from pages import checks, commands, configuration, formats
+from pages import architecture, channels, checks, commands, configuration, formats
 
 DOCS = Path(__file__).parent
 PAGES = {
+    "architecture.md": architecture.page,
+    "channels.md": channels.page,
     "commands.md": commands.page,
     "configuration.md": configuration.page,
     "file-formats.md": formats.page,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mission.planner.evaluate import finish
 from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.custom_strategies import Known, Setting
+from mission.scenario.custom_strategies import RoundInfo, StrategyContext
 from mission.scenario.strategies import Sortie
 
 Floats = NDArray[np.float64]
@@ -31,9 +31,9 @@ class SamePlans:
     approach_m: Floats | None = None
     _ends_m: list[Floats] = field(default_factory=list)  # planned, by round
 
-    def importance(self, known: Known) -> Floats:
+    def importance(self, info: RoundInfo) -> Floats:
         """Data share times a factor from 1 to 3 drawn by round and device."""
-        return known.p * np.random.default_rng(known.round).uniform(1.0, 3.0, len(known.p))
+        return info.p * np.random.default_rng(info.round).uniform(1.0, 3.0, len(info.p))
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """Plan from where the plan before ended, and fly it from where the aircraft is."""
@@ -46,6 +46,6 @@ class SamePlans:
         return Sortie(finish(problem, waypoints_m))
 
 
-def make(setting: Setting) -> SamePlans:
+def make(context: StrategyContext) -> SamePlans:
     """What `mission.strategy` names."""
-    return SamePlans(setting.planner)
+    return SamePlans(context.planner)

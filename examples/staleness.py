@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.custom_strategies import Known, Setting
+from mission.scenario.custom_strategies import RoundInfo, StrategyContext
 from mission.scenario.strategies import Sortie
 
 Floats = NDArray[np.float64]
@@ -27,15 +27,15 @@ class Staleness:
     fairness: bool = False
     approach_m: Floats | None = None  # begin the first round above home
 
-    def importance(self, known: Known) -> Floats:
+    def importance(self, info: RoundInfo) -> Floats:
         """Data share times age in rounds."""
-        return known.p * known.age_rounds
+        return info.p * info.age_rounds
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
         """The best path and schedule for these weights."""
         return Sortie(self.planner.plan(problem))
 
 
-def make(setting: Setting) -> Staleness:
+def make(context: StrategyContext) -> Staleness:
     """What `mission.strategy` names."""
-    return Staleness(setting.planner)
+    return Staleness(context.planner)

@@ -49,46 +49,56 @@ class Aircraft:
         inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
         self.navigation: Navigation
         if plant.sensors is None:
-            self.navigation = TrueNavigation(self.vehicle, inner, clock)
+            self.navigation = TrueNavigation(plant, inner)
         else:
-            self.navigation = InertialNavigation(
-                plant.sensors,
-                self.vehicle,
-                inner,
-                clock,
-                earth=earth,
-                guidance_ticks=plant.interval,
-            )
-        self._nav = self.navigation.state()
+            self.navigation = InertialNavigation(plant, plant.sensors, inner, earth=earth)
         dt_s = config.guidance_interval_s
         self.controller = Controller(
             inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=earth.gravity_mps2
         )
         self._guidance = Guidance(
-            self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self._nav.q)
+            self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
         )
         self._near = False
         self.armed = False
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
-        plant = self.plant
-        plant.step()
+        self.advance(1)
+
+    def advance(self, most: int) -> int:
+        """The ticks up to the next guidance step, `most` at most; one where each of them matters,
+        near the ground and at a corner. Returns how many.
+        """
+        plant, navigation, tick = self.plant, self.navigation, self._clock.tick
+        if self._near or plant.low:
+            ticks = 1
+        else:
+            ticks = min(most, self._interval - tick % self._interval, navigation.due - tick)
+        navigation.run(ticks)
+        plant.passed(ticks)
+        tick += ticks
         if plant.impact_mps is not None and self.armed:
             self.disarm()
-        self.navigation.tick()
-        if self._clock.tick % self._interval == 0:
+        if tick >= navigation.due:
+            navigation.sense()
+        if tick % self._interval == 0:
             self._guide()
         elif self._near:
-            self._guidance.pass_corners(self.navigation.position(), self._nav.v)
+            self._pass_corners()
+        return ticks
 
     def _guide(self) -> None:
-        nav = self._nav = self.navigation.update()
-        guidance = self._guidance
+        navigation, guidance = self.navigation, self._guidance
+        navigation.update()
         if self._near:
-            guidance.pass_corners(nav.p, nav.v)
-        guidance.step(nav, self.navigation.specific_force)
-        self._near = guidance.corner_near(nav)
+            self._pass_corners()
+        guidance.step(navigation.carried, navigation.state)
+        self._near = guidance.corner_soon and guidance.corner_near(navigation.state())
+
+    def _pass_corners(self) -> None:
+        here = self.navigation.state()
+        self._guidance.pass_corners(here.p, here.v)
 
     @property
     def t_ns(self) -> int:
@@ -206,19 +216,19 @@ class Aircraft:
 
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
         """Go to a position and stay there, heading `yaw_rad`."""
-        self._guidance.hold(self._nav, _triple(pos_ned_m), yaw_rad)
+        self._guidance.hold(self.navigation.state(), _triple(pos_ned_m), yaw_rad)
 
     def velocity(self, vel_ned_mps: Vector, yaw_rad: float) -> None:
         """Fly at a velocity over ground, heading `yaw_rad`."""
-        self._guidance.velocity(self._nav, _triple(vel_ned_mps), yaw_rad)
+        self._guidance.velocity(self.navigation.state(), _triple(vel_ned_mps), yaw_rad)
 
     def follow(self, path: FlightPath) -> None:
         """Fly a path and hold its last point."""
-        self._guidance.follow(self._nav, path)
+        self._guidance.follow(self.navigation.state(), path)
 
     def pursue(self, target: Target) -> None:
         """Go after a target until the next order; it may be another one at any time."""
-        self._guidance.pursue(self._nav, target)
+        self._guidance.pursue(self.navigation.state(), target)
 
     def keep_attitude(self, order: AttitudeOrder) -> None:
         """Keep an attitude and a thrust until the next order."""
@@ -226,7 +236,7 @@ class Aircraft:
 
     def look_at(self, pos_ned_m: Vector | None) -> None:
         """Head towards a place on every path and hold from now on; None for the course again."""
-        self._guidance.interest = None if pos_ned_m is None else _triple(pos_ned_m)
+        self._guidance.look_at(None if pos_ned_m is None else _triple(pos_ned_m))
 
     def instruments(self) -> Instruments:
         """What its parts read and order at this instant."""

@@ -5,6 +5,7 @@ autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `s
 """
 
 import math
+from collections.abc import Callable
 
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
@@ -52,8 +53,7 @@ class Plant:
         )
         self._battery = Battery(config.battery)
         self._gusty = bool(config.wind.gusts or config.faults)
-        self._run = self.vehicle.run
-        self._low = True  # so near the ground that it may be touched before the next look
+        self._watch_ground(near=True)
         self._slow = 0
         self.impact_mps: float | None = None  # with which it crashed
 
@@ -63,26 +63,37 @@ class Plant:
         Raises:
             ModelDivergedError: the physics has left the numbers.
         """
-        self._run()
-        self.clock.tick += 1
-        if self._low:
-            self._feel_ground()
+        self.run()
+        self.passed(1)
+
+    def passed(self, ticks: int) -> None:
+        """Count ticks that were run, and look after gusts, battery, ground and faults when it is
+        time. Raises ModelDivergedError where the physics has left the numbers.
+        """
+        self.clock.tick += ticks
         if self.clock.tick % self.interval == 0:
             self._look_around()
 
-    def _feel_ground(self) -> None:
-        """A wreck from the tick on at which the ground is met faster than the legs can take."""
+    def _watch_ground(self, *, near: bool) -> None:
+        """Feel for the ground at every tick or not at all."""
+        self.low = near  # it may be touched before the next look
+        self.run: Callable[[], bool] = self._feel_ground if near else self.vehicle.run
+
+    def _feel_ground(self) -> bool:
+        """A tick near the ground: a wreck from the one on at which it is met faster than the legs
+        can take.
+        """
+        self.vehicle.run()
         speed = self.vehicle.impact_mps()
         if speed > self.vehicle.airframe.impact_limit_mps:
             self.impact_mps = speed
             self.vehicle.arm(False)
             self.vehicle.wreck()
-            self._run = self.vehicle.run
-            self._low = False
+            self._watch_ground(near=False)
+        return True
 
     def _look_around(self) -> None:
         """Gusts of this instant; battery, ground and faults every few times."""
-        self.vehicle.check()
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
             burst = self._faults.burst_ned_mps
@@ -90,11 +101,12 @@ class Plant:
         self._slow += 1
         if self._slow == _SLOW:
             self._slow = 0
+            self.vehicle.check()
             volts = self._battery.draw(
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
             )
             self.vehicle.set_battery_voltage(volts)
-            self._low = self.vehicle.watch_ground() and not self.crashed
+            self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
             self._faults.update(self.clock.t_ns)
 
     @property

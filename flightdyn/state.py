@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ class GeodeticPoint:
     alt_msl_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Kinematics:
+class Kinematics(NamedTuple):
     """Where a body is and how it moves: the truth, or what the estimator believes."""
 
     t_ns: int
@@ -28,14 +28,20 @@ class Kinematics:
     q_frd_to_ned: Vector  # (4,) w, x, y, z; rotates body vectors into NED
     omega_frd_radps: Vector  # (3,)
 
+    @classmethod
+    def of(cls, t_ns: int, *numbers: float) -> "Kinematics":
+        """From position, velocity, attitude and rates: thirteen numbers, in that order."""
+        all_of_them = np.array(numbers)
+        all_of_them.flags.writeable = False
+        return cls(t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:])
+
     @property
     def alt_rel_m(self) -> float:
         """Height above the take-off point."""
         return -float(self.pos_ned_m[2])
 
 
-@dataclass(frozen=True, slots=True)
-class GnssFix:
+class GnssFix(NamedTuple):
     """One receiver solution, stamped with the instant that it describes (not its arrival)."""
 
     t_ns: int
@@ -47,8 +53,7 @@ class GnssFix:
     satellites: int
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """One measurement against the filter's prediction of it, before it was used."""
 
     t_ns: int  # the instant that the filter was at
@@ -65,12 +70,11 @@ class Innovation:
 
     @property
     def ratio(self) -> float:
-        """Size of the innovation as a share of what is still believed; refused from 1 on."""
+        """Size of the innovation divided by the largest that is accepted; refused from 1 on."""
         return math.sqrt(max(self.nis, 0.0) / self.gate)
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryState:
+class BatteryState(NamedTuple):
     voltage_v: float
     current_a: float
     consumed_mah: float

@@ -68,7 +68,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
 
 def call(tokens: Sequence[str] | None = None) -> int:
     """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
-    errors = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    # Without emoji, whose table would be loaded for the first line: there may be no memory for it.
+    errors = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)
     Terminal.failure = None
     try:
         result = app(tokens, exit_on_error=False, print_error=False)

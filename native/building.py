@@ -46,8 +46,8 @@ class Library:
 
     name: str
     folder: Path
-    levelled: str  # the source that is compiled for every level
-    border: str  # the source that hands out the levels
+    levelled: str | None  # the source that is compiled for every level, if there is one
+    border: str  # the source that is called, and hands out the levels
 
     @property
     def path(self) -> Path:
@@ -76,7 +76,14 @@ class Library:
 LIBRARIES = (
     Library("learning", ROOT / "fl" / "native", "training.c", "learning.c"),
     Library("planner", ROOT / "mission" / "planner" / "native", "planning.c", "planner.c"),
+    Library("bridge", ROOT / "sitl" / "firmware" / "native", None, "bridge.c"),
+    Library("flight", ROOT / "flightdyn" / "native", "core.c", "flight.c"),
 )
+
+
+def library(name: str) -> Library:
+    """The library of that name."""
+    return next(library for library in LIBRARIES if library.name == name)
 
 
 def _sources(folder: Path) -> list[Path]:
@@ -152,6 +159,7 @@ def compile_to(
                 [*common, *more, f"-DLEVEL={level}", "-c", str(library.folder / library.levelled),
                  "-o", str(Path(folder, f"{level}.o"))]
                 for level, more in levels().items()
+                if library.levelled is not None
             ]  # fmt: skip
             with ThreadPoolExecutor() as pool:
                 list(pool.map(_run, jobs))

@@ -1,15 +1,14 @@
 """What the vehicle tells those who watch it, on its own clock. Observers never feed back."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from flightdyn.state import BatteryState, GnssFix, Innovation, Kinematics, Vector
 
 EventKind = Literal["mode", "armed", "reached", "status", "failsafe", "fault"]
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleSample:
+class VehicleSample(NamedTuple):
     """The vehicle at one instant, taken at the sampling rate while simulated time runs."""
 
     t_ns: int

@@ -37,8 +37,7 @@ class Simulation:
             raise ValueError(f"speed = {speed}: must be positive")
         self.vehicle = vehicle
         self._links: Sequence[Link] = links
-        chunk_s = min(_CHUNK_S, _CHUNK_WALL_S * speed)
-        self._chunk = max(1, round(chunk_s * 1e9 / vehicle.aircraft.dt_ns))
+        self._chunk_ns = 1e9 * min(_CHUNK_S, _CHUNK_WALL_S * speed)
         self._speed = speed
         self._free_running = free_running
         self._wake = asyncio.Event()
@@ -129,9 +128,9 @@ class Simulation:
         """A stretch of simulated time, and the pause that the pace asks for."""
         vehicle, step = self.vehicle, self.vehicle.step
         began, started_ns = time.monotonic(), vehicle.t_ns
-        for _ in range(self._ticks(began)):
-            if not step() and not self._free_running:
-                break
+        until_ns = started_ns + self._stretch_ns(began)
+        while (step() or self._free_running) and vehicle.t_ns < until_ns:
+            pass
         if math.isinf(self._speed):
             breath = time.monotonic() > self._breathed + _BREATH_EVERY_S
             await asyncio.sleep(_BREATH_S if breath else 0)
@@ -143,12 +142,11 @@ class Simulation:
             self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
-    def _ticks(self, now: float) -> int:
+    def _stretch_ns(self, now: float) -> float:
         """Of the next stretch; where the pace is ordered, no more than until telemetry is due."""
         if math.isinf(self._speed):
-            return self._chunk
-        due_s = (self.vehicle.due() - now) * self._speed
-        return min(self._chunk, max(1, round(due_s * 1e9 / self.vehicle.aircraft.dt_ns)))
+            return self._chunk_ns
+        return min(self._chunk_ns, (self.vehicle.due() - now) * self._speed * 1e9)
 
     def _close(self) -> None:
         for link in self._links:

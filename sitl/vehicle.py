@@ -1,4 +1,4 @@
-"""The vehicle: aircraft and autopilot, one tick at a time. It owns simulated time."""
+"""The vehicle: aircraft and autopilot, step by step. It owns simulated time."""
 
 from collections.abc import Hashable, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ _WATCH_HZ = 10.0  # how often the autopilot looks at its health, simulated time
 class Vehicle:
     """An aircraft under its autopilot.
 
-    `step` is one tick of simulated time. `receive` and `outgoing` are MAVLink, in wall time;
+    `step` lets simulated time pass. `receive` and `outgoing` are MAVLink, in wall time;
     nothing that comes in moves simulated time.
     """
 
@@ -75,6 +75,7 @@ class Vehicle:
         self._tick = 0
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
         self._sample_every = self._ticks_per(config.sample_rate_hz, "sample_rate_hz")
+        self._next_look = min(self._watch_every, self._sample_every)
         self._sampled_gnss: GnssFix | None = None
         self._sampled_innovation_ns = self.aircraft.t_ns
 
@@ -93,15 +94,21 @@ class Vehicle:
         self._observers.append(observer)
 
     def step(self) -> bool:
-        """One tick of simulated time; whether a manoeuvre is under way after it."""
-        self.aircraft.step()
+        """Simulated time up to the next guidance step, a single tick where each of them matters;
+        whether a manoeuvre is under way after it.
+        """
+        tick = self._tick
+        self._tick = tick = tick + self.aircraft.advance(self._next_look - tick)
         moving = self.autopilot.tick()
-        self._tick += 1
-        if self._tick % self._watch_every == 0:
-            self.autopilot.watch()
-            moving = self.moving  # a failsafe may have begun another one
-        if self._tick % self._sample_every == 0:
-            self._sample()
+        if tick == self._next_look:
+            if tick % self._watch_every == 0:
+                self.autopilot.watch()
+                moving = self.moving  # a failsafe may have begun another one
+            if tick % self._sample_every == 0:
+                self._sample()
+            self._next_look = min(
+                (tick // every + 1) * every for every in (self._watch_every, self._sample_every)
+            )
         return moving
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:

@@ -20,10 +20,11 @@ def faults(root: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_links_lead_somewhere_and_examples_are_configurations() -> None:
+def test_links_lead_somewhere_and_examples_are_taken() -> None:
     assert [line for line in faults(ROOT) if line] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -31,6 +32,10 @@ def test_links_lead_somewhere_and_examples_are_configurations() -> None:
         ("![x](docs/none.png)", "docs/none.png leads nowhere"),
         ("# Some heading\n[x](#some-headin)", "#some-headin: no such heading"),
         ("```toml\n[mission]\nstep = 3\n```", "mission.step: unknown key; did you mean steps?"),
+        (
+            "    aerofed run --steps 8",
+            "refused: aerofed run --steps 8: Unknown option",
+        ),
     ],
 )
 def test_what_is_wrong_is_found(tmp_path: Path, text: str, words: str) -> None:

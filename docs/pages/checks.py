@@ -1,27 +1,35 @@
-"""What every page is checked for: links that lead somewhere, TOML that is a configuration."""
+"""What every page is checked for: links that lead somewhere, TOML and commands that are taken."""
 
 import re
+import shlex
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from cyclopts import CycloptsError
+
 from mission.base.errors import InputError
+from mission.cli import app
 from mission.config.loading import load_config
 
 _COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 _TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# A line of code that calls `aerofed`; on the generated page the line of usage is no command.
+_COMMAND = re.compile(r"^    (?:\.venv/bin/)?aerofed ((?!.*(?:\[|[A-Z]$)).+)$", re.MULTILINE)
 
 
 def faults(root: Path) -> Iterator[str]:
-    """What is wrong with the README and the pages in docs/, a line each."""
-    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+    """What is wrong with the pages beside the README and in docs/, a line each."""
+    for page in (*sorted(root.glob("*.md")), *sorted((root / "docs").glob("*.md"))):
         text, name = page.read_text(encoding="utf-8"), page.relative_to(root)
         for link in _LINK.findall(text):
             if not link.startswith(("http://", "https://")):
                 yield from (f"{name}: {fault}" for fault in _link_faults(page, link))
         for example in _TOML.findall(text):
             yield from (f"{name}: {fault}" for fault in _example_faults(example))
+        for command in _COMMAND.findall(text):
+            yield from (f"{name}: {fault}" for fault in _command_faults(command))
 
 
 def _link_faults(page: Path, link: str) -> Iterator[str]:
@@ -48,3 +56,11 @@ def _example_faults(example: str) -> Iterator[str]:
             load_config(path)
         except InputError as error:
             yield f"an example is refused: {error}\n{example}"
+
+
+def _command_faults(command: str) -> Iterator[str]:
+    """Whether the words and options of a command exist; it is not carried out."""
+    try:
+        app.parse_args(shlex.split(command, comments=True), exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        yield f"the command is refused: aerofed {command}: {error}"

@@ -1,5 +1,7 @@
 """Every key of a configuration, from the models, with examples that are read before they count."""
 
+import re
+
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -42,7 +44,8 @@ def _section(heading: str, key: Key, model: type[BaseModel]) -> list[str]:
                 inner += _section(f"{path}[]{kind}", element, option)
         else:
             what = (field.description or "").replace("|", "\\|")
-            words = one.words.replace("|", "\\|")
+            # A pattern is code: as text its brackets would be read as links.
+            words = re.sub(r"matching (\S+)", r"matching `\1`", one.words.replace("|", "\\|"))
             lines.append(f"| `{name}` | {_default(field)} | {words} | {what} |")
     if lines[-1].startswith("|---"):
         lines = lines[:-2]

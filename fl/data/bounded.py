@@ -16,7 +16,7 @@ _PIECE = 1 << 22
 
 
 def read_exactly(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
-    """At most `count` bytes and what is left of them at the end; memory grows as they come.
+    """Read at most `count` bytes, and what is left of them at the end; memory grows as they come.
 
     Raises:
         DataDamagedError: `count` is beyond `LARGEST_BYTES`.
@@ -51,12 +51,12 @@ class Bounded:
         self._path = path
 
     def read(self, count: int) -> bytes:
-        """At most `count` bytes. Raises DataDamagedError beyond the bound."""
+        """Read at most `count` bytes. Raises DataDamagedError beyond the bound."""
         self._check(self._stream.tell() + count)
         return self._stream.read(count)
 
     def seek(self, offset: int) -> int:
-        """To a place counted from the beginning. Raises DataDamagedError beyond the bound."""
+        """Go to a place counted from the beginning. Raises DataDamagedError beyond the bound."""
         self._check(offset)
         return self._stream.seek(offset)
 

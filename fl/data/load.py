@@ -29,6 +29,18 @@ FOLDERS = frozenset(
 )
 
 
+_BUNDLED: dict[str, Callable[[], Dataset]] = {
+    "digits": bundled.digits,
+    "colour-shapes": bundled.colour_shapes,
+}
+CLASSES = 10  # of every task but npz, whose file must be read
+
+
+def needs_files(task: str) -> bool:
+    """Whether the images of `task` have to be fetched; the others come along."""
+    return task not in _BUNDLED
+
+
 def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> Dataset:
     """The data set of `task`, from `data_dir` unless it is bundled or generated.
 
@@ -37,12 +49,8 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
     that asks again while the files are as they were gets the same data set again: an archive
     takes seconds to unpack, and a sweep has many runs.
     """
-    if task in ("digits", "colour-shapes"):
-        makers: dict[str, Callable[[], Dataset]] = {
-            "digits": bundled.digits,
-            "colour-shapes": bundled.colour_shapes,
-        }
-        return makers[task]()
+    if not needs_files(task):
+        return _BUNDLED[task]()
     return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
 
 

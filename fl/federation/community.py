@@ -42,7 +42,7 @@ class Community:
 
     @property
     def name(self) -> str:
-        """Its name in the settings."""
+        """The community's name in the settings."""
         return self.config.name
 
     @cached_property

@@ -219,7 +219,7 @@ class _Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class _Lesson:
+class CommunityUpdate:
     """What a round made of one community."""
 
     model: Vector
@@ -262,7 +262,7 @@ def _train(
 
 def _learn(
     federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
-) -> _Lesson:
+) -> CommunityUpdate:
     """Aggregate what arrived from one community's devices, and measure."""
     community = federation.communities[index]
     model, algorithm_state = state.models[index], state.algorithm[index]
@@ -273,9 +273,9 @@ def _learn(
         updates.append(Update(device, float(community.p[device]), result.model, result.steps))
     if not updates:
         measured = _Measured(state.correct[index], state.reported[index])
-        return _Lesson(model, algorithm_state, losses, measured)
+        return CommunityUpdate(model, algorithm_state, losses, measured)
     model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
-    return _Lesson(model, algorithm_state, losses, _measured(community, model))
+    return CommunityUpdate(model, algorithm_state, losses, _measured(community, model))
 
 
 def _measured(community: Community, model: Vector) -> _Measured:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from native.building import LIBRARIES
+from native.building import library
 from native.loading import address, functions, load
 
 MOST_BLOCKS = MOST_LAYERS = 8
@@ -95,7 +95,7 @@ class Network:
         return self.outputs[-1]
 
     def as_c(self) -> _Network:
-        """For the C code."""
+        """The structure as C takes it."""
         blocks, layers = _INT * MOST_BLOCKS, _INT * MOST_LAYERS
         return _Network(
             *self.image_shape, len(self.maps), blocks(*self.maps), blocks(*self.kernels),
@@ -113,7 +113,7 @@ class Images:
     shift: Floats
 
     def as_c(self, network: Network) -> _Images:
-        """For the C code, which the arrays have to outlive."""
+        """The structure as C takes it; the arrays have to outlive it."""
         count, channels = len(self.labels), network.image_shape[2]
         if count and not 0 <= self.labels.min() <= self.labels.max() < network.classes:
             raise ValueError(f"labels must be from 0 to {network.classes - 1}")
@@ -129,7 +129,7 @@ class Images:
         )
 
 
-_FUNCTIONS = functions(load(LIBRARIES[0]), _Functions)
+_FUNCTIONS = functions(load(library("learning")), _Functions)
 
 
 def train(

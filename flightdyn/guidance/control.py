@@ -1,28 +1,20 @@
-"""The outer loop: where the reference wants to be against where the aircraft believes it is.
-
-Position P and velocity PI give an acceleration; the reference's acceleration is fed forward, led by
-the lag of the attitude loop. What the air does is measured, not modelled: the accelerometers' x and
-y axes feel no thrust, so what they show is drag and wind; the z axis shows what the ordered thrust
-is worth (battery, air density, inflow).
-"""
+"""The outer loop's gains and orders. The loop itself is `native/control.h`."""
 
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig
-from flightdyn.frames import Quaternion, Triple, rotation_matrix, wrap_pi, yaw_of
-from flightdyn.guidance.attitude import attitude_error, limit_thrust
+from flightdyn.frames import Quaternion, Triple
 from flightdyn.guidance.inner_loops import InnerLoops
-from flightdyn.inertial import NavState
+from flightdyn.guidance.landing import LandDetector
+from flightdyn.native.library import Guide, Strapdown
 from flightdyn.physics.airframe.parameters import Airframe
-
-_LEAST_LIFT = 0.2  # thrust over weight below which the rotors turn nothing: on the ground
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of the outer loop. Chosen by step responses of this airframe."""
+    """Gains of the outer loop, chosen by step responses of this airframe."""
 
     position: float = 1.6  # 1/s
     velocity: float = 4.5  # 1/s
@@ -57,7 +49,7 @@ class AttitudeOrder:
 
 
 class Controller:
-    """Outer loop with its memory."""
+    """Guidance steps and outer loop, which run in C, between navigation and inner loops."""
 
     def __init__(
         self,
@@ -69,149 +61,49 @@ class Controller:
         gravity_mps2: float,
         gains: Gains | None = None,
     ) -> None:
+        k = gains or Gains()
+        full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
+        slope = math.tan(math.radians(limits.tilt_deg))
         self._inner = inner
-        self._airframe = airframe
-        self._slope = math.tan(math.radians(limits.tilt_deg))
-        self._dt = dt_s
-        self._g = self.gravity_mps2 = gravity_mps2
-        self._gains = gains or Gains()
-        self._full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
-        self.lead_s = self._gains.lead_s
-        self.wanted_thrust: Triple = (0.0, 0.0, -1.0)  # over mass, NED: what is leaned to
-        self.wanted_yaw = 0.0
-        self.collective = 0.0  # ordered last
-        self.saturated = False
-        self.lift = 0.0  # thrust ordered over weight
-        self.effectiveness = 1.0  # measured thrust over ordered thrust
-        self.reset()
+        self._guide = Guide((
+            dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
+            k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
+            k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
+        ))  # fmt: skip
+        self.memory = self._guide.memory
+        self.memory.effectiveness = 1.0
+        self.memory.thrust[2] = -1.0
+        self.track = self._guide.track
 
-    def reset(self) -> None:
-        """Forget what was learnt in the air; for the ground."""
-        self._integral = (0.0, 0.0, 0.0)
-        self._drag = (0.0, 0.0)
-        self._lagged = 0.0
-        self.effectiveness = 1.0
-        self.saturated = False
-        self.lift = 0.0
-        self.wanted_thrust = (0.0, 0.0, -1.0)
+    @property
+    def wanted_thrust(self) -> Triple:
+        """Over mass, NED: what is leaned to."""
+        x, y, z = self.memory.thrust
+        return x, y, z
 
-    def idle(self, *, armed: bool) -> None:
-        """Motors turning without lift (armed), attitude left alone."""
-        zero = (0.0, 0.0, 0.0)
-        self.reset()
-        self.collective = self._airframe.idle_collective if armed else 0.0
-        self._inner.command(zero, zero, self.collective)
+    @property
+    def wanted_yaw(self) -> float:
+        """The heading turned to."""
+        return float(self.memory.wanted_yaw)
 
-    def fly(self, nav: NavState, force: Triple, *, to: Setpoint, flying: bool) -> None:
-        """One step; `force` is the measured specific force (body).
+    @property
+    def collective(self) -> float:
+        """Thrust ordered last, 1 = full."""
+        return float(self.memory.collective)
 
-        Where it may stand on the ground (not `flying`) the aircraft stays level and learns nothing.
-        """
-        k, dt = self._gains, self._dt
-        r = rotation_matrix(nav.q)
-        share = dt / k.drag_lag_s
-        dx, dy = self._drag
-        if flying:
-            dx, dy = dx + share * (force[0] - dx), dy + share * (force[1] - dy)
-            most = k.drag_limit
-            dx, dy = min(most, max(-most, dx)), min(most, max(-most, dy))
-            self._drag = (dx, dy)
-            if self._lagged > 0.05:
-                self._measure_thrust(force)
-        drag = (r[0] * dx + r[1] * dy, r[3] * dx + r[4] * dy, r[6] * dx + r[7] * dy)
-        kp, kv, ki = k.position, k.velocity, k.integral * dt
-        learning = flying and not self.saturated
-        (px, py, pz), (vx, vy, vz), (ax, ay, az) = to.p, to.v, to.a
-        (x, y, z), (u, v, w) = nav.p, nav.v
-        sx = vx + kp * (px - x) - u
-        sy = vy + kp * (py - y) - v
-        sz = vz + kp * (pz - z) - w
-        ix, iy, iz = self._integral
-        if learning:
-            most = k.integral_limit
-            ix = min(most, max(-most, ix + ki * sx))
-            iy = min(most, max(-most, iy + ki * sy))
-            iz = min(most, max(-most, iz + ki * sz))
-            self._integral = (ix, iy, iz)
-        wanted = (
-            ax + kv * sx + ix - drag[0] if flying else 0.0,
-            ay + kv * sy + iy - drag[1] if flying else 0.0,
-            az + kv * sz + iz - drag[2] - self._g,
-        )
-        full = self._full * self.effectiveness
-        thrust, self.saturated = limit_thrust(
-            wanted,
-            slope=self._slope,
-            least=0.25 * self._g,
-            most=k.most_thrust * full,
-        )
-        along = -(thrust[0] * r[2] + thrust[1] * r[5] + thrust[2] * r[8])
-        collective = min(k.most_thrust, max(0.02, along / full))
-        self._lagged += dt / k.motor_lag_s * (collective - self._lagged)
-        self.lift = collective * full / self._g
-        error = attitude_error(r, thrust, heading=math.atan2(r[3], r[0]), wanted_heading=to.yaw)
-        self.wanted_thrust, self.wanted_yaw, self.collective = thrust, to.yaw, collective
-        rate = to.yaw_rate
-        self._inner.command(error, (r[6] * rate, r[7] * rate, r[8] * rate), collective)
+    @property
+    def effectiveness(self) -> float:
+        """Measured thrust over ordered thrust."""
+        return float(self.memory.effectiveness)
 
-    def keep_attitude(
-        self, nav: NavState, force: Triple, order: AttitudeOrder, *, flying: bool
-    ) -> None:
-        """One step of an attitude order: no position, no velocity but that of a climb."""
-        r = rotation_matrix(nav.q)
-        full = self._full * self.effectiveness
-        collective = order.collective
-        if collective is None:
-            collective = self._climb(nav, order.climb_mps, upright=r[8], learning=flying) / full
-        collective = min(self._gains.most_thrust, max(self._airframe.idle_collective, collective))
-        if flying and self._lagged > 0.05:
-            self._measure_thrust(force)
-        self._lagged += self._dt / self._gains.motor_lag_s * (collective - self._lagged)
-        self.lift = collective * full / self._g
-        error = (0.0, 0.0, 0.0)
-        if order.q_frd_to_ned is not None and self.lift > _LEAST_LIFT:
-            w = rotation_matrix(order.q_frd_to_ned)
-            self.wanted_thrust = (-w[2], -w[5], -w[8])
-            self.wanted_yaw = yaw_of(order.q_frd_to_ned)
-            heading = math.atan2(r[3], r[0])
-            error = attitude_error(
-                r, self.wanted_thrust, heading=heading, wanted_heading=self.wanted_yaw
+    def step(self, nav: Strapdown, land: LandDetector) -> int:
+        """One step of guidance and outer loop; what is to be noted of it, see `flight.h`."""
+        flags, numbers = self._guide.step(nav)
+        ep, eq, er, fp, fq, fr, collective, lift, descend, sink, knock = numbers
+        self._inner.command((ep, eq, er), (fp, fq, fr), collective)
+        armed = self.memory.armed != 0.0
+        if armed or not land.landed:
+            land.update(
+                armed=armed, descend_mps=descend, sink_mps=sink, lift=lift, knock_mps2=knock
             )
-        self.collective = collective
-        rates = order.rates_radps if self.lift > _LEAST_LIFT else error
-        self._inner.command(error, rates, collective)
-
-    def _climb(self, nav: NavState, climb_mps: float, *, upright: float, learning: bool) -> float:
-        """Thrust over mass (m/s2) that keeps the climb, whatever the lean."""
-        k = self._gains
-        gap = -climb_mps - nav.v[2]
-        ix, iy, iz = self._integral
-        if learning:
-            iz += k.integral * self._dt * gap
-            iz = min(k.integral_limit, max(-k.integral_limit, iz))
-            self._integral = (ix, iy, iz)
-        return (self._g - k.velocity * gap - iz) / max(upright, 0.5)
-
-    def _measure_thrust(self, force: Triple) -> None:
-        """What the ordered thrust is worth, by the accelerometer."""
-        ratio = min(2.0, max(0.3, -force[2] / (self._full * self._lagged)))
-        self.effectiveness += self._dt / self._gains.thrust_lag_s * (ratio - self.effectiveness)
-
-
-class Heading:
-    """The heading wanted, turned towards an order at a limited rate."""
-
-    def __init__(self, yaw: float, limits: LimitsConfig, *, dt_s: float) -> None:
-        self.yaw = yaw
-        self.rate = 0.0
-        self._most = math.radians(limits.yaw_rate_degps)
-        self._dt = dt_s
-
-    def turn(self, order: float, *, feed: float = 0.0) -> None:
-        """One step towards `order` (rad), which itself turns at the rate `feed` (rad/s)."""
-        gap = wrap_pi(order - self.yaw)
-        # Eased in and out, so that the rate fed forward does not jump.
-        rate = min(self._most, max(-self._most, feed + 2.0 * gap))
-        most = 4 * self._most * self._dt
-        self.rate = min(self.rate + most, max(self.rate - most, rate))
-        self.yaw = wrap_pi(self.yaw + self.rate * self._dt)
+        return flags

@@ -13,6 +13,7 @@ class InnerLoops:
     """Writes errors and rates into the FCS."""
 
     __slots__ = (
+        "_bias",
         "_dt",
         "_ep",
         "_eq",
@@ -34,6 +35,7 @@ class InnerLoops:
 
     def __init__(self, vehicle: Multirotor, *, dt_s: float) -> None:
         self._dt = dt_s
+        self._bias = (0.0, 0.0, 0.0)
         self._ep = self._eq = self._er = 0.0
         self._fp = self._fq = self._fr = 0.0
         self._set_ep, self._set_eq, self._set_er = vehicle.set_errors
@@ -53,8 +55,14 @@ class InnerLoops:
         self._set_er(error[2])
         self._set_collective(collective)
 
+    def correct(self, gyro_bias: Triple) -> None:
+        """What to take off the rates from now on (rad/s)."""
+        self._bias = gyro_bias
+
     def feed(self, p: float, q: float, r: float) -> None:
-        """Believed body rates (rad/s) of this tick."""
+        """Measured body rates (rad/s) of this tick."""
+        bp, bq, br = self._bias
+        p, q, r = p - bp, q - bq, r - br
         self._set_p(p)
         self._set_q(q)
         self._set_r(r)

@@ -17,6 +17,13 @@ class LandDetector:
         self._quiet_s = 0.0
         self.contact = True
         self.landed = True
+        self._told = (True, True, True)
+
+    @property
+    def changed(self) -> bool:
+        """Whether any of these is another than when this was asked last."""
+        before, self._told = self._told, (self.touching, self.contact, self.landed)
+        return self._told != before
 
     @property
     def touching(self) -> bool:

@@ -174,20 +174,3 @@ def measurement_noise(config: SensorsConfig, *, pa_per_m: float) -> Vector:
         _heading_variance(config.mag),
     ]
     return np.diag(np.array(variances) + 1e-6)
-
-
-def squared_norm(covariance: Vector, values: Vector) -> float:
-    """The values squared, in units of their covariance (1, 1) or (3, 3), positive definite.
-
-    By Cholesky factors in plain floats: at these sizes numpy's solver costs ten times as much.
-    """
-    if len(values) == 1:
-        return float(values[0]) ** 2 / float(covariance[0, 0])
-    (a, _, _), (b, c, _), (d, e, f) = covariance.tolist()
-    x, y, z = values.tolist()
-    ll = math.sqrt(a)
-    b, d, x = b / ll, d / ll, x / ll
-    mm = math.sqrt(c - b * b)
-    e, y = (e - d * b) / mm, (y - b * x) / mm
-    z = (z - d * x - e * y) / math.sqrt(f - d * d - e * e)
-    return float(x * x + y * y + z * z)

@@ -10,6 +10,7 @@ Its states and matrices are those of `error_model`.
 
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -26,7 +27,8 @@ from flightdyn.frames import (
     rotation_quaternion,
     wrap_pi,
 )
-from flightdyn.inertial import EARTH_RADIUS_M, Earth, ImuIncrement, NavState, propagate
+from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
+from flightdyn.native.library import Increments, Innovations, Strapdown, Transition
 from flightdyn.navigation.airspeed import DragAirspeed
 from flightdyn.navigation.error_model import (
     ATT,
@@ -46,7 +48,6 @@ from flightdyn.navigation.error_model import (
     measurement_matrix,
     measurement_noise,
     process_noise,
-    squared_norm,
     transition,
 )
 from flightdyn.physics.airframe.parameters import QUAD_X
@@ -65,6 +66,7 @@ _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 # 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
 GATE_3 = 21.1
 GATE_1 = 15.1
+_NUMBER = {"gnss position": 0, "gnss velocity": 1, "baro": 2, "heading": 3}  # in C
 
 
 class Biases(NamedTuple):
@@ -77,9 +79,21 @@ class Biases(NamedTuple):
     baro: float = 0.0
 
 
+_ONES = [np.eye(rows) for rows in range(9)]
+
+
+class _Model(NamedTuple):
+    """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
+
+    F: Vector
+    Q: Vector
+    keep: float
+    transition: Transition
+
+
 def _inverse(matrix: Vector) -> Vector:
     """What numpy computes, without the quarter of an update that its checks take."""
-    _, _, inverse, singular = dgesv(matrix, np.eye(len(matrix)))
+    _, _, inverse, singular = dgesv(matrix, _ONES[len(matrix)])
     if singular:
         raise np.linalg.LinAlgError("singular innovation covariance")
     return np.asarray(inverse)
@@ -97,11 +111,16 @@ class Estimator:
         t_ns: int,
         earth: Earth,
         step_s: float,
+        increments: int,
     ) -> None:
-        """Start at rest at height zero; `step_s` is the time between predictions of the filter."""
+        """Start at rest at height zero; `step_s` is the time between predictions of the filter, in
+        which there are so many `increments` of the IMU.
+        """
         self._config = config
-        self._earth = earth
         self._step_ns = round(step_s * 1e9)
+        self._step_s = step_s
+        self._per_step = increments
+        self._increment_ns = self._step_ns // increments
         self._delay_ns = round(config.gnss.delay_s * 1e9)
         mag = config.mag
         self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
@@ -117,9 +136,16 @@ class Estimator:
             (0.0, 0.0, 0.0),
             level(align, declination_rad=self._declination),
         )
-        self.now = self.horizon
-        self._increments: deque[ImuIncrement] = deque()
-        self._batch: list[ImuIncrement] = []
+        # Those since the horizon, from which the state of now is carried.
+        most = increments + math.ceil(self._delay_ns / self._increment_ns) + 1
+        self._increments = Increments(most)
+        self._from_horizon = Strapdown(earth, most=most)
+        self.to_now = Strapdown(earth, most=most)
+        self._few, self._ahead = Increments(1), Strapdown(earth, most=1)
+        self._take_over()
+        self._t_ns = t_ns
+        # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
         self._downs: dict[int, float] = {}  # along the horizon since the last correction
         self._mag: deque[MagSample] = deque()
@@ -133,11 +159,11 @@ class Estimator:
         self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.inv = _inverse
         self._kf.x = np.zeros((STATES, 1))
-        self._kf.Q = process_noise(config, step_s=step_s, pa_per_m=pa_per_m)
-        self._kf.F = transition(config, step_s=step_s)
-        self._keep = gnss_correlation(config, step_s=step_s)
+        self._models: dict[int, _Model] = {}
+        self._pa_per_m = pa_per_m
         self._H = measurement_matrix(config)
         self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._innovations = Innovations(self._H, self._R)
         self._baro_var = float(self._R[BARO, BARO])
         self._kf.P = initial_covariance(
             config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
@@ -149,6 +175,11 @@ class Estimator:
         return self._biases
 
     @property
+    def now(self) -> NavState:
+        """The state at the end of the last step."""
+        return NavState.of(self._t_ns, self.to_now)
+
+    @property
     def covariance(self) -> Vector:
         """Covariance (22, 22) of the error state at the horizon; a copy."""
         return frozen(self._kf.P)
@@ -157,27 +188,36 @@ class Estimator:
         """Standard deviations of one part of the error state."""
         return np.sqrt(np.diag(self._kf.P)[part])
 
-    def step(self, increment: ImuIncrement, fix: GnssFix | None) -> None:
-        """One IMU increment, and a GNSS solution if one arrived with it."""
-        self._increments.append(increment)
+    def step(
+        self, samples: Sequence[float], t_ns: int, fix: GnssFix | None, *, dt_s: float
+    ) -> None:
+        """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
+        increments = self._increments
+        increments.add(samples, dt_s=dt_s)
         if fix is not None:
             self._fixes.append(fix)
-        b = self._biases
-        self.now, _ = propagate(
-            self.now, increment, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-        )
-        horizon_ns = increment.t_ns - self._delay_ns
-        increments, batch = self._increments, self._batch
-        while increments and increments[0].t_ns <= horizon_ns:
-            part = increments.popleft()
-            batch.append(part)
-            if part.t_ns - self.horizon.t_ns >= self._step_ns:
-                self._predict()
-                if self._correct():
-                    self._replay()
+        self.to_now.carry(increments, increments.count - 1, 1)
+        while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
+            self._advance()
+            if self._correct():
+                self.to_now.carry(increments, 0, increments.count)
+        self._t_ns = t_ns
+
+    def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
+        """The state after a few samples more."""
+        few = self._few
+        few.drop(few.count)
+        few.add(samples, dt_s=dt_s)
+        ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
+        ahead.place(p, v, q)
+        ahead.correct(b.gyro, b.accel)
+        ahead.carry(few, 0, 1)
+        return NavState.of(t_ns, ahead)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        if not self.innovations or self.innovations[-1].t_ns <= t_ns:
+            return ()
         found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
         return found[::-1]
 
@@ -189,36 +229,45 @@ class Estimator:
         """A magnetometer sample of now; used when the horizon comes to it."""
         self._mag.append(sample)
 
-    def _predict(self) -> None:
+    def _advance(self) -> None:
         """Carry the horizon over one filter step."""
-        b = self._biases
-        dn = de = dd = 0.0
-        R = np.array(rotation_matrix(self.horizon.q)).reshape(3, 3)
-        state = self.horizon
-        dt = sum(part.dt_s for part in self._batch)
-        for part in self._batch:
-            state, (n, e, d) = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-            dn, de, dd = dn + n, de + e, dd + d
-            self._downs[state.t_ns] = state.p[2]
-        self.horizon = state
-        self._batch.clear()
-        force, r = (dn / dt, de / dt, dd / dt), rotation_matrix(state.q)
-        self._air.feel(force, r, down_mps=state.v[2], bias=b.accel)
+        b, dt, count = self._biases, self._step_s, self._per_step
+        carried = self._from_horizon
+        carried.carry(self._increments, 0, count)
+        self._increments.drop(count)
+        n, e, d = carried.gained
+        gn, ge, gd = self._gained
+        self._gained = (gn + n, ge + e, gd + d)
+        self._steps += 1
+        for i, down in enumerate(carried.downs[:count], 1):
+            self._downs[self.horizon.t_ns + i * self._increment_ns] = down
+        self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
+        force = (n / dt, e / dt, d / dt)
+        self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
         if self._unaided_ns < _UNAIDED_NS:
             self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
-        F = self._kf.F
-        S = np.array(((0.0, dd, -de), (-dd, 0.0, dn), (de, -dn, 0.0)))  # -[gained velocity x]
-        turned, half = R * -dt, dt / 2
-        F[VEL, ATT] = S
-        F[POS, ATT] = S * half
-        F[VEL, BA] = F[ATT, BG] = turned
-        F[POS, BA] = turned * half
-        F[VEL, BG] = S @ turned * 0.5
+
+    def _predict(self) -> None:
+        """Bring the covariance from the last correction to the horizon."""
+        model = self._models.get(self._steps) or self._model(self._steps)
+        model.transition.write(self._before, self._gained, self._steps * self._step_s)
+        self._kf.F, self._kf.Q = model.F, model.Q
         self._kf.predict()
-        keep, g = self._keep, b.gnss
-        self._biases = b._replace(gnss=(g[0] * keep, g[1] * keep, g[2] * keep))
+        b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
+        self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
+        self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
+
+    def _model(self, steps: int) -> _Model:
+        """The model of so many steps at once."""
+        step_s = steps * self._step_s
+        F = transition(self._config, step_s=step_s)
+        made = self._models[steps] = _Model(
+            F,
+            process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m),
+            gnss_correlation(self._config, step_s=step_s),
+            Transition(F),
+        )
+        return made
 
     def _correct(self) -> bool:
         """Fuse what was measured up to the horizon, with the receiver or without it in time."""
@@ -229,8 +278,8 @@ class Estimator:
         if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
             return False
         self._corrected_ns = t_ns
-        z = np.zeros(8)
-        R = self._R
+        self._predict()
+        z, R = self._innovations.residual, self._R
         rows: list[tuple[str, slice, float]] = []
         if fix is not None:
             self._residual_gnss(z, fix)
@@ -304,15 +353,12 @@ class Estimator:
     def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
         """Use the measurements whose innovations are believable, and `extra`, all at once."""
         kf, H, R = self._kf, self._H, self._R
-        S = H @ kf.P @ H.T + R
-        stds = np.sqrt(S.diagonal())
+        stds, squares = self._innovations.measure(kf.P)
         use = list(extra)
-        t_ns = self.horizon.t_ns
+        t_ns, values = self.horizon.t_ns, z.tolist()
         for kind, part, gate in rows:
-            y = z[part]
-            nis = squared_norm(S[part, part], y)
             innovation = Innovation(
-                t_ns, kind, tuple(y.tolist()), tuple(stds[part].tolist()), nis, gate
+                t_ns, kind, tuple(values[part]), tuple(stds[part]), squares[_NUMBER[kind]], gate
             )
             self.innovations.append(innovation)
             self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1
@@ -360,16 +406,12 @@ class Estimator:
             (b.mag[0] + x[18], b.mag[1] + x[19], b.mag[2] + x[20]),
             b.baro + x[21],
         )
+        self._take_over()
 
-    def _replay(self) -> None:
-        """Carry the corrected horizon to now."""
-        state, b = self.horizon, self._biases
-        for part in self._batch:
-            state, _ = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-        for part in self._increments:
-            state, _ = propagate(
-                state, part, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-            )
-        self.now = state
+    def _take_over(self) -> None:
+        """Carry on from the corrected horizon, with the corrected biases."""
+        _, p, v, q = self.horizon
+        for carried in (self._from_horizon, self.to_now):
+            carried.place(p, v, q)
+            carried.correct(self._biases.gyro, self._biases.accel)
+        self._before = q

@@ -3,16 +3,15 @@
 import math
 from statistics import pstdev
 
-from flightdyn.clock import SimClock
 from flightdyn.errors import FlightInputError
-from flightdyn.frames import Triple, frozen
+from flightdyn.frames import Triple
 from flightdyn.guidance.inner_loops import InnerLoops
-from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
+from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
-from flightdyn.physics.multirotor import Multirotor
 from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
 FILTER_STEP_S = 0.1
@@ -24,22 +23,20 @@ class InertialNavigation:
 
     def __init__(
         self,
+        plant: Plant,
         sensors: SensorSuite,
-        vehicle: Multirotor,
         inner: InnerLoops,
-        clock: SimClock,
         *,
         earth: Earth,
-        guidance_ticks: int,
     ) -> None:
         """Aligned at rest: the clock is run from before zero up to zero."""
         self.sensors = sensors
         self._config = config = sensors.config
-        self._vehicle = vehicle
+        self._plant = plant
         self._inner = inner
-        self._clock = clock
+        self._clock = clock = plant.clock
         filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
-        if filter_ticks % guidance_ticks:
+        if filter_ticks % plant.interval:
             raise FlightInputError(
                 f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
             )
@@ -48,13 +45,15 @@ class InertialNavigation:
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
-        self._samples: list[ImuSample] = []
-        self._interval: list[ImuSample] = []  # of the guidance interval before
-        self._gyro_bias: Triple = (0.0, 0.0, 0.0)
+        # Six numbers a tick, as `SensorSuite.imu` reads them.
+        self._samples: list[float] = []
+        self._interval: list[float] = []  # of the guidance interval before
+        self._increments = filter_ticks // plant.interval
         self.gnss: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, -earth.gravity_mps2)
         self._earth = earth
         self.estimator = self._align()
+        self.carried = self.estimator.to_now
+        self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
 
     def _align(self) -> Estimator:
         clock, sensors = self._clock, self.sensors
@@ -63,7 +62,7 @@ class InertialNavigation:
         sums = [0.0] * 10
         pressures = fields = 0
         for _ in range(count):
-            self._vehicle.run()
+            self._plant.vehicle.run()
             clock.advance()
             for i, value in enumerate(sensors.imu()):
                 sums[i] += value / count
@@ -85,7 +84,7 @@ class InertialNavigation:
             pressure_pa=sums[9] / pressures,
             duration_s=self._config.alignment_s,
         )
-        self._gyro_bias = align.rates
+        self._inner.correct(align.rates)
         return Estimator(
             self._config,
             align=align,
@@ -93,48 +92,43 @@ class InertialNavigation:
             t_ns=clock.t_ns,
             earth=self._earth,
             step_s=FILTER_STEP_S,
+            increments=self._increments,
         )
 
-    def tick(self) -> None:
-        """Sample the sensors that are due; believed body rates to the inner loops."""
-        sensors = self.sensors
-        self._samples.append(sensors.imu())
-        p, q, r = sensors.rates
-        bp, bq, br = self._gyro_bias
-        self._inner.feed(p - bp, q - bq, r - br)
-        if self._clock.tick >= sensors.due:
-            pressure, field = sensors.slow()
-            if pressure is not None:
-                self.estimator.observe_baro(pressure)
-            if field is not None:
-                self.estimator.observe_mag(field)
+    @property
+    def due(self) -> int:
+        """The tick at which a sensor other than the IMU is read next."""
+        return self.sensors.due
 
-    def update(self) -> NavState:
+    def run(self, ticks: int) -> None:
+        """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
+        self.sensors.imu_while(
+            self._plant.run, ticks, keep=self._samples.extend, feel=self._inner.feed
+        )
+
+    def sense(self) -> None:
+        """Read the other sensors that are due."""
+        pressure, field = self.sensors.slow()
+        if pressure is not None:
+            self.estimator.observe_baro(pressure)
+        if field is not None:
+            self.estimator.observe_mag(field)
+
+    def update(self) -> None:
         """Bring the filter up to this tick."""
-        t_ns = self._clock.t_ns
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
-        step = integrate(self._samples, t_ns, dt_s=self._clock.dt_s)
-        self._interval, self._samples = self._samples, self._interval
-        self._samples.clear()
-        estimator = self.estimator
-        estimator.step(step, fix)
-        biases = estimator.biases
-        self._gyro_bias = biases.gyro
-        k, (x, y, z), b = 1 / step.dt_s, step.velocity, biases.accel
-        self.specific_force = (x * k - b[0], y * k - b[1], z * k - b[2])
-        return estimator.now
+        estimator, samples = self.estimator, self._samples
+        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
+        self._interval, self._samples = samples, []
+        self._inner.correct(estimator.biases.gyro)
 
     def state(self) -> NavState:
         """Believed state of this tick."""
         if not self._samples:
             return self.estimator.now
-        step = integrate(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
-        b = self.estimator.biases
-        return propagate(
-            self.estimator.now, step, gyro_bias=b.gyro, accel_bias=b.accel, earth=self._earth
-        )[0]
+        return self.estimator.ahead(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -142,14 +136,8 @@ class InertialNavigation:
 
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
-        here = self.state()
-        return Kinematics(
-            t_ns=self._clock.t_ns,
-            pos_ned_m=frozen(here.p),
-            vel_ned_mps=frozen(here.v),
-            q_frd_to_ned=frozen(here.q),
-            omega_frd_radps=frozen(self._believed_rates()),
-        )
+        t_ns, p, v, q = self.state()
+        return Kinematics.of(t_ns, *p, *v, *q, *self._believed_rates())
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the filter was given after an instant, against what it expected."""
@@ -158,7 +146,7 @@ class InertialNavigation:
     def readings(self) -> Readings:
         """Of this tick's IMU sample, and of the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
-        x, y, z = self._samples[-1][3:] if self._samples else self.specific_force
+        x, y, z = self._samples[-3:] or self.carried.force
         bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
         assert sensors.pressure is not None  # aligned by it
         return Readings(
@@ -173,11 +161,11 @@ class InertialNavigation:
     def _vibration(self) -> Triple:
         if not self._interval:
             return (0.0, 0.0, 0.0)
-        x, y, z = (pstdev(sample[axis] for sample in self._interval) for axis in (3, 4, 5))
+        x, y, z = (pstdev(self._interval[axis::6]) for axis in (3, 4, 5))
         return x, y, z
 
     def _believed_rates(self) -> Triple:
-        (p, q, r), b = self.sensors.rates, self._gyro_bias
+        (p, q, r), b = self.sensors.rates, self.estimator.biases.gyro
         return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:

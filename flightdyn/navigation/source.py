@@ -1,17 +1,17 @@
 """Where the autopilot's knowledge comes from, and the truth itself as one such source.
 
-Which source is used is chosen once, when the aircraft is made. After each tick of the physics
-`tick` hands body rates to the inner loops; `state` is what the guidance flies on.
+Which source is used is chosen once, when the aircraft is made. `run` hands body rates to the inner
+loops after each tick of the physics; `state` is what the guidance flies on.
 """
 
 from typing import Protocol
 
-from flightdyn.clock import SimClock
 from flightdyn.frames import Triple, frozen
 from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
-from flightdyn.physics.multirotor import Multirotor
+from flightdyn.native.library import Strapdown
+from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
 
@@ -19,11 +19,16 @@ class Navigation(Protocol):
     """What the aircraft flies on."""
 
     gnss: GnssFix | None
-    specific_force: Triple  # mean over the last guidance interval, biases taken off
+    carried: Strapdown  # state and mean specific force of the last guidance interval
 
-    def tick(self) -> None: ...
+    @property
+    def due(self) -> int: ...  # the tick at which `sense` has something to do next
 
-    def update(self) -> NavState: ...
+    def run(self, ticks: int, /) -> None: ...
+
+    def sense(self) -> None: ...
+
+    def update(self) -> None: ...
 
     def state(self) -> NavState: ...
 
@@ -41,24 +46,28 @@ class Navigation(Protocol):
 class TrueNavigation:
     """The autopilot is handed the truth: for tests of the control alone."""
 
-    def __init__(self, vehicle: Multirotor, inner: InnerLoops, clock: SimClock) -> None:
-        self._vehicle = vehicle
+    def __init__(self, plant: Plant, inner: InnerLoops) -> None:
+        self._plant = plant
+        self._vehicle = plant.vehicle
         self._inner = inner
-        self._clock = clock
-        self._fix_ticks = clock.ticks(0.2, what="interval of exact fixes")
+        self._clock = plant.clock
+        self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
-        self.specific_force: Triple = (0.0, 0.0, 0.0)
-        self._fix()
+        self.carried = Strapdown((0.0, 0.0, 0.0), most=1)
+        self.due = 0
+        self.sense()
 
-    def tick(self) -> None:
-        """True body rates to the inner loops."""
-        v = self._vehicle
-        self._inner.feed(v.rate_p(), v.rate_q(), v.rate_r())
-        if self._clock.tick % self._fix_ticks == 0:
-            self._fix()
+    def run(self, ticks: int) -> None:
+        """Ticks of physics; true body rates to the inner loops."""
+        run, v, feed = self._plant.run, self._vehicle, self._inner.feed
+        for _ in range(ticks):
+            run()
+            feed(v.rate_p(), v.rate_q(), v.rate_r())
 
-    def _fix(self) -> None:
+    def sense(self) -> None:
+        """An exact fix."""
         v = self._vehicle
+        self.due += self._fix_ticks
         self.gnss = GnssFix(
             t_ns=self._clock.t_ns,
             pos_ned_m=frozen(v.position_ned()),
@@ -69,11 +78,11 @@ class TrueNavigation:
             satellites=20,
         )
 
-    def update(self) -> NavState:
+    def update(self) -> None:
         """The truth."""
         v = self._vehicle
-        self.specific_force = v.specific_force()
-        return self.state()
+        self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
+        self.carried.feel(v.specific_force())
 
     def state(self) -> NavState:
         """The truth."""

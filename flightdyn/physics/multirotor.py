@@ -16,7 +16,6 @@ from flightdyn.frames import (
     LocalFrame,
     Quaternion,
     Triple,
-    frozen,
     normal_gravity,
     quaternion_from_euler,
     rotation_matrix,
@@ -248,7 +247,7 @@ class Multirotor:
             self._direct(0.0 if motors is None else 1.0)
         self._driven = motors
         for put, value in zip(self._motor, motors or (), strict=motors is not None):
-            put(min(1.0, max(0.0, value)))
+            put(value if 0.0 <= value <= 1.0 else min(1.0, max(0.0, value)))
 
     def set_motor_health(self, motor: int, share: float) -> None:
         """Share of the ordered voltage that reaches motor 0..3."""
@@ -322,10 +321,6 @@ class Multirotor:
 
     def kinematics(self, t_ns: int) -> Kinematics:
         """The true state, stamped `t_ns`."""
-        return Kinematics(
-            t_ns=t_ns,
-            pos_ned_m=frozen(self.position_ned()),
-            vel_ned_mps=frozen(self.velocity_ned()),
-            q_frd_to_ned=frozen(self.attitude()),
-            omega_frd_radps=frozen(self.rates()),
+        return Kinematics.of(
+            t_ns, *self.position_ned(), *self.velocity_ned(), *self.attitude(), *self.rates()
         )

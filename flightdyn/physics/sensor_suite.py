@@ -1,5 +1,8 @@
 """The sensors of one aircraft together, read tick by tick on its clock."""
 
+from collections.abc import Callable
+from itertools import islice
+
 from flightdyn.clock import SimClock
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import Triple
@@ -28,7 +31,7 @@ class SensorSuite:
         self._gnss_ticks = clock.ticks(config.gnss.interval_s, what="sensors.gnss.interval_s")
         self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
-        self._next_errors = iter(self.errors).__next__
+        self._errors = iter(self.errors)
         self.rates: Triple = (0.0, 0.0, 0.0)  # gyroscopes, as read last
         self.pressure: BaroSample | None = None  # as read last
         self.field: MagSample | None = None
@@ -41,7 +44,7 @@ class SensorSuite:
         `rates` are those of this very tick.
         """
         v = self._vehicle
-        e = self._next_errors()
+        e = next(self._errors)
         p, q, r = self.rates
         self.rates = (v.rate_p() + e[0], v.rate_q() + e[1], v.rate_r() + e[2])
         return (
@@ -52,6 +55,29 @@ class SensorSuite:
             v.accel_y_fps2() * FT_M + e[4],
             v.accel_z_fps2() * FT_M + e[5],
         )
+
+    def imu_while(
+        self,
+        run: Callable[[], object],
+        ticks: int,
+        *,
+        keep: Callable[[ImuSample], object],
+        feel: Callable[[float, float, float], object],
+    ) -> None:
+        """The IMU's samples of ticks that are run here, to `keep`; the rates of each to `feel`.
+
+        What `imu` does, written out: nothing else is done at every tick.
+        """
+        v = self._vehicle
+        rate_p, rate_q, rate_r = v.rate_p, v.rate_q, v.rate_r
+        accel_x, accel_y, accel_z = v.accel_x_fps2, v.accel_y_fps2, v.accel_z_fps2
+        p, q, r = self.rates
+        for ep, eq, er, ex, ey, ez in islice(self._errors, ticks):
+            run()
+            keep((p, q, r, accel_x() * FT_M + ex, accel_y() * FT_M + ey, accel_z() * FT_M + ez))
+            p, q, r = rate_p() + ep, rate_q() + eq, rate_r() + er
+            feel(p, q, r)
+        self.rates = (p, q, r)
 
     def slow(self) -> tuple[BaroSample | None, MagSample | None]:
         """Read what is due at this tick, and note when the next sensor is."""

@@ -8,7 +8,7 @@ sizes numpy's calls cost more than the arithmetic.
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,7 +86,13 @@ class Gnss:
         )
         self._draws = _draws(rng, 9)
         self._delay_ns = round(config.delay_s * 1e9)
+        self._stds = (
+            math.hypot(config.std_horizontal_m, config.white_m),
+            math.hypot(config.std_vertical_m, config.white_m),
+            config.std_vel_horizontal_mps,
+        )
         self._pending: deque[GnssFix] = deque()
+        self.due_ns: float = math.inf  # when the next solution arrives
         self.on = True
         self.jump_ned_m: Triple = (0.0, 0.0, 0.0)
         # Of the last solution, jumps included.
@@ -108,27 +114,22 @@ class Gnss:
         if not self.on:
             return
         (n, e, d), (vn, ve, vd) = pos_ned_m, vel_ned_mps
+        numbers = frozen((n + en, e + ee, d + ed, vn + fn, ve + fe, vd + fd))
         self._pending.append(
-            GnssFix(
-                t_ns=t_ns,
-                pos_ned_m=frozen((n + en, e + ee, d + ed)),
-                vel_ned_mps=frozen((vn + fn, ve + fe, vd + fd)),
-                std_horizontal_m=math.hypot(config.std_horizontal_m, config.white_m),
-                std_vertical_m=math.hypot(config.std_vertical_m, config.white_m),
-                std_velocity_mps=config.std_vel_horizontal_mps,
-                satellites=config.satellites,
-            )
+            GnssFix(t_ns, numbers[:3], numbers[3:], *self._stds, config.satellites)
         )
+        self.due_ns = self._pending[0].t_ns + self._delay_ns
 
     def deliver(self, t_ns: int) -> GnssFix | None:
         """The solution that arrives by `t_ns`, if one does."""
-        if self._pending and self._pending[0].t_ns + self._delay_ns <= t_ns:
-            return self._pending.popleft()
-        return None
+        if t_ns < self.due_ns:
+            return None
+        fix, waiting = self._pending.popleft(), self._pending
+        self.due_ns = waiting[0].t_ns + self._delay_ns if waiting else math.inf
+        return fix
 
 
-@dataclass(frozen=True, slots=True)
-class BaroSample:
+class BaroSample(NamedTuple):
     """Static pressure at one instant."""
 
     t_ns: int
@@ -152,8 +153,7 @@ class Baro:
         return BaroSample(t_ns, pressure_pa + self._drift.step(slow) + self._white * white)
 
 
-@dataclass(frozen=True, slots=True)
-class MagSample:
+class MagSample(NamedTuple):
     """Magnetic field in body axes at one instant."""
 
     t_ns: int
@@ -174,15 +174,12 @@ class Magnetometer:
         c = self._config
         n, e, d = c.field_north_gauss, c.field_east_gauss, c.field_down_gauss
         r = rotation_matrix(q_frd_to_ned)
-        x, y, z = (
-            offset + c.white_gauss * draw
-            for offset, draw in zip(self._offset, next(self._draws), strict=True)
-        )
+        (x, y, z), (u, v, w), white = self._offset, next(self._draws), c.white_gauss
         return MagSample(
             t_ns,
             (
-                r[0] * n + r[3] * e + r[6] * d + x,
-                r[1] * n + r[4] * e + r[7] * d + y,
-                r[2] * n + r[5] * e + r[8] * d + z,
+                r[0] * n + r[3] * e + r[6] * d + x + white * u,
+                r[1] * n + r[4] * e + r[7] * d + y + white * v,
+                r[2] * n + r[5] * e + r[8] * d + z + white * w,
             ),
         )

@@ -46,7 +46,7 @@ class PlannedAndFlown:
     battery_remaining: Annotated[float, Label("battery left (0..1)", 3)]
 
     def lines(self) -> list[str]:
-        """For people."""
+        """The numbers in words, a line each."""
         passed = (
             f", passed within {self.miss_max_m:.2f} m and {self.height_error_max_m:.2f} m in height"
             if self.places_reached
@@ -98,7 +98,7 @@ def flight_metadata(
 
 
 def plain_numbers(numbers: PlannedAndFlown) -> dict[str, float | None]:
-    """For JSON: NaN as None."""
+    """The numbers for JSON, NaN as None."""
     return {key: None if math.isnan(value) else value for key, value in asdict(numbers).items()}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mission.base.errors import InputError
-from mission.base.interrupted_files import SetAside
+from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
 from mission.log.errors import DamagedLogError
 from mission.log.read.contents import load_damaged
@@ -80,7 +80,7 @@ def load_run(path: Path) -> LoadedRun:
         raise InputError(f"{path}: no such run folder or log file")
     folder = RunFolder(path)
     # A resumed run keeps its longer log until it has caught up with it.
-    kept = SetAside(folder).path / folder.log.name
+    kept = InterruptedFiles(folder).path / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
         raise InputError(f"{path}: not a run folder: it has no {log.name}")

@@ -1,4 +1,4 @@
-"""Who looks on while a run goes on. Nothing of it is remembered, and nothing of it alters a run."""
+"""Where a run is shown while it goes on. Nothing of that is remembered, or alters the run."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,10 +8,10 @@ from rich.console import Console
 
 
 @dataclass(frozen=True)
-class Audience:
+class RunConsole:
     """Where a run is shown, and what else it shows."""
 
-    console: Console
+    out: Console
     quiet: bool = False  # only errors are printed
     live_port: int | None = None  # of Foxglove's view of the log; 0: any free one
     log_mavlink: bool = False  # what pilot and vehicle say goes into the log too
@@ -19,13 +19,13 @@ class Audience:
     def say(self, text: str) -> None:
         """A line for people."""
         if not self.quiet:
-            self.console.print(text, soft_wrap=True, highlight=False, markup=False)
+            self.out.print(text, soft_wrap=True, highlight=False, markup=False)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:
         """Show on a terminal that something goes on while the block runs."""
-        if self.quiet or not self.console.is_terminal:
+        if self.quiet or not self.out.is_terminal:
             yield
             return
-        with self.console.status(f"{what} ..."):
+        with self.out.status(f"{what} ..."):
             yield

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Self
 
+LIMITS_NOT_MET = 6
 INTERRUPTED = 130
 
 # In words, for the command line and the documentation.
@@ -14,7 +16,7 @@ EXIT_CODES: Mapping[int, str] = MappingProxyType(
         3: "no feasible plan",
         4: "failed on the way: flight not finished, or training diverged",
         5: "link lost, download failed, or port in use",
-        6: "limits not met, or differences found",
+        LIMITS_NOT_MET: "limits not met, or differences found",
         INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
     }
 )
@@ -25,10 +27,10 @@ class AerofedError(Exception):
 
     exit_code = 1
 
-    def in_words(self, text: str) -> "AerofedError":
-        """An error that ends a run with the same exit code, in other words."""
-        other = AerofedError(text)
-        other.exit_code = self.exit_code
+    def in_words(self, text: str) -> Self:
+        """The same error in other words."""
+        other = self.__new__(type(self), text)
+        vars(other).update(vars(self))
         return other
 
 

@@ -13,7 +13,7 @@ from mission.base.run_folder import RunFolder
 _GONE = ".interrupted-gone"
 
 
-class SetAside:
+class InterruptedFiles:
     """The files of one run that its resumption will write anew."""
 
     def __init__(self, folder: RunFolder) -> None:

@@ -38,7 +38,7 @@ def hear_interruptions() -> None:
 
 
 def run_flight(flight: Coroutine[Any, Any, T]) -> T:
-    """As `asyncio.run`; but however often Ctrl-C is pressed, the flight is ended once, in order.
+    """Run a flight as `asyncio.run` does; however often Ctrl-C is pressed, it is ended once.
 
     asyncio raises KeyboardInterrupt in the midst of the ending at the second one, and MAVSDK taken
     down under its own threads ends the process by SIGABRT.

@@ -37,7 +37,7 @@ class Key:
 
     @property
     def name(self) -> str:
-        """The dotted path."""
+        """The key as a dotted path."""
         return ".".join(map(str, self.path))
 
     @property

@@ -36,9 +36,12 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
 
     console = _console()
     with Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn(),
-        console=console, transient=True,
-    ) as bar:  # fmt: skip
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        DownloadColumn(),
+        console=console,
+        transient=True,
+    ) as bar:
         shown: dict[str, TaskID] = {}
 
         def progress(name: str, done: int, total: int | None) -> None:

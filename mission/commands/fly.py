@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, audience, load
+from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, console, load
 
 
 def fly(
@@ -43,11 +43,11 @@ def fly(
     quiet
         Print nothing but errors.
     """
-    watching = audience(quiet=quiet, live=live, live_port=live_port)
+    watching = console(quiet=quiet, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import free_folder
     from mission.planflight.fly import fly_plan
 
-    return fly_plan(resolved, plan, out or free_folder(RUNS, plan.stem), audience=watching)
+    return fly_plan(resolved, plan, out or free_folder(RUNS, plan.stem), console=watching)

@@ -7,11 +7,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from mission.base.errors import InputError
+from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import Terminal
-
-LIMITS_NOT_MET = 6
 
 Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
 

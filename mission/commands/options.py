@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
 
@@ -39,7 +39,7 @@ def load(
     return load_config(config or builtin_config("quickstart.toml"), overrides)
 
 
-def audience(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = False) -> Audience:
+def console(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = False) -> RunConsole:
     """Who looks on, on this terminal and in Foxglove.
 
     Raises:
@@ -47,4 +47,4 @@ def audience(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = Fal
     """
     if not 0 <= live_port <= 65535:
         raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
-    return Audience(Terminal(), quiet, live_port if live else None, log_mavlink)
+    return RunConsole(Terminal(), quiet, live_port if live else None, log_mavlink)

@@ -14,7 +14,7 @@ from mission.commands.options import Overrides, load
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
-    from mission.scenario.scenario import Ground
+    from mission.scenario.scenario import Scenario
 
 
 def plan(
@@ -63,20 +63,20 @@ def plan(
     if figure is not None and figure.exists() and not figure.is_dir():
         raise InputError(f"{figure}: not a folder")
     resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})
-    ground = None
+    scenario = None
     problems: Sequence[NamedProblem]
     if problem is None:
-        from mission.scenario.scenario import build_ground
+        from mission.scenario.scenario import build_scenario
 
-        ground = build_ground(resolved, data_dir=data_dir)
-        problems = (NamedProblem("round-1", ground.first_problem()),)
+        scenario = build_scenario(resolved, data_dir=data_dir)
+        problems = (NamedProblem("round-1", scenario.first_problem()),)
     elif qgc is not None:
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
     else:
         problems = read_problems(problem)
     planned = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
-    if qgc is not None and ground is not None:
-        _write_qgc(qgc, problems[0], planned.plans[0], ground)
+    if qgc is not None and scenario is not None:
+        _write_qgc(qgc, problems[0], planned.plans[0], scenario)
     _print(planned.plans)
     if planned.failure is not None:
         raise planned.failure
@@ -106,15 +106,12 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
     return 0
 
 
-def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", ground: "Ground") -> None:
-    from mission.flight.flight_plan import FlightPlan, stops_of
+def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "Scenario") -> None:
+    from mission.flight.flight_plan import flight_of_round
     from mission.flight.plan_file_writing import write_round_plan
-    from mission.planner.flyable import acceptance_radius
 
-    mission = ground.config.mission
-    radius = acceptance_radius(entry.problem, made.plan, mission.acceptance_radius_m)
-    flight = FlightPlan(stops_of(made.plan), mission.altitude_m, mission.speed_mps, radius)
-    write_round_plan(path, flight, ground.area)
+    flight = flight_of_round(entry.problem, made.plan, hold_s=0.0, mission=scenario.config.mission)
+    write_round_plan(path, flight, scenario.area)
 
 
 def _print(plans: "tuple[NamedPlan, ...]") -> None:

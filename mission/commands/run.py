@@ -5,10 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
-from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, audience, load
+from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, console, load
 
 
 def run(
@@ -64,7 +64,7 @@ def run(
     quiet
         Print nothing but errors.
     """
-    watching = audience(quiet=quiet, live=live, live_port=live_port, log_mavlink=log_mavlink)
+    watching = console(quiet=quiet, live=live, live_port=live_port, log_mavlink=log_mavlink)
     stopwatch = Stopwatch()
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
@@ -96,10 +96,10 @@ def run(
         load_data(resolved, data_dir)
         # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
         from mission.run.session import fly_session
-    return fly_session(resolved, folder, data_dir=data_dir, audience=watching, stopwatch=stopwatch)
+    return fly_session(resolved, folder, data_dir=data_dir, console=watching, stopwatch=stopwatch)
 
 
-def _resume(path: Path, watching: Audience, stopwatch: Stopwatch) -> int:
+def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch) -> int:
     from mission.base.run_folder import RunFolder
     from mission.run.resume import read_checkpoint
 
@@ -107,4 +107,4 @@ def _resume(path: Path, watching: Audience, stopwatch: Stopwatch) -> int:
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
-    return resume_session(path, audience=watching, stopwatch=stopwatch)
+    return resume_session(path, console=watching, stopwatch=stopwatch)

@@ -15,7 +15,7 @@ from mission.base.errors import InputError
 from mission.base.explain import explain, refusal
 from mission.config.models import RunConfig
 from mission.config.overrides import override
-from mission.config.preflight import faults
+from mission.config.preflight import problems
 
 
 def builtin_config(name: str) -> Path:
@@ -52,7 +52,7 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     except ValidationError as error:
         lines = explain(error, RunConfig, str(path), given=given)
         raise InputError("\n".join(lines)) from None
-    lines = [refusal(*fault, str(path), given=given) for fault in faults(config)]
+    lines = [refusal(*problem, str(path), given=given) for problem in problems(config)]
     if lines:
         raise InputError("\n".join(lines))
     return config

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.area import Area
-from mission.planner.problem import RoundPlan
+from mission.config.models import MissionConfig
+from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
+from mission.planner.problem import RoundPlan, RoundProblem
 
 Floats = NDArray[np.float64]
-
-MERGE_WITHIN_M = 0.5  # below what a multirotor can tell apart in flight
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class FlightPlan:
 
 
 def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
-    """Merge consecutive waypoints closer than `MERGE_WITHIN_M` to the first of them.
+    """Merge consecutive waypoints closer than `SAME_PLACE_M` to the first of them.
 
     `hold_s` is the hover at every stop but the first; with one stop in all, at that one.
     """
     groups: list[tuple[Floats, list[int]]] = []
     for step, point in enumerate(plan.waypoints_m):
-        if groups and float(np.linalg.norm(point - groups[-1][0])) <= MERGE_WITHIN_M:
+        if groups and float(np.linalg.norm(point - groups[-1][0])) <= SAME_PLACE_M:
             groups[-1][1].append(step)
         else:
             groups.append((np.asarray(point, dtype=np.float64), [step]))
@@ -79,3 +79,21 @@ def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
         Stop(point, tuple(steps), hold_s if alone or index > 0 else 0.0)
         for index, (point, steps) in enumerate(groups)
     )
+
+
+def flight_of_round(
+    problem: RoundProblem, plan: RoundPlan, *, hold_s: float, mission: MissionConfig
+) -> FlightPlan:
+    """The flight of a round's plan, with corners as wide as the plan bears.
+
+    `hold_s` as in `stops_of`; altitude, speed and the widest acceptance radius are the mission's.
+    """
+    radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)
+    stops = stops_of(plan, hold_s=hold_s)
+    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
+
+
+def direct_flight(start_m: Floats, end_m: Floats, *, mission: MissionConfig) -> FlightPlan:
+    """Straight from one point (2,) of the area to another, serving nobody."""
+    stops = (Stop(start_m, ()), Stop(end_m, ()))
+    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m)

@@ -22,23 +22,22 @@ def passages(
     *,
     reported_ns: Sequence[int | None],
     hovers: Sequence[bool],
-    sequence: Sequence[int],
-) -> dict[int, Passage]:
-    """When each stop (S, 3) was passed, by `sequence`: closest approach in the track.
+) -> tuple[Passage, ...]:
+    """When each stop (S, 3) was passed: closest approach in the track.
 
     A stop is looked for after the one before it and until the vehicle reported the next one, so
     that a track that crosses itself is not mistaken; a hover was reached when it began. Reports
     may be lost: the flight is over, so every stop was passed.
     """
-    found: dict[int, Passage] = {}
+    found: list[Passage] = []
     after_ns = int(flight.t_ns[0])
     for index in range(len(stops_ned_m)):
         later = (t_ns for t_ns in reported_ns[index + 1 :] if t_ns is not None)
         until_ns = max(next(later, int(flight.t_ns[-1])), after_ns)
         instant = _closest(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])
-        found[sequence[index]] = flight.at(instant)
+        found.append(flight.at(instant))
         after_ns = instant
-    return found
+    return tuple(found)
 
 
 def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:

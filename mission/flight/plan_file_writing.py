@@ -11,7 +11,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.pilot.items import DO_CHANGE_SPEED, mission_items
+from mission.flight.pilot.mission_items import DO_CHANGE_SPEED, mission_items
 
 _FRAME_MISSION, _FRAME_RELATIVE = 2, 3
 _PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE

@@ -1,6 +1,7 @@
 """What was flown: samples and waypoint passages, taken on the vehicle's side and clock."""
 
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -29,14 +30,14 @@ class Flight:
     t_ns: NDArray[np.int64]  # (T,)
     true_ned_m: Floats  # (T, 3)
     est_ned_m: Floats  # (T, 3)
-    reached: dict[int, Passage]  # by MAVLink sequence number of the mission item
     battery_remaining: float
+    passages: tuple[Passage | None, ...] = ()  # by stop of the plan; None: not reached
 
     @classmethod
-    def standing(cls, here: Passage, reached: dict[int, Passage], battery: float) -> Self:
-        """A flight in which the aircraft did not move."""
+    def standing(cls, here: Passage, battery: float) -> Self:
+        """A flight in which the aircraft did not move from its one stop."""
         return cls(
-            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], reached, battery
+            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], battery, (here,)
         )
 
     @property
@@ -71,7 +72,7 @@ class FlightRecorder:
         self._t_ns = array("q")
         self._true_m = array("d")
         self._est_m = array("d")
-        self._reached: dict[int, Passage] = {}
+        self._reached: dict[int, Passage] = {}  # by mission item
 
     def start(self, here: Passage) -> None:
         """Forget the last flight; the next one begins here."""
@@ -89,15 +90,17 @@ class FlightRecorder:
                 event.t_ns, event.truth.pos_ned_m, event.belief.pos_ned_m
             )
 
-    def finish(self, here: Passage, battery_remaining: float) -> Flight:
-        """The flight since `start`, which ends here."""
+    def finish(
+        self, here: Passage, battery_remaining: float, *, items: Sequence[int] = ()
+    ) -> Flight:
+        """The flight since `start`, which ends here; its stops were the mission `items`."""
         self._keep(here.t_ns, here.true_ned_m, here.est_ned_m)
         flight = Flight(
             np.array(self._t_ns, dtype=np.int64),
             np.array(self._true_m).reshape(-1, 3),
             np.array(self._est_m).reshape(-1, 3),
-            self._reached,
             battery_remaining,
+            tuple(self._reached.get(item) for item in items),
         )
         self._forget()
         return flight
@@ -105,5 +108,5 @@ class FlightRecorder:
     def _keep(self, t_ns: int, true_ned_m: Floats, est_ned_m: Floats) -> None:
         if not self._t_ns or t_ns > self._t_ns[-1]:
             self._t_ns.append(t_ns)
-            self._true_m.extend(true_ned_m)
-            self._est_m.extend(est_ned_m)
+            self._true_m.extend(true_ned_m.tolist())
+            self._est_m.extend(est_ned_m.tolist())

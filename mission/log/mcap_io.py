@@ -3,8 +3,9 @@
 from typing import IO
 
 from mcap.records import Channel, Schema
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
+from mission.log.chunked import ChunkedWriter
 from mission.log.topics import RAW, TOPICS
 
 LIBRARY = f"aerofed {LIBRARY_IDENTIFIER}"
@@ -16,19 +17,12 @@ _CHUNK_BYTES = 4 << 20
 RAW_CHANNELS = range(len(TOPICS) - len(RAW) + 1, len(TOPICS) + 1)
 
 
-def new_writer(stream: IO[bytes]) -> Writer:
+def new_writer(stream: IO[bytes]) -> ChunkedWriter:
     """A started writer: zstd chunks, every index, statistics and checksums."""
-    writer = Writer(
-        stream,
-        chunk_size=_CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_data_crcs=True,
-    )
-    writer.start(library=LIBRARY)
-    return writer
+    return ChunkedWriter(stream, library=LIBRARY, chunk_bytes=_CHUNK_BYTES)
 
 
-def register(writer: Writer, *, raw: bool) -> None:
+def register(writer: ChunkedWriter, *, raw: bool) -> None:
     """Register every topic, in one order, so that ids mean the same in every log of ours.
 
     Topics of raw bytes, the last, only where there will be such (`raw`).
@@ -38,7 +32,7 @@ def register(writer: Writer, *, raw: bool) -> None:
         writer.register_schema(schema.name, schema.encoding, schema.data)
     for number, channel in channels.items():
         if raw or number not in RAW_CHANNELS:
-            writer.register_channel(channel.topic, channel.message_encoding, channel.schema_id)
+            writer.register_channel(channel.topic, channel.message_encoding, channel.schema_id, {})
 
 
 def our_channels() -> tuple[dict[int, Schema], dict[int, Channel]]:

@@ -22,7 +22,7 @@ from mission.log.records import (
     is_by_community,
 )
 
-Record = TypeVar("Record", UplinkRecord, RoundRecord, DeviceRecord)
+Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
 
 
 class TableError(InputError):

@@ -163,7 +163,7 @@ UPLINKS = _json(
 LEARNING = _json(
     "/learning",
     "aerofed.Learning",
-    "What one community had learnt after a round",
+    "Accuracy and fairness of one community after a round",
     **_declared(LearningRecord),
 )
 BATTERY = _json(
@@ -199,9 +199,9 @@ SENSORS: dict[str, str] = {
 INNOVATIONS = _json(
     "/innovations",
     "aerofed.Innovations",
-    "Measurements against the estimator's predictions of them, 1 Hz and all that were refused: "
-    "for each sensor `values` (measured less predicted), `stds` (expected of them), `ratio` (size "
-    "as a share of what is still believed) and `accepted`",
+    "Measurements against the estimator's predictions of them, once a second, and all that were "
+    "refused: for each sensor `values` (measured less predicted), `stds` (their expected standard "
+    "deviations), `ratio` (size divided by the largest that is accepted) and `accepted`",
     t_s=("number", "the instant that the estimator was at; behind the log's by its delay"),
     **{
         kind.replace(" ", "_"): ("innovation", f"{unit}; null where not measured then")

@@ -17,15 +17,15 @@ from mission.base.errors import AerofedError, FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import ExternalFlyer, open_external, telemetry_of
-from mission.flight.flyers.flyer import SIMULATED_POSITIONS, SimulatedFlyer, open_simulated
+from mission.flight.flyers.simulated import SIMULATED_POSITIONS, SimulatedFlyer, open_simulated
 from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.log.write.writer import FlightLog
 from mission.planflight.prepare import PreparedPlan, prepare_plan
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.autopilot.codec.names import command_name
-from sitl.autopilot.protocol.items import PLACES
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem
 
@@ -177,10 +177,10 @@ class ExternalCarrier(PlanCarrier):
         flight = await flyer.record(lambda: pilot.carry_out(lands=lands))
         sequence = sorted(path.places)
         places = np.array([path.places[seq] for seq in sequence])
-        flyer.find_passages(
-            flight, places, sequence=sequence, hold_s=[_wait_s(items, seq) for seq in sequence]
+        passages = flyer.find_passages(
+            flight, places, items=sequence, hold_s=[_wait_s(items, seq) for seq in sequence]
         )
-        miss_m = float(np.linalg.norm((flight.reached[sequence[-1]].est_ned_m - places[-1])[:2]))
+        miss_m = float(np.linalg.norm((passages[-1].est_ned_m - places[-1])[:2]))
         if miss_m > _SHORT_M:
             raise FlightError(
                 f"the vehicle says that the mission is over, {miss_m:.0f} m short of its end"
@@ -263,9 +263,14 @@ def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
     speed_mps = polyline.length(points) / ready.path.duration_s
     slots_s = (polyline.along(points) / speed_mps).tolist()
     log.plan(
-        t_ns, 1, problem, plan,
-        speed_mps=speed_mps, ideal_slot_s=slots_s, height_m=points[:, 2],
-    )  # fmt: skip
+        t_ns,
+        1,
+        problem,
+        plan,
+        speed_mps=speed_mps,
+        ideal_slot_s=slots_s,
+        height_m=points[:, 2],
+    )
 
 
 def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:

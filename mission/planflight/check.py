@@ -15,7 +15,7 @@ from mission.base import polyline
 from mission.base.errors import InputError
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.flying import route
-from sitl.autopilot.protocol.items import PLACES, check_item
+from sitl.autopilot.protocol.item_rules import PLACES, check_item
 from sitl.autopilot.safety.fence import Fence, breach_of, compile_fence
 from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, MissionResult
 from sitl.autopilot.values.messages import MissionItem
@@ -73,7 +73,7 @@ def here_means(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[Missi
     return tuple(placed)
 
 
-def check_plan(
+def check_items(
     items: Sequence[MissionItem],
     fence: Sequence[MissionItem],
     rally: Sequence[MissionItem],

@@ -19,42 +19,42 @@ from mission.analysis.compare_plan import (
 )
 from mission.analysis.load import load_run
 from mission.base import csv_text
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, FlightError
 from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
 from mission.figures.flight import draw_flight
-from mission.flight.flyers.open import check_link
+from mission.flight.flyers.ports import check_link
 from mission.flight.plan_file import read_plan_file
 from mission.log.live.view import live_views
 from mission.log.values import Devices, FlightData
 from mission.log.write.writer import FlightLog
 from mission.planflight.carrier import PlanCarrier, area_xyz, make_carrier
 from mission.planflight.prepare import PreparedPlan, prepare_plan
-from mission.run.outcome import Ending
+from mission.run.outcome import Outcome
 
 Floats = NDArray[np.float64]
 
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
 
 
-def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience) -> int:
+def fly_plan(config: RunConfig, source: Path, path: Path, *, console: RunConsole) -> int:
     """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
 
     Raises:
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
-    stopwatch, ending = Stopwatch(), Ending()
+    stopwatch, outcome = Stopwatch(), Outcome()
     with stopwatch("setup"):
         ready = prepare_plan(config, read_plan_file(source))
         check_link(config.link)
-        live = live_views(audience)
+        live = live_views(console)
         folder = RunFolder.create(path)
         with folder.unless_refused():
-            carrier = make_carrier(ready, say=audience.say)
+            carrier = make_carrier(ready, say=console.say)
         about = _begin(folder, carrier)
         ready = carrier.ready
     nobody = Devices(np.zeros((0, 2)), ())
@@ -66,27 +66,27 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, audience: Audience)
     ):
         _attach(log, ready)
         try:
-            with stopwatch("fly"), ending.flight():
+            with stopwatch("fly"), outcome.flight():
                 run_flight(carrier.fly(log))
         finally:
-            if ending.status != "finished":
-                folder.write_summary({**ending.summary, **about})
+            if outcome.status != "finished":
+                folder.write_summary({**outcome.summary, **about})
     flight = None
-    with stopwatch("figures"), ending.aftermath():
+    with stopwatch("figures"), outcome.post_processing():
         flight = _left_behind(folder)
-        if flight is not None and ending.status == "finished":
+        if flight is not None and outcome.status == "finished":
             _check_end(flight)
     numbers = {} if flight is None else {KEY: plain_numbers(flight.numbers)}
     times = _times(carrier.t_ns, stopwatch)
     # Last of all: a folder that says "finished" has everything.
-    folder.write_summary({**ending.summary, **about, **numbers, **times})
-    ending.raise_error(folder.path)
-    if ending.status == "interrupted":
-        audience.say(f"interrupted; what was flown is in {folder.path}")
+    folder.write_summary({**outcome.summary, **about, **numbers, **times})
+    outcome.raise_error(folder.path)
+    if outcome.status == "interrupted":
+        console.say(f"interrupted; what was flown is in {folder.path}")
         return INTERRUPTED
     if flight is not None:
         for line in (*flight.numbers.lines(), f"results in {folder.path}"):
-            audience.say(line)
+            console.say(line)
     return 0
 
 

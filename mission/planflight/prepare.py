@@ -10,13 +10,13 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import AreaConfig, RunConfig
-from mission.flight.fence import fence_of
-from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.fence_zones import fence_of
+from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone
-from mission.planflight.check import PlannedPath, check_plan, here_means
-from sitl.autopilot.protocol.items import PLACES
+from mission.planflight.check import PlannedPath, check_items, here_means
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.vehicle import Vehicle
 
 _MARGIN_M = 50.0  # around the plan, for the map
@@ -50,7 +50,7 @@ def prepare_plan(config: RunConfig, plan: PlanFile) -> PreparedPlan:
             raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
         planned = GeodeticPoint(first.x, first.y, ground)
         vehicle, imported = _at(planned, config, plan)
-    path = check_plan(
+    path = check_items(
         imported.items, imported.fence, imported.rally, vehicle=vehicle, source=str(plan.path)
     )
     area_config = _area_around(path, vehicle.autopilot.flight.home)

@@ -11,12 +11,9 @@ class SolverError(PlanError):
     """A convex solver gave no usable answer; another start or method may succeed."""
 
     def __init__(self, solver: str, status: str) -> None:
-        super().__init__(solver, status)
+        super().__init__(f"{solver} ended with status {status!r} and no usable solution")
         self.solver = solver
         self.status = status
-
-    def __str__(self) -> str:
-        return f"{self.solver} ended with status {self.status!r} and no usable solution"
 
 
 class InfeasiblePlanError(PlanError):

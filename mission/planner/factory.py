@@ -41,7 +41,7 @@ class CustomPlanner:
     inner: Planner
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
-        """Its plan.
+        """The plan that the researcher's planner makes.
 
         Raises:
             PlanError: the plan breaks a constraint, or claims a value that it has not.

@@ -12,7 +12,7 @@ from mission.planner.problem import Floats, RoundPlan, RoundProblem
 MOST_LOST = 0.01  # of the plan's value, with every corner cut as far as allowed
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest radius
 NARROWEST_M = 1.0  # narrower is no use to an aircraft that knows its place to a metre
-SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one
+SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one; no flight tells them apart
 
 
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:

@@ -1,7 +1,8 @@
-"""What a run has added up to, round by round."""
+"""What a run has added up to, round by round, and what its path budget still pays for."""
 
 import math
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in bi
 
 
 @dataclass
-class Tally:
+class RunTotals:
     """Sums over the finished rounds; those of a flight under way are not in them yet."""
 
     last_heard: NDArray[np.int64]  # (K,) round of each device's last update; 0: none yet
@@ -27,13 +28,13 @@ class Tally:
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
 
     @classmethod
-    def of(cls, devices: int) -> "Tally":
-        """Before the first round."""
+    def before(cls, devices: int) -> Self:
+        """Before the first round of a run with so many devices."""
         return cls(np.zeros(devices, dtype=np.int64))
 
     @property
-    def number(self) -> int:
-        """Of the round that comes next or goes on, from 1."""
+    def next_round(self) -> int:
+        """Number of the current or next round, from 1."""
         return self.rounds_done + 1
 
     def add(self, record: RoundRecord) -> None:

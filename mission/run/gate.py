@@ -17,15 +17,14 @@ from mission.planner.problem import RoundPlan, RoundProblem
 Floats = NDArray[np.float64]
 
 
-def slots(plan: FlightPlan, flight: Flight, *, seq_of_stop: Sequence[int]) -> dict[int, Passage]:
+def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
     """The passage of every time step that was reached, by 0-based step.
 
     A step transmits when its stop is passed. Several steps at one stop share that instant, or
     the stop's hover where it has one: evenly spread, the first at the arrival.
     """
     passages: dict[int, Passage] = {}
-    for stop, seq in zip(plan.stops, seq_of_stop, strict=True):
-        arrival = flight.reached.get(seq)
+    for stop, arrival in zip(plan.stops, flight.passages, strict=True):
         if arrival is None:
             continue
         for rank, step in enumerate(stop.steps):

@@ -13,7 +13,7 @@ from mission.base.run_folder import write_atomically
 
 
 @dataclass
-class Ending:
+class Outcome:
     """Status and error of a flight, and of what is made of it afterwards."""
 
     # Until something else is known, so that a bug is a failure too.
@@ -34,7 +34,7 @@ class Ending:
             self.error = AerofedError("out of memory")
 
     @contextmanager
-    def aftermath(self) -> Iterator[None]:
+    def post_processing(self) -> Iterator[None]:
         """Draw and tabulate in the block what was flown."""
         try:
             yield
@@ -43,8 +43,10 @@ class Ending:
                 self.status = "interrupted"
         except AerofedError as failure:
             self._consequence(failure)
-        # What a library says that finds no memory, for itself or for what it loads.
-        except (MemoryError, ImportError, OSError) as failure:
+        except MemoryError:
+            self._consequence(AerofedError("figures: out of memory"))
+        # What a library says that finds no memory for what it loads.
+        except (ImportError, OSError) as failure:
             self._consequence(AerofedError(f"figures: {first_line(failure)}"))
 
     def _consequence(self, failure: AerofedError) -> None:
@@ -53,7 +55,7 @@ class Ending:
 
     @property
     def summary(self) -> dict[str, str]:
-        """For `summary.json`."""
+        """Status and error as `summary.json` has them."""
         why = {} if self.error is None else {"error": str(self.error)}
         return {"status": self.status, **why}
 

@@ -4,29 +4,29 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
-from mission.base.console import Audience
-from mission.base.interrupted_files import SetAside
+from mission.base.console import RunConsole
+from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
 from mission.log.records import DeviceRecord, Learnt, RoundRecord, UplinkRecord
 from mission.log.tables import Table
-from mission.log.values import Devices
+from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import CheckpointFolder
 from mission.run.progress import Progress, make_progress
 from mission.run.round_result import RoundResult
-from mission.run.setup import World
+from mission.scenario.scenario import Scenario
 
 
 @dataclass
 class FolderRecorder:
     """Hands what happens to all who keep or show it."""
 
-    world: World
+    scenario: Scenario
     folder: RunFolder
     log: FlightLog
     rounds: Table[RoundRecord]
@@ -57,7 +57,7 @@ class FolderRecorder:
             ideal_slot_s=flight_plan.ideal_slot_s(),
         )
         path = self.folder.plans / f"round-{round_number:03d}.plan"
-        write_round_plan(path, flight_plan, self.world.area)
+        write_round_plan(path, flight_plan, self.scenario.area)
 
     def finished(self, result: RoundResult) -> None:
         """Log and tabulate a finished round; from here on it is kept whatever happens."""
@@ -73,8 +73,9 @@ class FolderRecorder:
         self.uplinks.extend(result.uplinks)
         self.rounds.extend([record])
         if not result.remembered:
-            SetAside(self.folder).discard()  # log and tables hold all that the old ones held
-            self.checkpoint.save(self.world.federation, result.state, result.memory)
+            # Log and tables hold all that the old ones held.
+            InterruptedFiles(self.folder).discard()
+            self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
 
     def learnt(self, round_number: int, learnt: Learnt) -> None:
@@ -101,7 +102,7 @@ class FolderRecorder:
 
     def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
         each = zip(
-            self.world.community_of,
+            self.scenario.community_of,
             learnt.device_accuracy,
             learnt.received_accuracy,
             learnt.device_loss,
@@ -113,42 +114,43 @@ class FolderRecorder:
 
 @contextmanager
 def recording(
-    world: World,
+    scenario: Scenario,
     folder: RunFolder,
     checkpoint: CheckpointFolder,
     *,
-    audience: Audience,
+    fence: tuple[Zone, ...],
+    console: RunConsole,
     stopwatch: Stopwatch,
     mirrors: Sequence[Sink] = (),
 ) -> Iterator[FolderRecorder]:
     """Open log (`mirrors` see it too) and tables; they are closed whole however the block ends."""
-    devices = Devices(world.devices_m, world.community_of)
+    devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:
         progress = make_progress(
-            audience.console, rounds=world.config.mission.rounds, quiet=audience.quiet
+            console.out, rounds=scenario.config.mission.rounds, quiet=console.quiet
         )
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(
                 folder.log,
-                area=world.area,
+                area=scenario.area,
                 devices=devices,
-                fence=world.flyers.fence(),
+                fence=fence,
                 mirrors=mirrors,
-                raw_mavlink=audience.log_mavlink,
+                raw_mavlink=console.log_mavlink,
             )
         )
-        names = world.federation.names
+        names = scenario.federation.names
         rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
         uplinks = stack.enter_context(Table(folder.uplinks, UplinkRecord))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.
-        log.attach("config.toml", "application/toml", world.config.to_toml().encode())
-        log.attach("devices.csv", "text/csv", world.devices_csv().encode())
+        log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
+        log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
         recorder = FolderRecorder(
-            world, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
+            scenario, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
         )
-        for notice in world.notices():
+        for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

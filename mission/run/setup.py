@@ -1,25 +1,18 @@
 """What a run is made of before its first round: everything that can be refused, is refused here."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from mission.config.models import RunConfig
-from mission.flight.flyers.open import Flyers, flyers_for
-from mission.scenario.scenario import Ground, build_ground
+from mission.flight.flyers.choice import flyers_for
+from mission.flight.flyers.open import Flyers
+from mission.scenario.scenario import Scenario, build_scenario
 
 
-@dataclass(frozen=True)
-class World(Ground):
-    """The ground of one run, and who flies over it."""
-
-    flyers: Flyers
-
-
-def build_world(config: RunConfig, *, data_dir: Path | None) -> World:
-    """Set up the ground and the vehicle.
+def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyers]:
+    """The scenario of a run, and who flies in it.
 
     Raises:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
-    ground = build_ground(config, data_dir=data_dir)
-    return World(**vars(ground), flyers=flyers_for(ground))
+    scenario = build_scenario(config, data_dir=data_dir)
+    return scenario, flyers_for(scenario)

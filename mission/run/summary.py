@@ -4,24 +4,26 @@ from typing import Any
 
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
-from mission.run.budget import Tally
-from mission.run.outcome import Ending
-from mission.run.setup import World
+from mission.run.budget import RunTotals
+from mission.run.outcome import Outcome
+from mission.scenario.scenario import Scenario
 
 
 class Summary:
     """Written whole each time; "finished" last of all, so that such a folder has everything."""
 
-    def __init__(self, folder: RunFolder, world: World, *, remembered: int) -> None:
-        config = world.config
+    def __init__(
+        self, folder: RunFolder, scenario: Scenario, *, position_source: str, remembered: int
+    ) -> None:
+        config = scenario.config
         self._folder = folder
         self._about = {
             "name": config.name,
             "strategy": config.mission.strategy,
             "seed": config.seed,
             "resumed_after_round": remembered or None,
-            "position_source": world.flyers.position_source,
-            "data": world.data_sources(),
+            "position_source": position_source,
+            "data": scenario.data_sources(),
             **environment(),
         }
 
@@ -29,22 +31,22 @@ class Summary:
         """Nothing has happened yet."""
         self._folder.write_summary({"status": "running", **self._about})
 
-    def ended(self, ending: Ending, tally: Tally, stopwatch: Stopwatch) -> None:
+    def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
         """How, and how far it came."""
-        self._folder.write_summary({**ending.summary, **self._about, **_totals(tally, stopwatch)})
+        self._folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
 
-def _totals(tally: Tally, stopwatch: Stopwatch) -> dict[str, Any]:
+def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:
     flight_s = stopwatch.wall_s.get("fly", 0.0)
     return {
-        "rounds": tally.rounds_done,
-        "flown_in_rounds_m": tally.flown_m,
-        "budget_used_m": tally.budget_used_m,
-        "simulated_s": tally.sim_s,
-        "real_time_factor": tally.sim_s / flight_s if flight_s > 0.0 else 0.0,
-        "battery_changes": tally.battery_changes,
-        "delivered": tally.delivered,
-        "scheduled": tally.scheduled,
-        "accuracy": tally.accuracy,
+        "rounds": totals.rounds_done,
+        "flown_in_rounds_m": totals.flown_m,
+        "budget_used_m": totals.budget_used_m,
+        "simulated_s": totals.sim_s,
+        "real_time_factor": totals.sim_s / flight_s if flight_s > 0.0 else 0.0,
+        "battery_changes": totals.battery_changes,
+        "delivered": totals.delivered,
+        "scheduled": totals.scheduled,
+        "accuracy": totals.accuracy,
         "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
     }

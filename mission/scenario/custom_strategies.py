@@ -21,8 +21,8 @@ KEY = "mission.strategy"
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What a strategy's factory is given: `factory(setting) -> Strategy`."""
+class StrategyContext:
+    """What a strategy's factory is given: `factory(context) -> Strategy`."""
 
     mission: MissionConfig
     planner: Planner  # the one that the configuration names
@@ -31,7 +31,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Known:
+class RoundInfo:
     """What the UAV knows before a round, for a strategy that weighs devices in its own way."""
 
     round: int  # about to be planned, from 1
@@ -48,11 +48,11 @@ class Known:
 
 
 @runtime_checkable
-class Weighing(Protocol):
+class ImportanceStrategy(Protocol):
     """A strategy with an importance of its own, which the planner then maximises."""
 
-    def importance(self, known: Known) -> Floats:
-        """(K,) finite, not negative; a function of `known` alone, so that runs can be resumed."""
+    def importance(self, info: RoundInfo) -> Floats:
+        """(K,) finite, not negative; a function of `info` alone, so that runs can be resumed."""
         ...
 
 
@@ -65,34 +65,34 @@ class CustomStrategy:
 
     @property
     def fairness(self) -> bool:
-        """As the researcher's strategy has it."""
+        """What the researcher's strategy says."""
         with users_code(self.path, key=KEY, doing="fairness"):
             return bool(self.inner.fairness)
 
     @property
     def approach_m(self) -> Floats | None:
-        """As the researcher's strategy has it."""
+        """What the researcher's strategy says."""
         with users_code(self.path, key=KEY, doing="approach_m"):
             return self.inner.approach_m
 
-    def importance(self, known: Known) -> Floats:
-        """Its own importance, or the paper's.
+    def importance(self, info: RoundInfo) -> Floats:
+        """The importance that the strategy gives devices, (K,); where it gives none, the paper's.
 
         Raises:
             InputError: of the wrong shape, negative or not finite.
         """
-        if not isinstance(self.inner, Weighing):
-            return known.delta
-        with users_code(self.path, key=KEY, doing=f"importance() in round {known.round}"):
-            importance = np.asarray(self.inner.importance(known), dtype=np.float64)
-        if importance.shape != known.delta.shape:
-            self._refuse(f"importance is of shape {importance.shape}, not {known.delta.shape}")
+        if not isinstance(self.inner, ImportanceStrategy):
+            return info.delta
+        with users_code(self.path, key=KEY, doing=f"importance() in round {info.round}"):
+            importance = np.asarray(self.inner.importance(info), dtype=np.float64)
+        if importance.shape != info.delta.shape:
+            self._refuse(f"importance is of shape {importance.shape}, not {info.delta.shape}")
         if not (np.isfinite(importance) & (importance >= 0.0)).all():
             self._refuse(f"importance is negative or not finite: {importance.tolist()}")
         return importance
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """Its sortie, if its plan keeps the round's constraints.
+        """The strategy's sortie, if its plan keeps the round's constraints.
 
         Raises:
             InputError: no `Sortie`.
@@ -114,11 +114,11 @@ class CustomStrategy:
         raise InputError(f"{KEY} = {self.path!r}: {reason}")
 
 
-def custom_strategy(path: str, setting: Setting) -> CustomStrategy:
+def custom_strategy(path: str, context: StrategyContext) -> CustomStrategy:
     """The strategy that the factory at `path` makes.
 
     Raises:
         InputError: it cannot be imported, or what it makes is no strategy.
     """
-    made = make_from(path, setting, key=KEY, members=("fairness", "approach_m", "sortie"))
+    made = make_from(path, context, key=KEY, members=("fairness", "approach_m", "sortie"))
     return CustomStrategy(path, made)

@@ -19,14 +19,14 @@ from mission.base.user_code import is_import_path
 from mission.config.models import RunConfig
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
-from mission.scenario.custom_strategies import Setting, custom_strategy
+from mission.scenario.custom_strategies import StrategyContext, custom_strategy
 from mission.scenario.strategies import Strategy, make_strategy
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Ground:
+class Scenario:
     """Area, devices, communities and strategy of one run."""
 
     config: RunConfig
@@ -97,7 +97,7 @@ class Ground:
         return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
 
 
-def build_ground(config: RunConfig, *, data_dir: Path | None) -> Ground:
+def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
     Raises:
@@ -117,8 +117,8 @@ def build_ground(config: RunConfig, *, data_dir: Path | None) -> Ground:
         raise InputError(str(error)) from None
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
-        custom_strategy(mission.strategy, Setting(mission, planner, devices_m, area))
+        custom_strategy(mission.strategy, StrategyContext(mission, planner, devices_m, area))
         if is_import_path(mission.strategy)
         else make_strategy(mission, planner, devices_m=devices_m, area=area)
     )
-    return Ground(config, streams, area, devices_m, channel, federation, strategy)
+    return Scenario(config, streams, area, devices_m, channel, federation, strategy)

@@ -38,7 +38,7 @@ class Point:
 
     @property
     def name(self) -> str:
-        """Of its folder: readable, and unique where it had to be changed for the file system."""
+        """Name of the run's folder: readable, unique where the file system had it changed."""
         parts = [self.strategy, *(f"{k.rpartition('.')[2]}={v}" for k, v in self.settings)]
         plain = "-".join([*parts, f"seed{self.seed}"])
         name = re.sub(r"[^A-Za-z0-9._=+-]+", "-", plain)[:_NAME_LENGTH]

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from mission.base.errors import INTERRUPTED, AerofedError
-from mission.run.setup import build_world
+from mission.run.setup import set_up
 from mission.sweep.execute.choice import EngineName, make_engine
 from mission.sweep.execute.engine import Engine
 from mission.sweep.execute.loop import execute_all
@@ -80,7 +80,7 @@ def _fly(
     todo = [run for run in grid.runs if not folder.done(run)]
     if todo:
         # Once here, so that missing data is one line and not a failure of every run.
-        build_world(todo[0].config, data_dir=data_dir)
+        set_up(todo[0].config, data_dir=data_dir)
     ends: dict[str, RunEnd] = {}
     with folder.lock():
         folder.claim(grid, data_dir=data_dir)

@@ -8,7 +8,8 @@ from flightdyn.aircraft import Aircraft
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.orders import FlightCommands
+from sitl.autopilot.flying.flight_commands import FlightCommands
+from sitl.autopilot.flying.permissions import Permissions
 from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
@@ -16,7 +17,7 @@ from sitl.autopilot.pilots.pilots import Pilots
 from sitl.autopilot.protocol.absent import Absent
 from sitl.autopilot.protocol.commands import CommandServer, Refusal
 from sitl.autopilot.protocol.ftp import FtpServer
-from sitl.autopilot.protocol.items import check_item, why_refused
+from sitl.autopilot.protocol.item_rules import check_item, why_refused
 from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.message_requests import MessageCommands
 from sitl.autopilot.protocol.parameter_server import ParameterServer
@@ -75,9 +76,19 @@ class Autopilot:
         self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
         self.parameters = parameters
         self.flight = Flight(
-            aircraft, parameters, home=aircraft.frame.origin, reporter=self._report
+            aircraft,
+            parameters,
+            home=aircraft.frame.origin,
+            permissions=Permissions(
+                position_ok=lambda: self.guard.position_ok(),
+                forbidden=lambda places: self.guard.breach(places),
+                arming_denied=self._arming_denied,
+            ),
+            reporter=self._report,
         )
-        self.monitor = Monitor(aircraft, self.flight, reporter=self._report)
+        self.monitor = Monitor(
+            aircraft, self.flight, reporter=self._report, fenced=lambda: self.guard.fenced()
+        )
         self.failsafes = Failsafes(self.flight, parameters, reporter=self._report)
         self.guard = Guard(
             aircraft,
@@ -86,10 +97,6 @@ class Autopilot:
             monitor=self.monitor,
             failsafes=self.failsafes,
         )
-        self.monitor.fenced = self.guard.fenced
-        self.flight.position_ok = self.guard.position_ok
-        self.flight.forbidden = self.guard.breach
-        self.flight.arming_denied = self._arming_denied
         self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
         self._parameter_server = ParameterServer(self._outbox, parameters)
         self._log_server = LogServer(

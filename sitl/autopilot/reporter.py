@@ -1,8 +1,8 @@
 """What the autopilot tells: to ground stations as messages, to observers as events."""
 
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from types import TracebackType
 
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.values import messages as m
@@ -24,18 +24,13 @@ class Reporter:
         self._told: set[tuple[str, str]] = set()
         self.nudged: set[Message] = set()
 
-    @contextmanager
-    def contain(self, what: str, otherwise: Callable[[], object] = lambda: None) -> Iterator[None]:
+    def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
         """The guard round whatever handles a message, an order or a look around.
 
         An error of ours ends what the block was about, is told, and `otherwise` is done; the
         vehicle goes on. Errors of observers (a full disk) are not ours and pass through.
         """
-        try:
-            yield
-        except Exception as error:
-            self.internal_error(what, error)
-            otherwise()
+        return _Contained(self, what, otherwise)
 
     def internal_error(self, what: str, error: Exception) -> None:
         """Tell of an error that nothing should have led to, once; an observer's is raised again."""
@@ -97,3 +92,32 @@ class Reporter:
         """A fault has been injected or removed."""
         self._outbox.append(m.Envelope(m.StatusText(Severity.WARNING, text)))
         self._sink("fault", text, None, int(Severity.WARNING))
+
+
+class _Contained:
+    """A context manager; one made of a generator would cost more than what it guards."""
+
+    __slots__ = ("_otherwise", "_reporter", "_what")
+
+    def __init__(
+        self, reporter: Reporter, what: str, otherwise: Callable[[], object] | None
+    ) -> None:
+        self._reporter = reporter
+        self._what = what
+        self._otherwise = otherwise
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> bool:
+        if not isinstance(error, Exception):
+            return False
+        self._reporter.internal_error(self._what, error)
+        if self._otherwise is not None:
+            self._otherwise()
+        return True

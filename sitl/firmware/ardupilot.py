@@ -7,27 +7,28 @@ in. Terms: ArduPilot's libraries/SITL/SIM_JSON.
 """
 
 import socket
-import struct
-from contextlib import suppress
 
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
-from sitl.firmware.bridge import Readings, read, sensors_of
+from sitl.firmware.bridge import sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.native.library import (
+    FOREIGN,
+    Json,
+    address_of,
+    get_motors,
+    json_repeat,
+    json_send,
+    json_wait,
+    put_state,
+)
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
 MIN_RATE_HZ = 720  # its inertial sensors want 1.8 samples for each of its loops, at 400 Hz
 RATE_HZ = 800  # the slowest above that is a whole number of ticks of everything
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
-_REQUEST = struct.Struct("<HHI4H")  # magic number, rate, count, pulses of the first motors
-_SIZES = {18458: 8 + 16 * 2, 29569: 8 + 32 * 2}  # by magic number
-_IDLE_US, _SPAN_US = 1000, 1000
-_STATE = (
-    '\n{"timestamp":%.6f,"imu":{"gyro":[%.8f,%.8f,%.8f],"accel_body":[%.7f,%.7f,%.7f]},'
-    '"position":[%.5f,%.5f,%.5f],"velocity":[%.5f,%.5f,%.5f],'
-    '"attitude":[%.7f,%.7f,%.7f],"no_time_sync":1}\n'
-)
+_MOTORS_AT = Json.motors.offset
 
 
 class ArduPilotBridge:
@@ -39,16 +40,17 @@ class ArduPilotBridge:
         self._sensors = sensors_of(plant)
         self._port = port
         self._socket: socket.socket | None = None
-        self._peer: tuple[str, int] | None = None
-        self._frame = -1  # that was answered last
-        self._waiting: bytes | None = None  # a request that came while time stood still
-        self._reply = b""
+        self._json = Json()  # what goes between ArduPilot and here
+        self._json_at = address_of(self._json)
+        self._answered = -1  # the request that was answered last
+        self._waiting = False  # a request came while time stood still
+        self._connected = False
         self._baro_error_m = 0.0
 
     @property
     def connected(self) -> bool:
         """Whether a firmware has asked for anything."""
-        return self._peer is not None
+        return self._connected
 
     @property
     def port(self) -> int:
@@ -61,78 +63,70 @@ class ArduPilotBridge:
         give_up_after(self._socket, _LOOK_S)
 
     def tick(self) -> bool:
-        request, self._waiting = self._waiting or self._receive(), None
-        if request is None:
+        if not (self._waiting or self._asked()):
             return False
-        frame, motors = self._parse(request)
-        if frame == self._frame:
-            self._send(self._reply)  # ours was lost: the same again, no step
+        self._waiting = False
+        count, plant = self._json.count, self.plant
+        if count == self._answered:
+            json_repeat(self._json_at)  # ours was lost: the same again, no step
             return False
-        if frame < self._frame:
+        if count < self._answered:
             raise FirmwareRestartedError("ArduPilot has started anew")
-        self._frame = frame
-        plant = self.plant
-        plant.vehicle.drive(motors)
+        self._answered = count
+        plant.vehicle.drive(get_motors(self._json, _MOTORS_AT))
         plant.step()
-        self._reply = self._state(read(plant, self._sensors))
-        self._send(self._reply)
+        self._send()
         return True
 
     def rest(self) -> None:
         # It repeats itself each second while nobody answers: one of these is answered later.
-        self._waiting = self._receive() or self._waiting
+        self._waiting = self._asked() or self._waiting
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _receive(self) -> bytes | None:
+    def _asked(self) -> bool:
+        """Wait for a request, at most a moment."""
+        if not (self._connected or self._connect()):
+            return False
+        came = json_wait(self._json_at)
+        if came == FOREIGN:
+            raise FirmwareError(
+                f"no request of ArduPilot's JSON interface: {self._json.length} bytes with the "
+                f"magic number {self._json.magic}; known are 40 with 18458 and 72 with 29569"
+            )
+        return bool(came)
+
+    def _connect(self) -> bool:
+        """Nobody but the first to ask is heard from then on."""
         assert self._socket is not None
         try:
-            if self._peer is not None:
-                return self._socket.recv(256)
-            request, self._peer = self._socket.recvfrom(256)
-            self._socket.connect(self._peer)  # nobody else is heard from now on
+            _, peer = self._socket.recvfrom(0, socket.MSG_PEEK)
+            self._socket.connect(peer)
         except (BlockingIOError, ConnectionError):
-            return None
-        return request
+            return False
+        self._json.socket = self._socket.fileno()
+        self._connected = True
+        return True
 
-    def _send(self, reply: bytes) -> None:
-        assert self._socket is not None
-        with suppress(ConnectionError):  # it has just ended, which its process says better
-            self._socket.send(reply)
-
-    def _parse(self, request: bytes) -> tuple[int, tuple[float, ...]]:
-        """Its count, and the duty cycles of the motors."""
-        size = len(request)
-        if size < _REQUEST.size:
-            raise FirmwareError(f"no request of ArduPilot's JSON interface: {size} bytes")
-        magic, _, count, a, b, c, d = _REQUEST.unpack_from(request)
-        if _SIZES.get(magic) != size:
-            raise FirmwareError(
-                f"no request of ArduPilot's JSON interface: {size} bytes with the magic number "
-                f"{magic}; known are {', '.join(map(str, _SIZES))}"
-            )
-        return count, (
-            (a - _IDLE_US) / _SPAN_US,
-            (b - _IDLE_US) / _SPAN_US,
-            (c - _IDLE_US) / _SPAN_US,
-            (d - _IDLE_US) / _SPAN_US,
-        )
-
-    def _state(self, readings: Readings) -> bytes:
-        vehicle, receiver = self.plant.vehicle, self._sensors.receiver
+    def _send(self) -> None:
+        """What the sensors say at this tick."""
+        plant, sensors, vehicle = self.plant, self._sensors, self.plant.vehicle
+        imu, receiver = sensors.imu(), sensors.receiver
+        if plant.clock.tick >= sensors.due:
+            baro, _ = sensors.slow()
+            sensors.fix()
+            if baro is not None:
+                true_m = altitude_m(vehicle.pressure_pa())
+                self._baro_error_m = altitude_m(baro.pressure_pa) - true_m
         (n, e, d), (en, ee, _) = vehicle.position_ned(), receiver.error_ned_m
-        if readings.baro is not None:
-            true_m = altitude_m(vehicle.pressure_pa())
-            self._baro_error_m = altitude_m(readings.baro.pressure_pa) - true_m
         (vn, ve, vd), (un, ue, ud) = vehicle.velocity_ned(), receiver.velocity_error_ned_mps
-        text = _STATE % (
-            self.plant.t_ns * 1e-9,
-            *readings.imu,
+        put_state(
+            self._json, 0, plant.t_ns * 1e-9, *imu,
             n + en, e + ee, d - self._baro_error_m,
             vn + un, ve + ue, vd + ud,
             *vehicle.euler(),
         )  # fmt: skip
-        return text.encode()
+        json_send(self._json_at)

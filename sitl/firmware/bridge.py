@@ -1,12 +1,9 @@
-"""What both bridges are to those who step them, and the sensors as both read them."""
+"""What both bridges are to those who step them."""
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from flightdyn.inertial import ImuSample
 from flightdyn.physics.sensor_suite import SensorSuite
-from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.plant import Plant
-from flightdyn.state import GnssFix
 from sitl.errors import SitlInputError
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
@@ -48,15 +45,6 @@ class Bridge(Protocol):
         """Stop; may be called twice."""
 
 
-class Readings(NamedTuple):
-    """What the sensors say at one tick."""
-
-    imu: ImuSample
-    baro: BaroSample | None
-    mag: MagSample | None
-    fix: GnssFix | None
-
-
 def sensors_of(plant: Plant) -> SensorSuite:
     """The sensors that a firmware is to fly on.
 
@@ -69,12 +57,3 @@ def sensors_of(plant: Plant) -> SensorSuite:
             "takes readings without noise for broken ones; it must be 'realistic'"
         )
     return plant.sensors
-
-
-def read(plant: Plant, sensors: SensorSuite) -> Readings:
-    """Read all that is due at this tick."""
-    imu = sensors.imu()
-    if plant.clock.tick < sensors.due:
-        return Readings(imu, None, None, sensors.fix())
-    baro, mag = sensors.slow()
-    return Readings(imu, baro, mag, sensors.fix())

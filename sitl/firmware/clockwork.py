@@ -4,17 +4,15 @@ import math
 import os
 import threading
 import time
-from bisect import bisect_left
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from flightdyn.plant import Plant
-from flightdyn.state import Kinematics, Moment
+from flightdyn.state import Moment
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.errors import FirmwareSilentError
+from sitl.firmware.past import Past
 
-_KEPT = 4096  # moments of truth, 80 s
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 
 
@@ -43,12 +41,11 @@ class Clockwork:
         self._speed, self._patience_s = speed, patience_s
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
-        self._moments: deque[Moment] = deque(maxlen=_KEPT)
+        self._past = Past(bridge.plant)
         self._may_run = threading.Event()
-        self._ended = threading.Event()
+        self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
         self.error: BaseException | None = None
-        self._keep()
 
     def start(self) -> None:
         """Begin; time stands still until `run`."""
@@ -56,7 +53,7 @@ class Clockwork:
 
     def stop(self) -> None:
         """End the thread and close the bridge."""
-        self._ended.set()
+        self._stopped = True
         self._may_run.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -91,34 +88,16 @@ class Clockwork:
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery(armed=False)
-        self._keep()
+        self._past.keep(battery=True)
 
     @property
     def now(self) -> Moment:
         """The newest truth, a guidance interval old at most."""
-        return self._moments[-1]
+        return self._past.newest
 
     def at(self, t_ns: int) -> Moment:
-        """The truth at an instant: between moments by both, else by the nearest one's velocity."""
-        moments = list(self._moments)
-        index = bisect_left(moments, t_ns, key=_instant)
-        before, after = moments[max(index - 1, 0)], moments[min(index, len(moments) - 1)]
-        a, b = before.kinematics, after.kinematics
-        if after is before:
-            since_s = (t_ns - a.t_ns) * 1e-9
-            place, speed, nearer = a.pos_ned_m + since_s * a.vel_ned_mps, a.vel_ned_mps, before
-        else:
-            share = (t_ns - a.t_ns) / (b.t_ns - a.t_ns)
-            place = a.pos_ned_m + share * (b.pos_ned_m - a.pos_ned_m)
-            speed = a.vel_ned_mps + share * (b.vel_ned_mps - a.vel_ned_mps)
-            nearer = after if share > 0.5 else before
-        turned = nearer.kinematics
-        between = Kinematics(t_ns, place, speed, turned.q_frd_to_ned, turned.omega_frd_radps)
-        return Moment(between, nearer.battery, nearer.wind_ned_mps)
-
-    def _keep(self) -> None:
-        plant = self.plant
-        self._moments.append(Moment(plant.truth, plant.battery, plant.wind_ned_mps))
+        """The truth at an instant; see `Past.at`."""
+        return self._past.at(t_ns)
 
     def _turn(self) -> None:
         try:
@@ -130,16 +109,16 @@ class Clockwork:
 
     def _run_until_stopped(self) -> None:
         bridge, plant = self._bridge, self.plant
-        clock, interval, tick = plant.clock, plant.interval, bridge.tick
+        clock, interval, tick, keep = plant.clock, plant.interval, bridge.tick, self._past.keep
         asked_s = paced_s = time.monotonic()
-        while not self._ended.is_set():
+        while not self._stopped:
             if not self._may_run.is_set():
                 bridge.rest()
                 asked_s = paced_s = time.monotonic()
                 continue
             if tick():
                 if clock.tick % interval == 0:
-                    self._keep()
+                    keep()
                     asked_s = time.monotonic()
                     paced_s = self._keep_pace(paced_s, asked_s)
             elif not bridge.connected:
@@ -160,7 +139,3 @@ class Clockwork:
         if due_s > now_s:
             time.sleep(due_s - now_s)
         return due_s
-
-
-def _instant(moment: Moment) -> int:
-    return moment.kinematics.t_ns

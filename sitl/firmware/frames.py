@@ -73,16 +73,13 @@ class Reader:
 
     def __init__(self) -> None:
         self._mav = mav.MAVLink(None)
-        self._mav.robust_parsing = True
 
     def read(self, frame: Frame) -> tuple[str, dict[str, Any]] | None:
         """The message's name and fields; None where the frame is damaged."""
-        messages: list[Any] = self._mav.parse_buffer(frame.data) or []
-        if len(messages) != 1 or messages[0].get_type() == "BAD_DATA":
-            self._mav = mav.MAVLink(None)
-            self._mav.robust_parsing = True
+        try:
+            fields = self._mav.decode(bytearray(frame.data)).to_dict()
+        except mav.MAVError:
             return None
-        fields = messages[0].to_dict()
         return fields.pop("mavpackettype"), fields
 
 

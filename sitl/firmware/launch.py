@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flightdyn.plant import Plant
 from sitl.config import VehicleConfig
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.process import FirmwareProcess
@@ -27,7 +26,7 @@ class Ports:
 
     @classmethod
     def to(cls, link: socket.socket) -> "Ports":
-        """To the socket `link` from a port that is free."""
+        """Ports to the socket `link` from one that is free."""
         with bound(socket.SOCK_DGRAM, 0) as free:
             return cls(link.getsockname()[1], free.getsockname()[1])
 
@@ -65,28 +64,3 @@ class Launch:
         if self.own_scripts:
             env["PATH"] = f"{folder}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
         return FirmwareProcess(self.argv, folder, env, processor=processor)
-
-
-def plant_rate_hz(vehicle: VehicleConfig) -> int:
-    """At how many ticks a second the firmware has the plant stepped."""
-    if vehicle.autopilot == "ardupilot":
-        from sitl.firmware.ardupilot import RATE_HZ
-
-        return max(vehicle.aircraft.physics_hz, RATE_HZ)
-    return vehicle.aircraft.physics_hz
-
-
-def prepare(order: Order, plant: Plant) -> Launch:
-    """Open the bridge and put together how the firmware is started.
-
-    Raises:
-        LinkError: no port can be had.
-        FirmwareSilentError: the binary, or what belongs to it, is not there.
-    """
-    if order.vehicle.autopilot == "px4":
-        from sitl.firmware.px4_start import px4_launch
-
-        return px4_launch(order, plant)
-    from sitl.firmware.ardupilot_start import ardupilot_launch
-
-    return ardupilot_launch(order, plant)

@@ -5,18 +5,32 @@ HIL_ACTUATOR_CONTROLS it is booting, and time goes on at the pace of wall time; 
 tick waits for its answer. Terms: PX4's module simulator_mavlink.
 """
 
+import os
 import socket
 import time
 
+from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
-from sitl.firmware.bridge import read, sensors_of
+from sitl.firmware.bridge import sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.hil import HilDecoder, HilEncoder
+from sitl.firmware.hil import BARO, MAG, gps_payload
+from sitl.firmware.native.library import (
+    FREE_RUNNING,
+    GONE,
+    ORDERED,
+    Hil,
+    address_of,
+    get_motors,
+    hil_send,
+    hil_wait,
+    put_inertial,
+)
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
-_OFF = (0.0, 0.0, 0.0, 0.0)
+_KELVIN = 273.15
+_MOTORS_AT = Hil.motors.offset
 
 
 class Px4Bridge:
@@ -29,13 +43,18 @@ class Px4Bridge:
         self._port = port
         self._listener: socket.socket | None = None
         self._connection: socket.socket | None = None
-        self._encoder = HilEncoder(plant.frame.origin)
-        self._decoder = HilDecoder()
+        self._hil = Hil()  # what goes between PX4 and here
+        self._hil.sensor.temperature_c = temperature_k(plant.frame.origin.alt_msl_m) - _KELVIN
+        self._hil_at = address_of(self._hil)
         self.booting = True  # it has answered nothing yet
-        self._sent_us = 0  # PX4's clock, by the last frame
-        self._answered_us = 0  # up to where it has answered
         self._paced_s = 0.0  # wall time of the last tick while PX4 boots
-        self.motors = _OFF
+
+    @property
+    def motors(self) -> tuple[float, ...]:
+        """Duty cycles (0..1) of the four motors as PX4 wants them, all 0 while disarmed: front
+        right, rear left, front left, rear right.
+        """
+        return get_motors(self._hil, _MOTORS_AT)
 
     @property
     def connected(self) -> bool:
@@ -54,27 +73,57 @@ class Px4Bridge:
         self._listener.settimeout(_LOOK_S)
 
     def tick(self) -> bool:
-        connection = self._connection or self._accept()
-        if connection is None or not (self.booting or self._answered(connection)):
-            return False
         if self.booting:
+            if self._connection is None and not self._accept():
+                return False
             self._keep_pace()
+        elif (came := hil_wait(self._hil_at, True)) != ORDERED:
+            self._check(came)
+            return False
         plant = self.plant
-        plant.vehicle.drive(self.motors)
+        plant.vehicle.drive(get_motors(self._hil, _MOTORS_AT))
         plant.step()
-        self._sent_us = t_us = plant.t_ns // 1000
-        readings = read(plant, self._sensors)
-        frames = self._encoder.sensor(t_us, readings.imu, readings.baro, readings.mag)
-        if readings.fix is not None:
-            place = plant.frame.to_geodetic(readings.fix.pos_ned_m)
-            frames = self._encoder.gps(t_us, readings.fix, place) + frames
-        try:
-            connection.sendall(frames)
-        except OSError as error:
-            raise FirmwareRestartedError(f"PX4 has hung up: {error.strerror or error}") from None
+        self._send(plant.t_ns)
         if self.booting:
-            self._take(connection, socket.MSG_DONTWAIT)
+            came = hil_wait(self._hil_at, False)
+            self._check(came)
+            self.booting = self._hil.answered_us == 0
         return True
+
+    def _send(self, t_ns: int) -> None:
+        """What the sensors say at this tick."""
+        sensors = self._sensors
+        t_us = t_ns // 1000
+        put_inertial(self._hil, 0, t_us, *sensors.imu())
+        if self.plant.clock.tick >= sensors.due:
+            self._read_slow()
+        gps = None
+        if t_ns >= sensors.receiver.due_ns and (fix := sensors.fix()) is not None:
+            gps = gps_payload(t_us, fix, self.plant.frame.to_geodetic(fix.pos_ned_m))
+        if came := hil_send(self._hil_at, gps):
+            self._check(came)
+
+    def _read_slow(self) -> None:
+        """Barometer and magnetometer, where they are due."""
+        says = self._hil.sensor
+        baro, mag = self._sensors.slow()
+        if mag is not None:
+            says.fields |= MAG
+            says.field_gauss[:] = mag.field_frd_gauss
+        if baro is not None:
+            says.fields |= BARO
+            says.pressure_hpa = baro.pressure_pa / 100
+            says.height_m = altitude_m(baro.pressure_pa)
+
+    def _check(self, came: int) -> None:
+        """Raise what is wrong, if anything is."""
+        if came == GONE:
+            why = f": {os.strerror(self._hil.error)}" if self._hil.error else ""
+            raise FirmwareRestartedError(f"PX4 has hung up{why}")
+        if came == FREE_RUNNING:
+            raise FirmwareError(
+                "PX4 was built without lockstep: its clock is not ours (build px4_sitl_default)"
+            )
 
     def rest(self) -> None:
         # PX4 is silent while its clock stands still.
@@ -86,40 +135,18 @@ class Px4Bridge:
                 sock.close()
         self._connection = self._listener = None
 
-    def _accept(self) -> socket.socket | None:
+    def _accept(self) -> bool:
         assert self._listener is not None
         try:
             connection, _ = self._listener.accept()
         except TimeoutError:
-            return None
+            return False
         connection.settimeout(None)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         give_up_after(connection, _LOOK_S)
         self._connection = connection
-        return connection
-
-    def _answered(self, connection: socket.socket) -> bool:
-        """Wait for the controls of the last tick, at most a moment."""
-        if self._answered_us < self._sent_us:
-            self._take(connection, 0)
-        return self._answered_us >= self._sent_us
-
-    def _take(self, connection: socket.socket, flags: int) -> None:
-        try:
-            data = connection.recv(4096, flags)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            raise FirmwareRestartedError(f"PX4 has hung up: {error.strerror or error}") from None
-        if not data:
-            raise FirmwareRestartedError("PX4 has hung up")
-        for controls in self._decoder.feed(data):
-            if not controls.lockstep:
-                raise FirmwareError(
-                    "PX4 was built without lockstep: its clock is not ours (build px4_sitl_default)"
-                )
-            self.motors, self._answered_us = controls.motors, controls.t_us
-            self.booting = False
+        self._hil.socket = connection.fileno()
+        return True
 
     def _keep_pace(self) -> None:
         """Not faster than wall time: PX4 starts its modules in wall time."""

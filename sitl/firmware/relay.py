@@ -17,7 +17,9 @@ from sitl.links import Link
 
 Hear: TypeAlias = Callable[[str, dict[str, Any]], None]
 
-_FLUSH_S = 0.02  # wall time between looks at what has come
+# Wall time between looks at what has come. To wake up for each datagram would cost more than all
+# that is done with it; while a station waits for an answer it is worth that.
+_FLUSH_S, _ANSWER_FLUSH_S = 0.02, 0.002
 _HEARTBEAT_S = 0.8  # wall time after which the last heartbeat is said again
 _ANSWER_S = 0.3  # wall time after a ground station's message that the vehicle answers in
 
@@ -51,6 +53,7 @@ class Relay:
         self._newest: dict[tuple[int, int], bytes] = {}  # by component and message
         self._vehicle_heartbeat = self._station_heartbeat = b""
         self._beat_at = 0.0  # wall time of the last one handed on
+        self._answer_until = 0.0  # wall time up to which a station waits for an answer
         self._task: asyncio.Task[None] | None = None
         self.vehicle: Frame | None = None  # its first heartbeat
 
@@ -69,12 +72,10 @@ class Relay:
             for link in opened:
                 link.close()
             raise
-        asyncio.get_running_loop().add_reader(self._socket, self._from_firmware)
         self._task = asyncio.create_task(self._flush_for_ever(), name="relay")
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        asyncio.get_running_loop().remove_reader(self._socket)
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -122,6 +123,7 @@ class Relay:
                         self._station_heartbeat = frame.data
                     if frame.number not in CHATTER:
                         self._asked(_ANSWER_S)
+                        self._answer_until = asyncio.get_running_loop().time() + _ANSWER_S
                 self.to_firmware(data)
 
     def _to_stations(self, data: Sequence[bytes]) -> None:
@@ -132,6 +134,7 @@ class Relay:
         loop = asyncio.get_running_loop()
         while True:
             self._from_stations()
+            self._from_firmware()
             newest, self._newest = list(self._newest.values()), {}
             now = loop.time()
             if any(data == self._vehicle_heartbeat for data in newest):
@@ -141,4 +144,4 @@ class Relay:
                 self._beat_at = now
             if newest:
                 self._to_stations(newest)
-            await asyncio.sleep(_FLUSH_S)
+            await asyncio.sleep(_ANSWER_FLUSH_S if now < self._answer_until else _FLUSH_S)

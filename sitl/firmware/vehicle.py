@@ -13,10 +13,11 @@ from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from sitl.config import VehicleConfig
+from sitl.firmware.choice import plant_rate_hz, prepare
 from sitl.firmware.clockwork import Clockwork
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.frames import Writer
-from sitl.firmware.launch import Order, Ports, plant_rate_hz, prepare
+from sitl.firmware.launch import Order, Ports
 from sitl.firmware.process import FirmwareProcess
 from sitl.firmware.relay import Hear, Relay
 from sitl.firmware.sockets import bound

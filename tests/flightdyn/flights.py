@@ -99,7 +99,8 @@ def fly(aircraft: Aircraft, path: FlightPath, limit_s: float = 300.0) -> Track:
     aircraft.follow(path)
     begin = aircraft.t_ns
     truth, belief, command = [], [], []
-    track = Track(path.points_ned_m, 0.0, *[np.empty((0, 3))] * 3)
+    none = np.empty((0, 3))
+    track = Track(path.points_ned_m, 0.0, none, none, none)
     passed = 0
     while not aircraft.progress.finished:
         aircraft.step()

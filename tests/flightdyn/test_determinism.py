@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from flights import BREEZE, legs, make, path_along, run
 
 from flightdyn.config import SensorsConfig
@@ -35,6 +36,7 @@ def test_twice_in_one_process_interleaved_with_another_aircraft() -> None:
     assert digest(5) == digest(5, noise_between=True)
 
 
+@pytest.mark.slow
 def test_in_another_process() -> None:
     code = "from test_determinism import digest; print(digest(5))"
     root = Path(__file__).parents[2]

@@ -72,6 +72,7 @@ def test_euler_angles_are_those_of_scipy(roll: float, pitch: float, yaw: float) 
     assert yaw_of(q) == pytest.approx(yaw, abs=1e-6)
 
 
+@pytest.mark.slow
 @given(st.tuples(angle, angle, angle), st.tuples(angle, angle, angle))
 def test_products_and_rotation_vectors_are_those_of_scipy(
     a: tuple[float, float, float], b: tuple[float, float, float]

@@ -9,19 +9,22 @@ from scipy.spatial.transform import Rotation
 
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import normal_gravity, rotation_matrix
-from flightdyn.inertial import Earth, ImuSample, NavState, integrate, propagate
+from flightdyn.inertial import Earth, ImuSample, NavState
+from flightdyn.native.library import Increments, Strapdown
 
-NO_BIAS = (0.0, 0.0, 0.0)
 DT = 0.004
 FLAT = Earth(9.8, 0.0, 0.0)
 
 
 def carry(state: NavState, samples: list[ImuSample], earth: Earth = FLAT) -> NavState:
+    carried = Strapdown(earth, most=1)
+    carried.place(state.p, state.v, state.q)
+    increments = Increments(1)
     for i in range(0, len(samples), 5):
-        t_ns = round((i + 5) * DT * 1e9)
-        step = integrate(samples[i : i + 5], t_ns, dt_s=DT)
-        state, _ = propagate(state, step, gyro_bias=NO_BIAS, accel_bias=NO_BIAS, earth=earth)
-    return state
+        increments.add([number for sample in samples[i : i + 5] for number in sample], dt_s=DT)
+        carried.carry(increments, 0, 1)
+        increments.drop(1)
+    return NavState.of(round(len(samples) * DT * 1e9), carried)
 
 
 def test_constant_rate_turns_by_rate_times_time() -> None:
@@ -61,6 +64,32 @@ def test_coning_motion_does_not_drift() -> None:
     error = Rotation.from_quat([x, y, z, w]) * closed(20.0).inv()
     # Without the coning term it would be 0.078 rad.
     assert error.magnitude() < 0.005
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-3, 0.3, 2.0, 6.0])
+def test_large_and_small_rotations_are_exact(angle: float) -> None:
+    axis = np.array([2.0, -1.0, 2.0]) / 3
+    carried = Strapdown(FLAT, most=1)
+    carried.place((0.0,) * 3, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0))
+    increments = Increments(1)
+    increments.add([*(axis * angle / DT).tolist(), 0.0, 0.0, 0.0], dt_s=DT)
+    carried.carry(increments, 0, 1)
+    expected = [math.cos(angle / 2), *(math.sin(angle / 2) * axis)]
+    assert NavState.of(0, carried).q == pytest.approx(expected, abs=1e-14)
+
+
+def test_increments_that_are_not_there_are_refused() -> None:
+    increments, carried = Increments(2), Strapdown(FLAT, most=1)
+    with pytest.raises(ValueError, match="5 numbers of samples"):
+        increments.add([0.0] * 5, dt_s=DT)
+    for _ in range(2):
+        increments.add([0.0] * 6, dt_s=DT)
+    with pytest.raises(ValueError, match="2 of 2 increments"):
+        increments.add([0.0] * 6, dt_s=DT)
+    with pytest.raises(ValueError, match="increments 2 to 3 of 2"):
+        carried.carry(increments, 2, 1)
+    with pytest.raises(ValueError, match="2 increments at once, 1 at most"):
+        carried.carry(increments, 0, 2)
 
 
 def test_coriolis_turns_right_on_the_northern_half() -> None:

@@ -64,6 +64,7 @@ def answered(capsys: pytest.CaptureFixture[str], code: int, what: str) -> None:
     assert code in (0, 6) or printed.err.startswith("aerofed: "), what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -92,6 +93,7 @@ def test_readers_of_a_run(
         path.write_bytes(before)
 
 
+@pytest.mark.slow
 def test_resuming(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is resumed ends as it would have; what is not is refused before anything is touched."""
     stopped = tmp_path / "stopped"
@@ -116,6 +118,7 @@ def test_resuming(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
             shutil.rmtree(run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".waypoints", ".plan"])
 def test_plans(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
@@ -132,6 +135,7 @@ def test_plans(
         assert code == 2
 
 
+@pytest.mark.slow
 def test_configurations(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = (whole / "config.toml").read_bytes()
     r = random.Random(9)

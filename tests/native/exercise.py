@@ -1,6 +1,7 @@
 """Everything that the libraries do, on data from seeds; prints a digest of what comes out."""
 
 import hashlib
+import socket
 import sys
 
 import numpy as np
@@ -11,8 +12,24 @@ from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.models import make_network
+from flightdyn.config import LimitsConfig
+from flightdyn.frames import quaternion_from_euler
+from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.path_plan import plan_path
+from flightdyn.native.library import (
+    ATTITUDE,
+    NOTHING,
+    TARGET,
+    TRACK,
+    Guide,
+    Increments,
+    Innovations,
+    Strapdown,
+    Transition,
+)
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
+from sitl.firmware.native import library as bridge
 
 digest = hashlib.sha256()
 rng = np.random.Generator(np.random.PCG64(3))
@@ -44,6 +61,82 @@ def plan(channel, devices, steps, per_step):
     digest.update(np.array([made.value, made.upper_bound, made.nodes]).tobytes())
 
 
+def hil(ticks):
+    """PX4's stream, in which anything may come at any time."""
+    ours, theirs = socket.socketpair()
+    link = bridge.Hil(socket=ours.fileno())
+    at = bridge.address_of(link)
+    for tick in range(1, ticks):
+        bridge.put_inertial(link, 0, tick, *rng.normal(0.0, 3.0, 6))
+        bridge.hil_send(at, rng.bytes(36) if tick % 5 == 0 else None)
+        digest.update(theirs.recv(65536))
+        junk = bytearray(rng.bytes(int(rng.integers(1, 700))))
+        for marker in rng.integers(0, len(junk), 5):
+            junk[marker] = 0xFD
+        theirs.sendall(junk)
+        bridge.hil_wait(at, False)
+        digest.update(bytes(link)[: bridge.Hil.socket.offset])
+
+
+def json(ticks):
+    """ArduPilot's datagrams, of whatever length."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    link = bridge.Json(socket=ours.fileno())
+    at = bridge.address_of(link)
+    for _ in range(ticks):
+        bridge.put_state(link, 0, *rng.normal(0.0, 10.0 ** rng.integers(-9, 300), 16))
+        bridge.json_send(at)
+        digest.update(theirs.recv(65536))
+        theirs.send(rng.bytes(int(rng.integers(1, 300))))
+        theirs.send(b"\x1a\x48" + rng.bytes(38))
+        for _ in range(2):
+            digest.update(bytes((bridge.json_wait(at),)))
+        digest.update(bytes(link)[: bridge.Json.socket.offset])
+
+
+def fly():
+    """Every order of the guidance where IMU samples lead to, and the filter's matrices."""
+    earth, dt = (9.81, 5e-5, -5e-5), 0.004
+    increments, carried = Increments(3), Strapdown(earth, most=3)
+    carried.place((0.0, 0.0, -30.0), (1.0, 0.0, 0.0), quaternion_from_euler(0.1, -0.2, 0.7))
+    carried.correct((0.01, -0.02, 0.003), (0.1, 0.0, -0.2))
+    corners = np.array([(0, 0, -30), (60, 0, -30), (60, 50, -32), (20, 50, -32)], dtype=float)
+    path = FlightPath(corners, np.full(3, 12.0), np.full(4, 5.0))
+    trajectory, _ = plan_path(path, LimitsConfig())
+    gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
+    guide = Guide(gains)
+    guide.track(trajectory.pieces)
+    memory = guide.memory
+    memory.armed = memory.effectiveness = memory.course = memory.path = 1.0
+    memory.rate = memory.smooth_rate = memory.room = 1.0
+    for step in range(2000):
+        memory.mode = (TRACK, TRACK, TARGET, ATTITUDE, NOTHING)[step // 100 % 5]
+        memory.oriented = memory.q[0] = 1.0
+        memory.thrust_order = float("nan") if step % 2 else 0.4
+        samples = rng.normal(0.0, 1.0, (5, 6)) - (0, 0, 0, 0, 0, 9.81)
+        increments.add(samples.ravel().tolist(), dt_s=dt)
+        carried.carry(increments, 0, increments.count)
+        if increments.count == 3:
+            increments.drop(3)
+            place, speed, (w, x, y, z) = memory.p, memory.v, carried.numbers[6:]
+            carried.place(
+                (place[0], place[1], place[2]), (speed[0], speed[1], speed[2]), (w, x, y, z)
+            )
+        flags, _ = guide.step(carried)
+        digest.update(np.array([flags, *carried.numbers, *carried.gained]).tobytes())
+        digest.update(bytes(memory))
+    matrix, noise = rng.normal(size=(8, 22)), np.eye(8)
+    innovations, root = Innovations(matrix, noise), rng.normal(size=(22, 22))
+    innovations.residual[:] = rng.normal(size=8)
+    stds, squares = innovations.measure(root * root.T + 40 * np.eye(22))
+    digest.update(np.array([*stds, *squares]).tobytes())
+    transition = np.zeros((22, 22))
+    Transition(transition).write((0.5, 0.5, -0.5, 0.5), (1.0, 2.0, 3.0), 0.2)
+    digest.update(transition.tobytes())
+
+
+hil(300)
+json(300)
 learn("lenet", (12, 12, 3), np.uint8, 30)
 learn("lenet", (9, 11, 1), np.float32, 21)
 learn("mcmahan", (4, 5, 1), np.uint8, 17)
@@ -53,4 +146,5 @@ plan("suburban", 12, 8, 3)
 plan("high-rise", 9, 4, 1)
 plan("suburban+10dB", 45, 10, 2)
 digest.update(normal_shares(np.linspace(-40.0, 40.0, 4001)).tobytes())
+fly()
 sys.stdout.write(digest.hexdigest())

@@ -1,5 +1,7 @@
 """What the C code must not be given is refused before it is."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -62,7 +64,7 @@ def test_an_order_of_images_that_are_not_there(order):
 
 
 @pytest.mark.parametrize(
-    "sizes",
+    ("image", "channels", "kernels", "pools", "hidden"),
     [
         ((6, 6, 1), (2,), (4,), (1,), (4,)),
         ((6, 6, 1), (2,), (3,), (3,), (4,)),
@@ -72,9 +74,9 @@ def test_an_order_of_images_that_are_not_there(order):
         ((2, 2, 1), (2,), (5,), (0,), (4,)),
     ],
 )
-def test_a_network_that_the_code_cannot_do(sizes):
+def test_a_network_that_the_code_cannot_do(image, channels, kernels, pools, hidden):
     with pytest.raises(ValueError, match=r"blocks and|each block|not a network"):
-        learning.Network(*sizes, 100)
+        learning.Network(image, channels, kernels, pools, hidden, 100)
 
 
 def test_a_network_counts_its_parameters_right():
@@ -87,11 +89,12 @@ def devices(count):
 
 
 def test_problems_that_the_search_cannot_take():
+    unread: Any = None  # refused before the relaxation is looked at
     limits = planner.Limits(3, 1, 100.0)
-    plan = {"way": np.zeros((3, 2)), "assigned": np.zeros(41, np.int64)}
+    plan: dict[str, Any] = {"way": np.zeros((3, 2)), "assigned": np.zeros(41, np.int64)}
     with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
         planner.search(
-            devices(41), limits, None, gap=0.1, max_nodes=1, max_open=1, value=1.0, **plan
+            devices(41), limits, unread, gap=0.1, max_nodes=1, max_open=1, value=1.0, **plan
         )
     for bad in (planner.Limits(1, 1, 1.0), planner.Limits(2, 0, 1.0), planner.Limits(2, 1, 0.0)):
         with pytest.raises(ValueError, match="nothing to move for"):

@@ -5,6 +5,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,6 +30,7 @@ def no_compiler(monkeypatch, tmp_path):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
 
 
+@pytest.mark.slow
 def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
     loading.load(library)
     first = library.built
@@ -43,6 +45,7 @@ def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
     assert len(changed.built) == 1
 
 
+@pytest.mark.slow
 def test_without_sources_the_library_is_taken_as_it_is(library):
     path = building.build(library)
     for source in (*library.folder.glob("*.c"), *library.folder.glob("*.h")):
@@ -87,7 +90,7 @@ class _Hook:
 def build_hook(monkeypatch):
     """`hatch_build.py`, whose base class need not be installed."""
     interface = type(sys)("hatchling.builders.hooks.plugin.interface")
-    interface.BuildHookInterface = _Hook
+    vars(interface)["BuildHookInterface"] = _Hook
     parts = interface.__name__.split(".")
     for end in range(1, len(parts)):
         name = ".".join(parts[:end])
@@ -95,13 +98,16 @@ def build_hook(monkeypatch):
     monkeypatch.setitem(sys.modules, interface.__name__, interface)
     path = building.ROOT / "hatch_build.py"
     spec = importlib.util.spec_from_file_location("hatch_build", path)
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.NativeBuildHook(Path())
 
 
 def test_a_wheel_is_for_every_python_of_its_platform(monkeypatch):
-    hook, data = build_hook(monkeypatch), {"force_include": {}}
+    hook = build_hook(monkeypatch)
+    data: dict[str, Any] = {"force_include": {}}
     hook.root = building.ROOT
     hook.initialize("standard", data)
     assert data["tag"].startswith("py3-none-")
@@ -115,5 +121,5 @@ def test_the_build_asks_for_a_compiler_where_there_is_none(monkeypatch, tmp_path
     hook = build_hook(monkeypatch)
     assert hook.dependencies() == []
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(building.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert [*hook.dependencies()] == [building.ZIG]

@@ -9,6 +9,7 @@ from toolchains import compile_all, compilers, exercised
 
 from mission.cli import call
 from native import building, loading
+from native.errors import LibraryError
 
 POSSIBLE = list(building.levels())[: loading.load(building.LIBRARIES[0]).best_level() + 1]
 
@@ -21,12 +22,14 @@ def expected():
     return ended.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", POSSIBLE)
 def test_every_level_gives_the_same_bytes(expected, level):
     ended = exercised(AEROFED_LEVEL=level)
     assert ended.stdout == expected, ended.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", compilers())
 def test_every_compiler_gives_the_same_bytes(expected, name, tmp_path):
     compile_all(tmp_path, compilers()[name])
@@ -36,13 +39,13 @@ def test_every_compiler_gives_the_same_bytes(expected, name, tmp_path):
 
 def test_a_level_that_is_not_there_is_refused_in_one_line(monkeypatch):
     monkeypatch.setenv(loading.LEVEL, "avx1024")
-    with pytest.raises(loading.LibraryError, match="AEROFED_LEVEL=avx1024: this processor has ba"):
+    with pytest.raises(LibraryError, match="AEROFED_LEVEL=avx1024: this processor has ba"):
         loading.level(loading.load(building.LIBRARIES[0]))
 
 
 def test_the_command_line_says_so_without_a_traceback(monkeypatch, capsys):
     def refuse(*_, **__):
-        raise loading.LibraryError("no library")
+        raise LibraryError("no library")
 
     monkeypatch.setattr("mission.commands.plan.load", refuse)
     assert call(["plan"]) == 2
@@ -59,6 +62,7 @@ void fused_all(long count, const float *a, const float *b, const float *c, float
 """
 
 
+@pytest.mark.slow
 def test_products_are_fused_alike_whatever_the_numbers(tmp_path):
     (tmp_path / "fused.c").write_text(FUSED)
     rng = np.random.default_rng(5)

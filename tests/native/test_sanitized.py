@@ -5,6 +5,8 @@ import subprocess
 import pytest
 from toolchains import compile_all, compilers, exercised
 
+pytestmark = pytest.mark.slow
+
 FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g")
 
 

@@ -78,7 +78,7 @@ class Frames:
 
     def _message(self, number: int) -> Any:  # of pymavlink's classes
         kind = wide.mavlink_map[number]
-        values = []
+        values: list[Any] = []
         for name, type_, length in zip(
             kind.fieldnames, kind.fieldtypes, self._lengths(kind), strict=True
         ):

@@ -121,6 +121,11 @@ class PointMass:
         zero = np.zeros(3)
         return Instruments(readings, None, (1.0, 0.0, 0.0, 0.0), 0.0, (0.0,) * 4, zero)
 
+    def advance(self, most: int) -> int:
+        assert most >= 1
+        self.step()
+        return 1
+
     def step(self) -> None:
         self.t_ns += self.dt_ns
         if self.gnss_works and self.t_ns % 200_000_000 == 0:

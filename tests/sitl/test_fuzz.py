@@ -1,6 +1,7 @@
 """A minute's share of the attack; `python benchmarks/fuzz.py` goes on for as long as wanted."""
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -23,6 +24,7 @@ LISTS = {
 COMMANDS = sorted(Desk(ready=False).vehicle.autopilot._commands.known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_frames_of_any_kind(seed: int) -> None:
     Attack(seed).run(1500)
@@ -38,6 +40,7 @@ def test_the_same_seed_is_the_same_attack() -> None:
     assert first.desk.texts() == second.desk.texts()
 
 
+@pytest.mark.slow
 def test_frames_cover_the_dialect() -> None:
     """Every kind is drawn, in both versions of the protocol, signed and not."""
     ears, kinds, versions, signed = mav.MAVLink(None), set(), set(), set()
@@ -69,7 +72,9 @@ class Station(RuleBasedStateMachine):
         ),
     )
     def upload(
-        self, kind: int, drawn: list[tuple[int, tuple[float, ...], tuple[float, ...], int]]
+        self,
+        kind: int,
+        drawn: list[tuple[int, tuple[float, ...], Any, int]],
     ) -> None:
         commands = LISTS[kind]
         items = [
@@ -139,4 +144,5 @@ class Station(RuleBasedStateMachine):
 
 
 TestStation = Station.TestCase
+pytest.mark.slow(TestStation)
 TestStation.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)

@@ -4,6 +4,7 @@ import asyncio
 import threading
 
 import numpy as np
+import pytest
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.mission import MissionAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
@@ -11,6 +12,8 @@ from mavsdk.plugins.telemetry import FlightMode
 from sitl_mavsdk import Recorder, make_vehicle, mission_plan, over_raw, until, until_true
 
 from sitl.autopilot.modes import Mode
+
+pytestmark = pytest.mark.slow
 
 SQUARE = [(0.0, 0.0, 40.0), (80.0, 0.0, 40.0), (80.0, 60.0, 40.0)]
 BACK = [(80.0, 60.0, 40.0), (0.0, 60.0, 45.0)]

@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Sequence
 
+import pytest
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.plugins.mission_raw import MissionItem
 from patience import HANG_S
@@ -12,6 +13,8 @@ from sitl_mavsdk import client, make_vehicle
 
 from sitl.links import RawLink
 from sitl.pace import Simulation
+
+pytestmark = pytest.mark.slow
 
 TRANSFER = {
     mav.MAVLINK_MSG_ID_MISSION_COUNT,

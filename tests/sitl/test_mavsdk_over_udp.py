@@ -29,6 +29,8 @@ from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow
+
 FRAME = LocalFrame(HOME)
 
 

@@ -20,6 +20,8 @@ from sitl.links import RawLink
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow
+
 
 def place(vehicle: Vehicle) -> np.ndarray:
     return np.array(vehicle.aircraft.belief.pos_ned_m)

@@ -25,6 +25,8 @@ from sitl.logfolder import DiskLogs
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow
+
 # Home, take-off, two points, landing, as a ground station draws it: north, east, height, command.
 PLACES = [(0, 0, 0, 16), (0, 0, 20, 22), (50, 0, 20, 16), (50, 40, 20, 16), (10, 40, 0, 21)]
 

@@ -49,7 +49,7 @@ class PlainNet(nn.Module):
         return self
 
     def flat(self) -> NDArray[np.float32]:
-        """The way back."""
+        """The one vector of parameters that the module's own make."""
         return nn.utils.parameters_to_vector(self.parameters()).detach().numpy()
 
 

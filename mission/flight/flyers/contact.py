@@ -14,7 +14,7 @@ from mission.config.models import LinkConfig
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from mission.flight.pilot.limits import Limits, read_limits
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 

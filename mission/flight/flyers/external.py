@@ -7,6 +7,7 @@ are the same here, and time is the vehicle's own.
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,10 @@ from mission.flight.flyers.contact import Say, located, until, until_ready
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.items import stop_sequence
 from mission.flight.pilot.limits import Demand, Limits, read_limits
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver
 
@@ -62,7 +63,7 @@ class ExternalFlyer(Flyer):
 
     @property
     def battery_remaining(self) -> float:
-        """0..1; NaN where the vehicle does not know."""
+        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self.feed.battery_remaining
 
     def here(self) -> Passage:
@@ -83,7 +84,7 @@ class ExternalFlyer(Flyer):
             raise FlightError("the vehicle is armed already: land and disarm it first")
 
     async def take_off(self) -> None:
-        """From the ground to the hover above where the vehicle stands.
+        """Climb from the ground to the hover above where the vehicle stands.
 
         Raises:
             FlightError: see `ready`; or nobody charged an empty battery in time.
@@ -104,7 +105,7 @@ class ExternalFlyer(Flyer):
         """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             here = self.here()
-            return Flight.standing(here, {0: here}, self.battery_remaining)
+            return Flight.standing(here, self.battery_remaining)
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
         flight = await self.record(self.pilot.fly)
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
@@ -112,11 +113,10 @@ class ExternalFlyer(Flyer):
             raise FlightError(
                 f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
             )
-        self.find_passages(
-            flight, stops, sequence=stop_sequence(plan), hold_s=[s.hold_s for s in plan.stops]
-        )
+        hold_s = [stop.hold_s for stop in plan.stops]
+        found = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
         self._believe_speed(plan, flight)
-        return flight
+        return replace(flight, passages=found)
 
     async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
         """What is flown while `fly` carries out a mission that was uploaded."""
@@ -130,23 +130,22 @@ class ExternalFlyer(Flyer):
         flight: Flight,
         places_ned_m: Floats,
         *,
-        sequence: Sequence[int],
+        items: Sequence[int],
         hold_s: Sequence[float],
-    ) -> None:
-        """Note in a flight when it passed the places (S, 3) of the items numbered `sequence`."""
+    ) -> tuple[Passage, ...]:
+        """When a flight passed the places (S, 3) of the mission `items`; told to the observers."""
         found = passages(
             flight,
             places_ned_m,
-            reported_ns=[self.feed.reached_ns.get(seq) for seq in sequence],
+            reported_ns=[self.feed.reached_ns.get(item) for item in items],
             hovers=[wait_s > 0.0 for wait_s in hold_s],
-            sequence=sequence,
         )
-        flight.reached.update(found)
-        for seq, passage in found.items():
-            self.feed.passed(seq, passage)
+        for item, passage in zip(items, found, strict=True):
+            self.feed.passed(item, passage)
+        return found
 
     async def land(self) -> None:
-        """Back to home and down."""
+        """Return to home and land."""
         await self.pilot.land()
         await self.seen_down()
 

@@ -25,7 +25,7 @@ from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
@@ -50,7 +50,7 @@ class FirmwareFlyer(ExternalFlyer):
         return self.vehicle.plant.t_ns
 
     async def take_off(self) -> None:
-        """From the ground to the hover above home."""
+        """Climb from the ground to the hover above home."""
         with self.vehicle.clock.going():
             await super().take_off()
 
@@ -65,13 +65,13 @@ class FirmwareFlyer(ExternalFlyer):
             return await super().fly(plan)
 
     async def land(self) -> None:
-        """Back to home and down."""
+        """Return to home and land."""
         with self.vehicle.clock.going():
             await super().land()
 
     @property
     def battery_remaining(self) -> float:
-        """Of the aircraft's own battery, 0..1."""
+        """Charge of the aircraft's own battery, 0..1."""
         return self.vehicle.clock.now.battery.remaining
 
     async def refresh(self, reserve: float) -> bool:

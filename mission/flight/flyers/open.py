@@ -1,6 +1,5 @@
-"""Who flies a run: chosen once, when the run is set up."""
+"""The kinds of flyers that a run can have, and how each is made ready and opened."""
 
-import socket
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
@@ -9,25 +8,26 @@ from typing import Protocol
 
 import numpy as np
 
-from flightdyn.errors import FlightInputError
 from flightdyn.plant import Plant
-from mission.base.errors import InputError, LinkLostError
+from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
-from mission.config.models import LinkConfig
-from mission.flight.fence import fence_of
+from mission.flight.fence_zones import fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
-from mission.flight.flyers.flyer import SIMULATED_POSITIONS, Flyer, Tap, open_simulated
-from mission.flight.flyers.simulated_vehicle import simulated_vehicle
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.ports import check_link
+from mission.flight.flyers.simulated import (
+    SIMULATED_POSITIONS,
+    Tap,
+    open_simulated,
+)
 from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
-from mission.scenario.scenario import Ground
-from sitl.errors import SitlInputError
+from mission.scenario.scenario import Scenario
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
-from sitl.firmware.vehicle import plant_for
 from sitl.observer import VehicleObserver
 from sitl.vehicle import Vehicle
 
@@ -76,21 +76,21 @@ class Flyers(Protocol):
 class BuiltInFlyers(Flyers):
     """Our own autopilot on the simulated aircraft. A run flies it once."""
 
-    ground: Ground
+    scenario: Scenario
     vehicle: Vehicle  # on the ground at home
     position_source = SIMULATED_POSITIONS
     no_resume = ""
 
     def check(self) -> None:
         """Refuse ports that are taken."""
-        check_link(self.ground.config.link)
+        check_link(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        """It is always there."""
+        """Wait for nothing: the simulated vehicle is there."""
 
     def fence(self) -> tuple[Zone, ...]:
         """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-        return fence_of((), self.vehicle.autopilot.parameters, self.ground.area)
+        return fence_of((), self.vehicle.autopilot.parameters, self.scenario.area)
 
     def open(
         self,
@@ -100,10 +100,10 @@ class BuiltInFlyers(Flyers):
         tap: Tap | None,
         say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The simulated vehicle."""
-        ground = self.ground
+        """Start the simulated vehicle."""
+        scenario = self.scenario
         return open_simulated(
-            ground.config, self.vehicle, area=ground.area, observers=observers, tap=tap
+            scenario.config, self.vehicle, area=scenario.area, observers=observers, tap=tap
         )
 
 
@@ -111,24 +111,24 @@ class BuiltInFlyers(Flyers):
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
 
-    ground: Ground
+    scenario: Scenario
     plant: Plant  # on the ground at home
 
     @property
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
-        name = NAMES[self.ground.config.vehicle.autopilot]
+        name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
 
     @property
     def no_resume(self) -> str:
         """Why the run cannot be resumed."""
-        name = NAMES[self.ground.config.vehicle.autopilot]
+        name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"flown by {name}, whose flights do not repeat to the last bit"
 
     def check(self) -> None:
         """Refuse a binary that cannot be started, and ports that are taken."""
-        config = self.ground.config
+        config = self.scenario.config
         assert config.vehicle.firmware.path is not None
         try:
             check_binary(config.vehicle.firmware.path)
@@ -137,10 +137,10 @@ class FirmwareFlyers(Flyers):
         check_link(config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        """It is started with the flight."""
+        """Wait for nothing: the firmware is started with the flight."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """None that is known here."""
+        """No fence that is known here."""
         return ()
 
     def open(
@@ -151,13 +151,13 @@ class FirmwareFlyers(Flyers):
         tap: Tap | None,  # noqa: ARG002
         say: Say,
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The firmware, in a folder of its own below `folder`."""
+        """Start the firmware, in a folder of its own below `folder`."""
         return open_firmware(
-            self.ground.config,
+            self.scenario.config,
             self.plant,
             folder / FOLDER,
-            area=self.ground.area,
-            demand=_demand(self.ground),
+            area=self.scenario.area,
+            demand=_demand(self.scenario),
             observers=observers,
             say=say,
         )
@@ -167,26 +167,26 @@ class FirmwareFlyers(Flyers):
 class ExternalFlyers(Flyers):
     """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
 
-    ground: Ground
+    scenario: Scenario
     no_resume = "flown by an external autopilot"
 
     @property
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
-        return telemetry_of(self.ground.config.link)
+        return telemetry_of(self.scenario.config.link)
 
     def check(self) -> None:
         """Refuse a port that is taken."""
-        check_link(self.ground.config.link)
+        check_link(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
         """Wait for an autopilot that can be flown."""
-        link = self.ground.config.link
+        link = self.scenario.config.link
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-        run_flight(look_at_vehicle(link, area=self.ground.area, say=say))
+        run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
     def fence(self) -> tuple[Zone, ...]:
-        """Whatever it has, nobody told us."""
+        """No fence that is known here."""
         return ()
 
     def open(
@@ -197,13 +197,13 @@ class ExternalFlyers(Flyers):
         tap: Tap | None,  # noqa: ARG002
         say: Say,
     ) -> AbstractAsyncContextManager[Flyer]:
-        """The autopilot at `link.url`."""
-        ground = self.ground
+        """Connect to the autopilot at `link.url`."""
+        scenario = self.scenario
         return open_external(
-            ground.config.link,
-            mission=ground.config.mission,
-            area=ground.area,
-            demand=_demand(ground),
+            scenario.config.link,
+            mission=scenario.config.mission,
+            area=scenario.area,
+            demand=_demand(scenario),
             observers=observers,
             say=say,
         )
@@ -211,20 +211,20 @@ class ExternalFlyers(Flyers):
 
 @dataclass(frozen=True)
 class NoFlyers(Flyers):
-    """Nobody: the plan is met exactly."""
+    """Nobody flies: a plan, if there is one, is met exactly."""
 
-    ground: Ground
+    scenario: Scenario
     position_source = PLANNED_POSITIONS
     no_resume = ""
 
     def check(self) -> None:
-        """Nothing is needed."""
+        """Refuse nothing."""
 
     def await_vehicle(self, *, say: Say) -> None:
-        """Nobody is waited for."""
+        """Wait for nothing."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """None."""
+        """No fence."""
         return ()
 
     def open(
@@ -235,66 +235,19 @@ class NoFlyers(Flyers):
         tap: Tap | None,  # noqa: ARG002
         say: Say,  # noqa: ARG002
     ) -> AbstractAsyncContextManager[Flyer]:
-        """What meets every waypoint."""
-        return open_unflown(self.ground.config.mission, area=self.ground.area, observers=observers)
+        """A flyer that meets every waypoint."""
+        return open_unflown(
+            self.scenario.config.mission, area=self.scenario.area, observers=observers
+        )
 
 
-def flyers_for(ground: Ground) -> Flyers:
-    """Who flies over the ground, as its configuration says.
-
-    Raises:
-        InputError: a setting of the vehicle is refused.
-    """
-    config = ground.config
-    if config.mission.flight == "none":
-        return NoFlyers(ground)
-    if config.link.kind == "external":
-        return ExternalFlyers(ground)
-    home, streams = ground.area.home, ground.streams
-    if config.vehicle.autopilot == "built-in":
-        return BuiltInFlyers(ground, simulated_vehicle(config.vehicle, home=home, streams=streams))
-    try:
-        return FirmwareFlyers(ground, plant_for(config.vehicle, home=home, streams=streams))
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
-
-
-def _demand(ground: Ground) -> Demand:
+def _demand(scenario: Scenario) -> Demand:
     """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
-    mission = ground.config.mission
-    away_m = np.linalg.norm(ground.devices_m - np.array(ground.area.home_m), axis=1)
+    mission = scenario.config.mission
+    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
     return Demand(
         speed_mps=mission.speed_mps,
         altitude_m=mission.altitude_m,
         distance_m=float(away_m.max(initial=0.0)),
         acceptance_m=mission.acceptance_radius_m,
     )
-
-
-def check_link(link: LinkConfig) -> None:
-    """Refuse ports that are taken.
-
-    Raises:
-        LinkLostError: names the key and the port.
-    """
-    if link.kind == "udp":
-        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
-    elif link.kind == "external":
-        _check_url(link.url, "link.url")
-    for url in link.gcs:
-        _check_url(url, "link.gcs")
-
-
-def _check_url(url: str, key: str) -> None:
-    host, _, port = url.removeprefix("udpin://").rpartition(":")
-    if url.startswith("udpin://") and port.isdecimal():
-        _check_port(host, int(port), f"{key} = {url}")
-
-
-def _check_port(host: str, port: int, what: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None

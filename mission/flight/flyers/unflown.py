@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from mission.base.area import Area
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.pilot.items import stop_sequence
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver, VehicleSample
 
@@ -45,39 +44,39 @@ class UnflownFlyer(Flyer):
         return Passage(self._t_ns, self._ned_m, self._ned_m)
 
     async def take_off(self) -> None:
-        """Above home."""
+        """Be above home at once."""
         self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.mission.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
-        """Above a place."""
+        """Be above a place at once."""
         self._ned_m = self.area.to_ned(xy_m, self.mission.altitude_m)
 
     async def land(self) -> None:
-        """Wherever it is; nothing of it is recorded."""
+        """Do nothing: nothing of a landing is recorded."""
 
     async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
-        """Nothing is used up."""
+        """Change nothing: no charge is used up."""
         return False
 
     async def upload(self, plan: FlightPlan) -> None:
-        """Nobody has to be told."""
+        """Do nothing: nobody has to be told."""
 
     async def fly(self, plan: FlightPlan) -> Flight:
         """Pass the stops one after another, and hover where the plan hovers."""
         recorder = FlightRecorder()
         recorder.start(self.here())
-        reached: dict[int, Passage] = {}
-        for stop, sequence in zip(plan.stops, stop_sequence(plan), strict=True):
+        passages: list[Passage] = []
+        for stop in plan.stops:
             there = self.area.to_ned(stop.xy_m, plan.alt_rel_m)
             leg_m = float(np.linalg.norm(there - self._ned_m))
             leg_s = leg_m / plan.speed_mps
             velocity = (there - self._ned_m) / leg_s if leg_s > 0.0 else np.zeros(3)
             self._move(there, leg_s, velocity, recorder)
-            reached[sequence] = self.here()
+            passages.append(self.here())
             if stop.hold_s > 0.0:
                 self._move(there, stop.hold_s, np.zeros(3), recorder)
         flight = recorder.finish(self.here(), FULL.remaining)
-        return Flight(flight.t_ns, flight.true_ned_m, flight.est_ned_m, reached, FULL.remaining)
+        return replace(flight, passages=tuple(passages))
 
     def _move(
         self, there: Floats, duration_s: float, velocity: Floats, recorder: FlightRecorder
@@ -86,9 +85,15 @@ class UnflownFlyer(Flyer):
         self._t_ns += round(1e9 * duration_s)
         state = Kinematics(self._t_ns, there, velocity, LEVEL, np.zeros(3))
         sample = VehicleSample(
-            t_ns=self._t_ns, truth=state, belief=state, cmd_pos_ned_m=there,
-            gnss=None, battery=FULL, mode="NOT FLOWN", armed=False,
-        )  # fmt: skip
+            t_ns=self._t_ns,
+            truth=state,
+            belief=state,
+            cmd_pos_ned_m=there,
+            gnss=None,
+            battery=FULL,
+            mode="NOT FLOWN",
+            armed=False,
+        )
         for observer in (recorder, *self.observers):
             observer.sampled(sample)
 

@@ -14,7 +14,7 @@ from mavsdk.logging import log_subscribe
 from mission.base.errors import LinkLostError
 from mission.flight.pilot.calls import log_mavsdk
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from sitl.links import RawLink
 
 CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine

@@ -17,7 +17,7 @@ from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.flight.pilot.battery import BatteryWatch
 from mission.flight.pilot.clock import VehicleClock
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
@@ -99,7 +99,7 @@ class TelemetryFeed:
 
     @property
     def battery_remaining(self) -> float:
-        """0..1; NaN where the vehicle does not know."""
+        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self._battery.remaining
 
     async def ask(self) -> None:
@@ -172,9 +172,16 @@ class TelemetryFeed:
         mode, armed = self._pilot.mode, self._pilot.armed
         self.battery.read(belief.t_ns, self._battery.remaining, flying=self._pilot.flying)
         sample = VehicleSample(
-            t_ns=belief.t_ns, truth=truth, belief=belief, cmd_pos_ned_m=None, gnss=None,
-            battery=known.battery, mode=mode, armed=armed, wind_ned_mps=known.wind_ned_mps,
-        )  # fmt: skip
+            t_ns=belief.t_ns,
+            truth=truth,
+            belief=belief,
+            cmd_pos_ned_m=None,
+            gnss=None,
+            battery=known.battery,
+            mode=mode,
+            armed=armed,
+            wind_ned_mps=known.wind_ned_mps,
+        )
         for observer in self._observers:
             observer.sampled(sample)
         early, self._early = self._early, []

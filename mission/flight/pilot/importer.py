@@ -11,9 +11,9 @@ from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mission.base.errors import InputError
 from mission.flight.pilot.calls import reason
 from mission.flight.pilot.connection import CONNECT_TIMEOUT_S, ground_station, raw_core
-from mission.flight.pilot.items import FRAME_MISSION
+from mission.flight.pilot.mission_items import FRAME_MISSION
 from mission.flight.plan_file import PlanFile
-from sitl.autopilot.protocol.items import PLACES
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import GLOBAL_FRAMES, MissionType
 from sitl.autopilot.values.messages import MissionItem
 

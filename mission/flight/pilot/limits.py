@@ -21,7 +21,7 @@ class Name:
 
 @dataclass(frozen=True)
 class LimitNames:
-    """By what a family of autopilots calls its limits: each under the names of its versions.
+    """What a family of autopilots calls its limits: each under the names of its versions.
 
     None where it has no such parameter.
     """
@@ -69,7 +69,7 @@ class Limit:
 
     @property
     def raw(self) -> float:
-        """As the vehicle counts it."""
+        """The value as the vehicle counts it."""
         return self.value / self.name.unit
 
 
@@ -104,7 +104,7 @@ class Limits:
         return [f"{limit.name.name} = {limit.raw:g}" for limit in self.told.values()]
 
     def adjustments(self, demand: Demand) -> dict[str, tuple[float, float]]:
-        """By parameter: its value, and the one with which the demand can be flown.
+        """Parameters to change: the value of each, and the one with which the demand can be flown.
 
         Speed and acceptance radius only: lean and fence are there to protect the vehicle.
         """

@@ -24,7 +24,7 @@ class Parameters:
         self._plugin = ParamAsync(system)
 
     async def get(self, name: str) -> float | None:
-        """Its value; None where the vehicle has no such parameter, or does not answer."""
+        """The value of a parameter; None where the vehicle has none such, or does not answer."""
         for read in (self._plugin.get_param_float, self._plugin.get_param_int):
             try:
                 return float(await settled(read(name)))

@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import dataclass
 from typing import Any
 
-from mission.flight.pilot.messages import Messages
+from mission.flight.pilot.raw_messages import Messages
 
 FIX_3D = 3  # GPS_FIX_TYPE
 

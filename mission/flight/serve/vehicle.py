@@ -61,7 +61,7 @@ class Served:
 def make_vehicles(
     config: RunConfig, *, count: int, udp: Sequence[str], logs: Path | None
 ) -> list[Served]:
-    """So many vehicles side by side, the first at the configured home, each farther to the east.
+    """`count` vehicles side by side, the first at the configured home, each farther to the east.
 
     System ids count up from the configured one, and ports from the first of `udp`, as those of
     PX4's simulators do; the others of `udp` are spoken to by all. Each vehicle has random numbers

@@ -52,16 +52,22 @@ def tables(data: FlightData) -> Tables:
         ),
         "events": _columns(
             {
-                "t_s": event.t_ns / 1e9, "kind": event.kind, "text": event.text,
-                "seq": math.nan if event.seq is None else event.seq, "severity": event.severity,
-                "true_x_m": event.true_m[0], "true_y_m": event.true_m[1],
+                "t_s": event.t_ns / 1e9,
+                "kind": event.kind,
+                "text": event.text,
+                "seq": math.nan if event.seq is None else event.seq,
+                "severity": event.severity,
+                "true_x_m": event.true_m[0],
+                "true_y_m": event.true_m[1],
                 "true_alt_m": event.true_m[2],
             }
             for event in data.events
         ),
         "battery": {
-            "t_s": battery.t_ns / 1e9, "voltage_v": battery.voltage_v,
-            "current_a": battery.current_a, "consumed_mah": battery.consumed_mah,
+            "t_s": battery.t_ns / 1e9,
+            "voltage_v": battery.voltage_v,
+            "current_a": battery.current_a,
+            "consumed_mah": battery.consumed_mah,
             "remaining": battery.remaining,
         },
         "wind": {
@@ -74,7 +80,7 @@ def tables(data: FlightData) -> Tables:
         "innovations": _columns(
             row for kind, track in data.innovations.items() for row in _innovation_rows(kind, track)
         ),
-    }  # fmt: skip
+    }
 
 
 def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -151,10 +157,14 @@ def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, An
     for index, t_ns in enumerate(track.t_ns.tolist()):
         for axis, name in enumerate(names):
             yield {
-                "t_s": t_ns / 1e9, "sensor": kind, "axis": name,
-                "value": float(track.values[index, axis]), "std": float(track.stds[index, axis]),
-                "ratio": float(track.ratio[index]), "accepted": bool(track.accepted[index]),
-            }  # fmt: skip
+                "t_s": t_ns / 1e9,
+                "sensor": kind,
+                "axis": name,
+                "value": float(track.values[index, axis]),
+                "std": float(track.stds[index, axis]),
+                "ratio": float(track.ratio[index]),
+                "accepted": bool(track.accepted[index]),
+            }
 
 
 def _columns(rows: Iterable[dict[str, Any]]) -> dict[str, Column]:

@@ -9,7 +9,7 @@ from typing import Any
 import foxglove
 from foxglove.websocket import Capability, ServerListener
 
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import LinkLostError
 from mission.log import topics
 from mission.log.live.gatekeeper import Gatekeeper
@@ -108,16 +108,16 @@ def _hidden_address() -> str:
     return "127.{}.{}.{}".format(*parts) if sys.platform == "linux" else "127.0.0.1"
 
 
-def live_views(audience: Audience) -> tuple[LiveView, ...]:
-    """The view that the audience asked for, told to it; none where it asked for none.
+def live_views(console: RunConsole) -> tuple[LiveView, ...]:
+    """The view that the console asked for, told to it; none where it asked for none.
 
     Raises:
         LinkLostError: see `LiveView`.
     """
-    if audience.live_port is None:
+    if console.live_port is None:
         return ()
-    view = LiveView(port=audience.live_port)
-    audience.say(f"live view: open {view.url} in Foxglove")
+    view = LiveView(port=console.live_port)
+    console.say(f"live view: open {view.url} in Foxglove")
     return (view,)
 
 

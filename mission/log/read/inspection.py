@@ -47,7 +47,7 @@ class LogInfo:
 
     @property
     def messages(self) -> int:
-        """All of them."""
+        """Number of messages in all topics."""
         return sum(topic.messages for topic in self.topics)
 
     @property

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Message, Metadata
-from mcap.writer import Writer
 
 from mission.base.run_folder import write_atomically
+from mission.log.chunked import ChunkedWriter
 from mission.log.errors import LogError
 from mission.log.mcap_io import new_writer
-from mission.log.read.salvage import Loss, Saved, salvage
+from mission.log.read.salvage import Gap, Salvaged, salvage
 from mission.log.values import NS_PER_S
 
 
@@ -24,7 +24,7 @@ class Recovery:
     attachments: int
     start_ns: int
     end_ns: int
-    losses: tuple[Loss, ...]
+    losses: tuple[Gap, ...]
     unknown: int  # messages of channels that nothing describes any more
 
     @property
@@ -63,7 +63,7 @@ def recover(source: Path, target: Path) -> Recovery:
     )
 
 
-def _write(stream: IO[bytes], saved: Saved) -> int:
+def _write(stream: IO[bytes], saved: Salvaged) -> int:
     """Write the batches, a chunk each; returns the messages that no channel describes."""
     schemas, channels = saved.declarations()
     writer = new_writer(stream)
@@ -94,7 +94,9 @@ def _write(stream: IO[bytes], saved: Saved) -> int:
     return unknown
 
 
-def _write_chunk(writer: Writer, messages: list[Message], channel_ids: dict[int, int]) -> int:
+def _write_chunk(
+    writer: ChunkedWriter, messages: list[Message], channel_ids: dict[int, int]
+) -> int:
     unknown = 0
     for message in messages:
         channel = channel_ids.get(message.channel_id)

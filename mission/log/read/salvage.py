@@ -29,7 +29,7 @@ Batch: TypeAlias = list[Message] | Attachment | Metadata
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class Gap:
     """A stretch of the file from which nothing could be saved."""
 
     start: int
@@ -38,13 +38,13 @@ class Loss:
 
 
 @dataclass
-class Saved:
+class Salvaged:
     """Everything sound of a log, in the order of the file."""
 
     batches: list[Batch] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    losses: list[Loss] = field(default_factory=list)
+    losses: list[Gap] = field(default_factory=list)
 
     def declarations(self) -> tuple[dict[int, Schema], dict[int, Channel]]:
         """What was found, completed by what every log of ours declares.
@@ -63,20 +63,20 @@ class Saved:
         return {**schemas, **self.schemas}, {**channels, **self.channels}
 
 
-def salvage(source: Path) -> Saved:
+def salvage(source: Path) -> Salvaged:
     """Everything sound in `source`.
 
     Raises:
         ForeignLogError: it does not begin like an MCAP file. LogError: it cannot be read.
     """
-    saved = Saved()
+    saved = Salvaged()
     with framing.open_log(source) as stream:
         for frame in _sound_frames(stream, source.stat().st_size, saved.losses):
             _take(frame, saved)
     return saved
 
 
-def _take(frame: Frame, saved: Saved) -> None:
+def _take(frame: Frame, saved: Salvaged) -> None:
     """Keep what a frame holds; one that does not unpack becomes a loss."""
     try:
         if frame.opcode == Opcode.CHUNK:
@@ -98,7 +98,7 @@ def _take(frame: Frame, saved: Saved) -> None:
             table = saved.channels if isinstance(item, Channel) else saved.schemas
             table.setdefault(item.id, item)
     except BrokenRecordError as broken:
-        saved.losses.append(Loss(frame.offset, frame.end, broken.reason))
+        saved.losses.append(Gap(frame.offset, frame.end, broken.reason))
 
 
 class _ExhaustedError(Exception):
@@ -115,13 +115,13 @@ class _Effort:
         self._left = 16 * size + (1 << 26)
 
     def spend(self, count: int) -> None:
-        """So many bytes were looked at for nothing; too many raise _ExhaustedError."""
+        """Count bytes that were looked at for nothing; too many raise _ExhaustedError."""
         self._left -= count
         if self._left < 0:
             raise _ExhaustedError
 
 
-def _sound_frames(stream: IO[bytes], size: int, losses: list[Loss]) -> Iterator[Frame]:
+def _sound_frames(stream: IO[bytes], size: int, losses: list[Gap]) -> Iterator[Frame]:
     """Every frame that can be found, going on behind damage."""
     offset, effort = len(MCAP0_MAGIC), _Effort(size)
     content: bytes | None = None
@@ -144,7 +144,7 @@ def _sound_frames(stream: IO[bytes], size: int, losses: list[Loss]) -> Iterator[
                 found, reason = _next_chunk(content, broken.offset + 1, effort), broken.reason
             except _ExhaustedError:
                 found, reason = size, f"{broken.reason}; and too much like it after it"
-            losses.append(Loss(broken.offset, found, reason))
+            losses.append(Gap(broken.offset, found, reason))
             offset = found
 
 

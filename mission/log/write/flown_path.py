@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from flightdyn.state import Kinematics
+from mission.base.area import Area
 from mission.log.values import NS_PER_S
 from mission.log.write import messages
 from mission.log.write.rates import Every
@@ -21,15 +23,15 @@ class FlownPath:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Begin another path."""
         self._points: list[messages.XYZ] = []
         self._due = 1  # points at which it is written next
 
-    def extend(self, t_ns: int, true_m: messages.XYZ) -> bool:
+    def extend(self, t_ns: int, area: Area, truth: Kinematics) -> bool:
         """Take a position; whether the path is to be written now."""
         if not self._point.now(t_ns):
             return False
-        self._points.append(true_m)
+        self._points.append(messages.area_xyz(area, truth.pos_ned_m))
         count = len(self._points)
         if count < self._due:
             return False

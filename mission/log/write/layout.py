@@ -159,7 +159,7 @@ def _estimator() -> fl.PlotPanel:
         )
         for index, sensor in enumerate(SENSORS)
     ]
-    return _plot("Innovations: a share of what is still believed", series, low=0.0)
+    return _plot("Innovations, divided by the largest that is accepted", series, low=0.0)
 
 
 def _battery() -> fl.PlotPanel:

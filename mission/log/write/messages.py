@@ -14,16 +14,25 @@ import numpy as np
 from foxglove import messages as fox
 
 from flightdyn.frames import LocalFrame
-from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Vector
+from flightdyn.state import (
+    BatteryState,
+    GeodeticPoint,
+    GnssFix,
+    Innovation,
+    Kinematics,
+    Vector,
+)
 from mission.base.area import Area
 from mission.log.topics import BODY_FRAME, FRAME, SENSORS
 from mission.log.values import NS_PER_S, Floats, PlanRecord, Zone
+from mission.log.write.templates import Template
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7
 VELOCITY_GRID = 2.0**10  # cells a metre per second
 QUATERNION_GRID = 2.0**16
 DEGREE_GRID = 2.0**27
+_PLACE_GRID = np.array([POSITION_GRID] * 3 + [QUATERNION_GRID] * 4)
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -55,42 +64,51 @@ def vector(xyz: Sequence[float], *, grid: float) -> Any:
     return fox.Vector3(x=round(x * grid) / grid, y=round(y * grid) / grid, z=round(z * grid) / grid)
 
 
-def quaternion(q_frd_to_ned: Vector) -> Any:
-    """FRD -> NED attitude (w, x, y, z) as FLU -> ENU, which is what viewers expect.
-
-    NED -> ENU turns by pi about (north + east); FLU -> FRD by pi about forward. Their product
-    with `q` written out needs sums only.
-    """
-    w, x, y, z = q_frd_to_ned.tolist()
-    half = math.sqrt(0.5) * QUATERNION_GRID
-    return fox.Quaternion(
-        w=round((w + z) * half) / QUATERNION_GRID,
-        x=round((x + y) * half) / QUATERNION_GRID,
-        y=round((x - y) * half) / QUATERNION_GRID,
-        z=round((w - z) * half) / QUATERNION_GRID,
+def _pose(stamp: Any, numbers: Sequence[float]) -> Any:
+    """Of an example: in the area's frame, position and orientation (x, y, z, w)."""
+    x, y, z, *turn = numbers
+    place = fox.Pose(
+        position=fox.Vector3(x=x, y=y, z=z),
+        orientation=fox.Quaternion(**dict(zip("xyzw", turn, strict=True))),
     )
+    return fox.PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=place)
 
 
-def pose(stamp: Any, position: Any, orientation: Any) -> bytes:
-    """PoseInFrame in the area's frame."""
-    data: bytes = fox.PoseInFrame(
-        timestamp=stamp,
-        frame_id=FRAME,
-        pose=fox.Pose(position=position, orientation=orientation),
-    ).encode()
-    return data
-
-
-def transform(stamp: Any, position: Any, orientation: Any) -> bytes:
-    """FrameTransform from the area's frame to the aircraft."""
-    data: bytes = fox.FrameTransform(
+def _transform(stamp: Any, numbers: Sequence[float]) -> Any:
+    """The same, as that from the area's frame to the aircraft's."""
+    x, y, z, *turn = numbers
+    return fox.FrameTransform(
         timestamp=stamp,
         parent_frame_id=FRAME,
         child_frame_id=BODY_FRAME,
-        translation=position,
-        rotation=orientation,
-    ).encode()
-    return data
+        translation=fox.Vector3(x=x, y=y, z=z),
+        rotation=fox.Quaternion(**dict(zip("xyzw", turn, strict=True))),
+    )
+
+
+POSE, TRANSFORM = Template(_pose, 7), Template(_transform, 7)
+
+
+def places(area: Area, states: Sequence[Kinematics]) -> Floats:
+    """Position and orientation (n, 7) as `POSE` and `TRANSFORM` take them, rounded.
+
+    FRD -> NED attitude (w, x, y, z) becomes FLU -> ENU, which is what viewers expect: NED -> ENU
+    turns by pi about (north + east), FLU -> FRD by pi about forward. Their product with the
+    attitude written out needs sums only.
+    """
+    there = np.array([[*s.pos_ned_m.tolist(), *s.q_frd_to_ned.tolist()] for s in states]).T
+    north, east, down, w, x, y, z = there
+    half = math.sqrt(0.5) * QUATERNION_GRID
+    numbers = np.array((
+        (east + area.home_m[0]) * POSITION_GRID,
+        (north + area.home_m[1]) * POSITION_GRID,
+        -down * POSITION_GRID,
+        (x + y) * half,
+        (x - y) * half,
+        (w - z) * half,
+        (w + z) * half,
+    ))  # fmt: skip
+    return np.asarray(np.rint(numbers).T / _PLACE_GRID)
 
 
 def velocity(vel_ned_mps: Vector) -> bytes:
@@ -123,18 +141,33 @@ def path(stamp: Any, points_m: Floats) -> bytes:
     return data
 
 
-def gnss(frame: LocalFrame, fix: GnssFix) -> bytes:
-    """LocationFix of a receiver's solution, stamped with the instant that it describes."""
-    h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
-    data: bytes = fox.LocationFix(
-        # A receiver's first solutions may describe instants before the clock's zero.
-        timestamp=timestamp(max(fix.t_ns, 0)),
+def _fix(stamp: Any, numbers: Sequence[float]) -> Any:
+    """Of an example: where, and the variances north, east and down."""
+    lat, lon, alt, north, east, down = numbers
+    return fox.LocationFix(
+        timestamp=stamp,
         frame_id="gnss",
-        **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
-        position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
+        latitude=lat,
+        longitude=lon,
+        altitude=alt,
+        position_covariance=[north, 0.0, 0.0, 0.0, east, 0.0, 0.0, 0.0, down],
         position_covariance_type=fox.LocationFixPositionCovarianceType.DiagonalKnown,
-    ).encode()
-    return data
+    )
+
+
+_FIX = Template(_fix, 6)
+
+
+def gnss(frame: LocalFrame, fixes: Sequence[GnssFix]) -> list[bytes]:
+    """LocationFix of each of a receiver's solutions, stamped with the instant that it describes."""
+    # A receiver's first solutions may describe instants before the clock's zero.
+    t_ns = np.array([max(fix.t_ns, 0) for fix in fixes])
+    numbers = []
+    for fix in fixes:
+        h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
+        where = _geodetic(frame.to_geodetic(fix.pos_ned_m))
+        numbers.append([*where.values(), h, h, v])
+    return _FIX.fill(t_ns, np.array(numbers))
 
 
 def location(stamp: Any, where: GeodeticPoint) -> bytes:

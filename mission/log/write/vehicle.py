@@ -1,8 +1,10 @@
 """The vehicle's samples and events as log messages."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
+
+import numpy as np
 
 from flightdyn.state import Innovation
 from mission.base.area import Area
@@ -51,8 +53,19 @@ class VehicleTopics:
     def write_taken(self) -> None:
         """Write what was taken, in order."""
         taken, self._taken = self._taken, []
-        for sample in taken:
-            self._write_sample(sample)
+        if not taken:
+            return
+        count = len(taken)
+        t_ns = np.array([sample.t_ns for sample in taken] * 2)
+        states = [sample.truth for sample in taken] + [sample.belief for sample in taken]
+        places = messages.places(self._area, states)
+        poses = messages.POSE.fill(t_ns, places)
+        transforms = messages.TRANSFORM.fill(t_ns[:count], places[:count])
+        fixes = [sample.gnss for sample in taken if sample.gnss is not None]
+        gnss = iter(messages.gnss(self._frame, fixes) if fixes else ())
+        for i, sample in enumerate(taken):
+            self._write_poses(sample.t_ns, transforms[i], poses[i], poses[count + i])
+            self._write_sample(sample, gnss)
 
     def event(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
@@ -79,34 +92,26 @@ class VehicleTopics:
         """A path begins: a round's, or the way home after it."""
         self._flown.forget()
 
-    def _write_sample(self, sample: VehicleSample) -> None:
+    def _write_poses(self, t_ns: int, transform: bytes, true_pose: bytes, est_pose: bytes) -> None:
+        if self._tf_due.now(t_ns):
+            self._write(topics.TF, t_ns, transform)
+        self._write(topics.TRUE_POSE, t_ns, true_pose)
+        self._write(topics.EST_POSE, t_ns, est_pose)
+
+    def _write_sample(self, sample: VehicleSample, gnss: Iterator[bytes]) -> None:
         write = self._write
         t_ns, truth, belief = sample.t_ns, sample.truth, sample.belief
-        stamp = messages.timestamp(t_ns)
-        true_m = messages.area_xyz(self._area, truth.pos_ned_m)
-        est_m = messages.area_xyz(self._area, belief.pos_ned_m)
-        position = messages.vector(true_m, grid=messages.POSITION_GRID)
-        attitude = messages.quaternion(truth.q_frd_to_ned)
-        if self._tf_due.now(t_ns):
-            write(topics.TF, t_ns, messages.transform(stamp, position, attitude))
-        write(topics.TRUE_POSE, t_ns, messages.pose(stamp, position, attitude))
-        believed = messages.pose(
-            stamp,
-            messages.vector(est_m, grid=messages.POSITION_GRID),
-            messages.quaternion(belief.q_frd_to_ned),
-        )
-        write(topics.EST_POSE, t_ns, believed)
         if self._velocity_due.now(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
         if sample.cmd_pos_ned_m is not None and self._command_due.now(t_ns):
             command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
-            write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
+            write(topics.COMMAND, t_ns, messages.point(messages.timestamp(t_ns), command_m))
         if sample.gnss is not None:
-            write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
+            write(topics.GNSS, t_ns, next(gnss))
         if self._location_due.now(t_ns):
             where = self._frame.to_geodetic(truth.pos_ned_m)
-            write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, where))
+            write(topics.TRUE_LOCATION, t_ns, messages.location(messages.timestamp(t_ns), where))
         if self._battery_due.now(t_ns):
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
         if sample.wind_ned_mps is not None and self._wind_due.now(t_ns):
@@ -114,7 +119,7 @@ class VehicleTopics:
         if sample.innovations:
             self._write_innovations(t_ns, sample.innovations)
         self._note_mode(t_ns, sample.mode, sample.armed)
-        if self._flown.extend(t_ns, true_m):
+        if self._flown.extend(t_ns, self._area, truth):
             self.write_flown_path(t_ns)
 
     def _write_innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:

@@ -22,7 +22,7 @@ from mission.log.write.layout import ATTACHMENT as LAYOUT
 from mission.log.write.layout import layout
 from mission.log.write.rates import LogRates
 from mission.log.write.sink import McapSink, Sink
-from mission.log.write.vehicle import NOTICE, VehicleTopics
+from mission.log.write.vehicle import NOTICE, VehicleTopics, Write
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -62,6 +62,8 @@ class FlightLog:
         self._file = McapSink(path, raw=raw_mavlink)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         self._mirrored = bool(mirrors)
+        # Straight to the file where nobody else listens.
+        self._emit: Write = self._to_all if mirrors else self._file.write
         self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
         self._now_ns = 0
         self._flushed_ns = 0
@@ -222,7 +224,7 @@ class FlightLog:
         self._vehicle.write_taken()
         self._emit(topic, t_ns, data)
 
-    def _emit(self, topic: Topic, t_ns: int, data: bytes) -> None:
+    def _to_all(self, topic: Topic, t_ns: int, data: bytes) -> None:
         for sink in self._sinks:
             sink.write(topic, t_ns, data)
 

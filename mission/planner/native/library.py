@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from native.building import LIBRARIES
+from native.building import library
 from native.loading import address, functions, load
 
 MOST_DEVICES = 40  # of a search
@@ -59,7 +59,7 @@ class Devices:
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
 
     def as_c(self) -> _Devices:
-        """For the C code, which the arrays have to outlive."""
+        """The structure as C takes it; the arrays have to outlive it."""
         count, rows = len(self.delta), len(self.rows)
         if not count or not rows:
             raise ValueError("no device, or an empty table")
@@ -81,7 +81,7 @@ class Limits:
     length: float  # L_max, metres
 
     def as_c(self) -> _Limits:
-        """For the C code."""
+        """The structure as C takes it."""
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
         return _Limits(self.steps, self.per_step, self.length)
@@ -101,7 +101,7 @@ class Relaxation:
     promise: Floats  # (K, B) bound of delta f for a device out of reach of radius b
 
     def as_c(self, devices: int) -> _Relaxation:
-        """For the C code, which the arrays have to outlive."""
+        """The structure as C takes it; the arrays have to outlive it."""
         rows, splines = self.coefficients.shape
         radii = len(self.radii_m)
         if splines < 4 or radii > np.iinfo(np.int8).max:
@@ -129,7 +129,7 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
         raise ValueError(f"{name} must be from 0 to {end - 1}")
 
 
-_FUNCTIONS = functions(load(LIBRARIES[1]), _Functions)
+_FUNCTIONS = functions(load(library("planner")), _Functions)
 
 
 def explore(

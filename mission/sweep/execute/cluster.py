@@ -5,7 +5,7 @@ import os
 from typing import Any
 
 from mission.base.errors import InputError, LinkLostError
-from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
 
 
@@ -47,14 +47,14 @@ class RayEngine:
 
     @property
     def slots(self) -> int:
-        """As many as asked for; by default one for each CPU of the cluster."""
+        """Runs at a time: as many as asked for, by default one for each CPU of the cluster."""
         return self._slots
 
     def start(self, order: RunOrder) -> None:
         """Hand a run to the cluster."""
         self._running[self._execute.remote(order)] = order
 
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:
+    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """Runs that ended; one whose process or machine died has no end.
 
         Raises:
@@ -75,7 +75,7 @@ class RayEngine:
                     f"{order.folder}: a run was finished on another machine and is not seen here: "
                     "--out must be a folder that all machines of the cluster share"
                 )
-            ended.append(Ended(order, end))
+            ended.append(RunFinished(order, end))
         return tuple(ended)
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ from mission.sweep.execute.worker import RunEnd, RunOrder
 
 
 @dataclass(frozen=True)
-class Ended:
+class RunFinished:
     """A run that is over."""
 
     order: RunOrder
@@ -26,7 +26,7 @@ class Engine(Protocol):
         """Begin a run; there must be a free slot."""
         ...
 
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:
+    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """The runs that ended since the last call, waiting at most so long for one."""
         ...
 

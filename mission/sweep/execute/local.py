@@ -13,7 +13,7 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
 
 
@@ -27,7 +27,7 @@ class LocalEngine:
 
     @property
     def slots(self) -> int:
-        """As many as asked for; by default one for each core."""
+        """Runs at a time: as many as asked for, by default one for each core."""
         return self._slots
 
     def start(self, order: RunOrder) -> None:
@@ -41,7 +41,7 @@ class LocalEngine:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:
+    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """Runs that ended; one whose process was killed has no end.
 
         Raises:
@@ -49,7 +49,7 @@ class LocalEngine:
                 other run that ended was told.
         """
         done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
-        ended: list[Ended] = []
+        ended: list[RunFinished] = []
         bug: BaseException | None = None
         for future in done:
             error = future.exception()
@@ -61,7 +61,7 @@ class LocalEngine:
                 self._free.append(pool)
             else:
                 pool.shutdown(kill_workers=True)
-            ended.append(Ended(order, None if error else future.result()))
+            ended.append(RunFinished(order, None if error else future.result()))
         if bug is not None and not ended:
             raise bug
         return tuple(ended)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mission.base.console import Audience
+from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import RunConfig
 
@@ -55,7 +55,7 @@ def execute(order: RunOrder) -> RunEnd:
             order.config,
             order.folder,
             data_dir=order.data_dir,
-            audience=Audience(Console(quiet=True), quiet=True),
+            console=RunConsole(Console(quiet=True), quiet=True),
             workers=1,
         )
     except AerofedError as error:

@@ -39,7 +39,7 @@ def final_table(results: Sequence[RunResult]) -> Table:
 
 
 def final_rounds(results: Sequence[RunResult]) -> str:
-    """Of which rounds a final value is the mean, in words."""
+    """The rounds of which a final value is the mean, in words."""
     lengths = {len(run.rounds) for run in results}
     if min(lengths) >= FINAL_ROUNDS:
         return f"mean of the last {FINAL_ROUNDS} rounds"

@@ -2,10 +2,10 @@
 
 import struct
 from collections.abc import Callable
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.codec.setpoints import SETPOINT_DECODERS
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.values import files as f
@@ -33,7 +33,7 @@ _POSITION_COMMANDS = frozenset(
 )
 
 
-def _command_long(msg: Any) -> m.CommandOrder:
+def _command_long(msg: MavlinkMessage) -> m.CommandOrder:
     params = (
         msg.param1,
         msg.param2,
@@ -46,7 +46,7 @@ def _command_long(msg: Any) -> m.CommandOrder:
     return m.CommandOrder(msg.command, params, confirmation=msg.confirmation)
 
 
-def _command_int(msg: Any) -> m.CommandOrder:
+def _command_int(msg: MavlinkMessage) -> m.CommandOrder:
     x, y = float(msg.x), float(msg.y)
     if msg.command in _POSITION_COMMANDS and msg.frame in GLOBAL_FRAMES:
         x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
@@ -58,17 +58,17 @@ def _mission_type(value: int) -> MissionType | None:
     return MissionType(value) if value in MissionType.__members__.values() else None
 
 
-def _item_int(msg: Any) -> m.MissionItem | None:
+def _item_int(msg: MavlinkMessage) -> m.MissionItem | None:
     if msg.frame in GLOBAL_FRAMES:
         return _item(msg, from_deg_e7(msg.x), from_deg_e7(msg.y))
     return _item(msg, float(msg.x), float(msg.y))
 
 
-def _item_float(msg: Any) -> m.MissionItem | None:
+def _item_float(msg: MavlinkMessage) -> m.MissionItem | None:
     return _item(msg, msg.x, msg.y)
 
 
-def _item(msg: Any, x: float, y: float) -> m.MissionItem | None:
+def _item(msg: MavlinkMessage, x: float, y: float) -> m.MissionItem | None:
     kind = _mission_type(msg.mission_type)
     if kind is None:
         return None
@@ -85,7 +85,7 @@ def _item(msg: Any, x: float, y: float) -> m.MissionItem | None:
     )
 
 
-def _mission_ack(msg: Any) -> m.MissionAck | None:
+def _mission_ack(msg: MavlinkMessage) -> m.MissionAck | None:
     kind = _mission_type(msg.mission_type)
     known = msg.type in MissionResult.__members__.values()
     result = MissionResult(msg.type) if known else MissionResult.ERROR
@@ -93,18 +93,18 @@ def _mission_ack(msg: Any) -> m.MissionAck | None:
 
 
 def _with_type(
-    make: Callable[[Any, MissionType], m.Incoming],
-) -> Callable[[Any], m.Incoming | None]:
+    make: Callable[[MavlinkMessage, MissionType], m.Incoming],
+) -> Callable[[MavlinkMessage], m.Incoming | None]:
     """A decoder that drops messages about lists this autopilot has never heard of."""
 
-    def decode(msg: Any) -> m.Incoming | None:
+    def decode(msg: MavlinkMessage) -> m.Incoming | None:
         kind = _mission_type(msg.mission_type)
         return None if kind is None else make(msg, kind)
 
     return decode
 
 
-def _param_set(msg: Any) -> m.ParamSet:
+def _param_set(msg: MavlinkMessage) -> m.ParamSet:
     # PX4's bytewise encoding: integers travel as their bytes in the float field.
     value = msg.param_value
     if msg.param_type == ParamType.INT32:
@@ -121,19 +121,19 @@ _PARTS = {
 }
 
 
-def _for_part(part: p.Part) -> Callable[[Any], p.ForPart]:
+def _for_part(part: p.Part) -> Callable[[MavlinkMessage], p.ForPart]:
     return lambda _: p.ForPart(part)
 
 
-def _heartbeat(msg: Any) -> m.Heartbeat:
+def _heartbeat(msg: MavlinkMessage) -> m.Heartbeat:
     return m.Heartbeat(ground_station=msg.type == mav.MAV_TYPE_GCS)
 
 
-def _partial(_: Any, kind: MissionType) -> m.MissionPartialList:
+def _partial(_: MavlinkMessage, kind: MissionType) -> m.MissionPartialList:
     return m.MissionPartialList(kind)
 
 
-_DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
+_DECODERS: dict[int, Callable[[MavlinkMessage], m.Incoming | None]] = {
     mav.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mav.MAVLINK_MSG_ID_COMMAND_LONG: _command_long,
     mav.MAVLINK_MSG_ID_COMMAND_INT: _command_int,
@@ -170,7 +170,7 @@ _DECODERS: dict[int, Callable[[Any], m.Incoming | None]] = {
 }
 
 
-def decode(msg: Any) -> m.Incoming | None:
+def decode(msg: MavlinkMessage) -> m.Incoming | None:
     """The value of a pymavlink message; None for one that the autopilot has no use for."""
     decoder = _DECODERS.get(msg.get_msgId())
     return None if decoder is None else decoder(msg)

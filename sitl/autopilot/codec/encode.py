@@ -6,6 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.codec.units import deg_e7, int32
 from sitl.autopilot.values import files as f
 from sitl.autopilot.values import messages as m
@@ -19,7 +20,7 @@ _LOG_BYTES = 90  # of one LOG_DATA
 _EVERYBODY = m.Peer(0, 0)
 
 
-def _item(body: m.MissionItem, to: m.Peer) -> Any:
+def _item(body: m.MissionItem, to: m.Peer) -> MavlinkMessage:
     coordinate = deg_e7 if body.frame in GLOBAL_FRAMES else int32
     return mav.MAVLink_mission_item_int_message(
         to.system,
@@ -37,32 +38,32 @@ def _item(body: m.MissionItem, to: m.Peer) -> Any:
     )
 
 
-def _request(body: m.MissionRequest, to: m.Peer) -> Any:
+def _request(body: m.MissionRequest, to: m.Peer) -> MavlinkMessage:
     message = (
         mav.MAVLink_mission_request_message if body.old else mav.MAVLink_mission_request_int_message
     )
     return message(to.system, to.component, body.seq, int(body.mission_type))
 
 
-def _count(body: m.MissionCount, to: m.Peer) -> Any:
+def _count(body: m.MissionCount, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_mission_count_message(
         to.system, to.component, body.count, int(body.mission_type)
     )
 
 
-def _mission_ack(body: m.MissionAck, to: m.Peer) -> Any:
+def _mission_ack(body: m.MissionAck, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_mission_ack_message(
         to.system, to.component, int(body.result), int(body.mission_type)
     )
 
 
-def _mission_current(body: m.MissionCurrent, _: m.Peer) -> Any:
+def _mission_current(body: m.MissionCurrent, _: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_mission_current_message(
         body.seq, body.total, int(body.state), 1 if body.in_mission_mode else 2
     )
 
 
-def _command_ack(body: m.CommandAck, to: m.Peer) -> Any:
+def _command_ack(body: m.CommandAck, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_command_ack_message(
         body.command,
         int(body.result),
@@ -71,7 +72,7 @@ def _command_ack(body: m.CommandAck, to: m.Peer) -> Any:
     )
 
 
-def _param_value(body: m.ParamValue, _: m.Peer) -> Any:
+def _param_value(body: m.ParamValue, _: m.Peer) -> MavlinkMessage:
     value = body.value
     if body.kind is ParamType.INT32:
         value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
@@ -80,39 +81,39 @@ def _param_value(body: m.ParamValue, _: m.Peer) -> Any:
     )
 
 
-def _param_refused(body: m.ParamRefused, to: m.Peer) -> Any:
+def _param_refused(body: m.ParamRefused, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_param_error_message(
         to.system, to.component, body.name.encode(), body.index, int(body.error)
     )
 
 
-def _pong(body: m.Pong, to: m.Peer) -> Any:
+def _pong(body: m.Pong, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_ping_message(body.time_us, body.seq, to.system, to.component)
 
 
-def _interval(body: m.MessageInterval, _: m.Peer) -> Any:
+def _interval(body: m.MessageInterval, _: m.Peer) -> MavlinkMessage:
     interval_us = body.interval_s * 1e6 if body.interval_s > 0 else body.interval_s
     return mav.MAVLink_message_interval_message(body.message_id, int32(interval_us))
 
 
-def _log_entry(body: f.LogEntry, _: m.Peer) -> Any:
+def _log_entry(body: f.LogEntry, _: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_log_entry_message(
         body.log, body.count, body.last, body.written_s, min(body.size, 2**32 - 1)
     )
 
 
-def _log_data(body: f.LogData, _: m.Peer) -> Any:
+def _log_data(body: f.LogData, _: m.Peer) -> MavlinkMessage:
     padded = list(body.data.ljust(_LOG_BYTES, b"\0"))
     return mav.MAVLink_log_data_message(body.log, body.offset, len(body.data), padded)
 
 
-def _ftp(body: f.FtpMessage, to: m.Peer) -> Any:
+def _ftp(body: f.FtpMessage, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_file_transfer_protocol_message(
         0, to.system, to.component, list(body.payload)
     )
 
 
-def _shell(body: p.ShellOutput, _: m.Peer) -> Any:
+def _shell(body: p.ShellOutput, _: m.Peer) -> MavlinkMessage:
     data = body.text.encode("ascii", "replace")[:_SHELL_BYTES]
     return mav.MAVLink_serial_control_message(
         body.device,
@@ -124,13 +125,13 @@ def _shell(body: p.ShellOutput, _: m.Peer) -> Any:
     )
 
 
-def _extended_param(body: p.ExtendedParamRefused, _: m.Peer) -> Any:
+def _extended_param(body: p.ExtendedParamRefused, _: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_param_ext_ack_message(
         body.name.encode(), b"", mav.MAV_PARAM_EXT_TYPE_CUSTOM, mav.PARAM_ACK_FAILED
     )
 
 
-_ENCODERS: dict[type, Callable[[Any, m.Peer], Any]] = {
+_ENCODERS: dict[type, Callable[[Any, m.Peer], MavlinkMessage]] = {
     m.MissionItem: _item,
     m.MissionRequest: _request,
     m.MissionCount: _count,
@@ -157,7 +158,7 @@ class StatusTexts:
     def __init__(self) -> None:
         self._last_id = 0
 
-    def encode(self, body: m.StatusText) -> Sequence[Any]:
+    def encode(self, body: m.StatusText) -> Sequence[MavlinkMessage]:
         """The STATUSTEXT messages of one text, in order."""
         data = body.text.encode("ascii", "replace")
         if len(data) <= _TEXT_BYTES:
@@ -172,7 +173,7 @@ class StatusTexts:
         )
 
 
-def encode(envelope: m.Envelope) -> Any:
+def encode(envelope: m.Envelope) -> MavlinkMessage:
     """The pymavlink message of an envelope that is no status text.
 
     Raises:

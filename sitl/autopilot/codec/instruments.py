@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -10,6 +9,7 @@ from flightdyn.frames import Triple, euler_from_quaternion, rotation_matrix
 from flightdyn.instruments import Instruments
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from sitl.autopilot.codec import units as u
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.values.enums import Frame, Message
 from sitl.autopilot.values.snapshot import Dials, Snapshot
 
@@ -31,7 +31,7 @@ def _temperature_c(i: Instruments) -> float:
     return temperature_k(altitude_m(i.readings.pressure_pa)) - _ZERO_C_K
 
 
-def _highres_imu(s: Snapshot, d: Dials) -> Any:
+def _highres_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
     r = d.instruments.readings
     return mav.MAVLink_highres_imu_message(
         u.us(s.t_ns),
@@ -53,19 +53,19 @@ def _thousandths(i: Instruments) -> list[int]:
     return [*force, *(u.int16(part * 1e3) for part in (*r.rates_radps, *_field(i)))]
 
 
-def _scaled_imu(s: Snapshot, d: Dials) -> Any:
+def _scaled_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
     cdeg_c = u.int16(_temperature_c(d.instruments) * 100)
     return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), *_thousandths(d.instruments), cdeg_c)
 
 
-def _raw_imu(s: Snapshot, d: Dials) -> Any:
+def _raw_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
     cdeg_c = u.int16(_temperature_c(d.instruments) * 100)
     return mav.MAVLink_raw_imu_message(
         u.us(s.t_ns), *_thousandths(d.instruments), id=0, temperature=cdeg_c
     )
 
 
-def _scaled_pressure(s: Snapshot, d: Dials) -> Any:
+def _scaled_pressure(s: Snapshot, d: Dials) -> MavlinkMessage:
     return mav.MAVLink_scaled_pressure_message(
         time_boot_ms=u.ms(s.t_ns),
         press_abs=d.instruments.readings.pressure_pa / 100,
@@ -74,7 +74,7 @@ def _scaled_pressure(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _odometry(s: Snapshot, d: Dials) -> Any:
+def _odometry(s: Snapshot, d: Dials) -> MavlinkMessage:
     r = rotation_matrix(tuple(map(float, s.belief.q_frd_to_ned)))  # type: ignore[arg-type]
     n, e, w = map(float, s.belief.vel_ned_mps)
     body = [r[i] * n + r[3 + i] * e + r[6 + i] * w for i in range(3)]
@@ -106,7 +106,7 @@ def _covariance(stds: list[float] | None) -> list[float]:
     return [float(stds[i]) ** 2 if i == j else 0.0 for i in range(6) for j in range(i, 6)]
 
 
-def _attitude_target(s: Snapshot, d: Dials) -> Any:
+def _attitude_target(s: Snapshot, d: Dials) -> MavlinkMessage:
     i = d.instruments
     return mav.MAVLink_attitude_target_message(
         time_boot_ms=u.ms(s.t_ns),
@@ -119,7 +119,7 @@ def _attitude_target(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _position_target(s: Snapshot, d: Dials) -> Any:
+def _position_target(s: Snapshot, d: Dials) -> MavlinkMessage:
     to = d.instruments.setpoint
     head = (u.ms(s.t_ns), int(Frame.LOCAL_NED))
     if to is None:
@@ -131,7 +131,7 @@ def _position_target(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _position_target_global(s: Snapshot, d: Dials) -> Any:
+def _position_target_global(s: Snapshot, d: Dials) -> MavlinkMessage:
     to, place = d.instruments.setpoint, d.target
     head = (u.ms(s.t_ns), int(Frame.GLOBAL_INT))
     if to is None or place is None:
@@ -151,14 +151,14 @@ def _position_target_global(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _servos(s: Snapshot, d: Dials) -> Any:
+def _servos(s: Snapshot, d: Dials) -> MavlinkMessage:
     pwm = [round(_PWM_LEAST + _PWM_SPAN * share) for share in d.instruments.motors]
     return mav.MAVLink_servo_output_raw_message(
         u.us(s.t_ns) % 2**32, 0, *(pwm + _UNUSED)[:8], *_UNUSED
     )
 
 
-def _actuators(s: Snapshot, d: Dials) -> Any:
+def _actuators(s: Snapshot, d: Dials) -> MavlinkMessage:
     motors = d.instruments.motors
     return mav.MAVLink_actuator_output_status_message(
         time_usec=u.us(s.t_ns),
@@ -167,7 +167,7 @@ def _actuators(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _wind(s: Snapshot, d: Dials) -> Any:
+def _wind(s: Snapshot, d: Dials) -> MavlinkMessage:
     north, east, down = map(float, d.instruments.wind_ned_mps)
     return mav.MAVLink_wind_cov_message(
         time_usec=u.us(s.t_ns),
@@ -182,13 +182,13 @@ def _wind(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _vibration(s: Snapshot, d: Dials) -> Any:
+def _vibration(s: Snapshot, d: Dials) -> MavlinkMessage:
     return mav.MAVLink_vibration_message(
         u.us(s.t_ns), *d.instruments.readings.vibration_mps2, 0, 0, 0
     )
 
 
-def _estimator_status(s: Snapshot, d: Dials) -> Any:
+def _estimator_status(s: Snapshot, d: Dials) -> MavlinkMessage:
     flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_VELOCITY_HORIZ | mav.ESTIMATOR_VELOCITY_VERT
     flags |= mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_VERT_ABS
     flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL
@@ -213,7 +213,7 @@ def _estimator_status(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _sim_state(s: Snapshot, d: Dials) -> Any:
+def _sim_state(s: Snapshot, d: Dials) -> MavlinkMessage:
     w, x, y, z = (float(part) for part in s.truth.q_frd_to_ned)
     place, std = s.true_position, d.instruments.readings.stds
     return mav.MAVLink_sim_state_message(
@@ -235,7 +235,7 @@ def _sim_state(s: Snapshot, d: Dials) -> Any:
     )
 
 
-def _orbit(s: Snapshot, d: Dials) -> Any:
+def _orbit(s: Snapshot, d: Dials) -> MavlinkMessage:
     place = d.orbit
     radius, point = (0.0, s.position) if place is None else place
     return mav.MAVLink_orbit_execution_status_message(
@@ -248,7 +248,7 @@ def _orbit(s: Snapshot, d: Dials) -> Any:
     )
 
 
-_ENCODERS: dict[Message, Callable[[Snapshot, Dials], Any]] = {
+_ENCODERS: dict[Message, Callable[[Snapshot, Dials], MavlinkMessage]] = {
     Message.RAW_IMU: _raw_imu,
     Message.SCALED_IMU: _scaled_imu,
     Message.SCALED_PRESSURE: _scaled_pressure,
@@ -269,6 +269,6 @@ _ENCODERS: dict[Message, Callable[[Snapshot, Dials], Any]] = {
 INSTRUMENTED = frozenset(_ENCODERS)
 
 
-def encode_instruments(kind: Message, snapshot: Snapshot, dials: Dials) -> Any:
+def encode_instruments(kind: Message, snapshot: Snapshot, dials: Dials) -> MavlinkMessage:
     """The pymavlink message of `kind`, which is one of `INSTRUMENTED`."""
     return _ENCODERS[kind](snapshot, dials)

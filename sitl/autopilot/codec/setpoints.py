@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.values import setpoints as s
 
@@ -21,7 +21,7 @@ def _masked(mask: int, first_bit: int, values: Sequence[float]) -> Triple:
     return x, y, z
 
 
-def _target(msg: Any, place: Sequence[float]) -> s.PositionTarget:
+def _target(msg: MavlinkMessage, place: Sequence[float]) -> s.PositionTarget:
     mask = msg.type_mask
     return s.PositionTarget(
         frame=msg.coordinate_frame,
@@ -34,15 +34,15 @@ def _target(msg: Any, place: Sequence[float]) -> s.PositionTarget:
     )
 
 
-def _local(msg: Any) -> s.PositionTarget:
+def _local(msg: MavlinkMessage) -> s.PositionTarget:
     return _target(msg, (msg.x, msg.y, msg.z))
 
 
-def _global(msg: Any) -> s.PositionTarget:
+def _global(msg: MavlinkMessage) -> s.PositionTarget:
     return _target(msg, (from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt))
 
 
-def _attitude(msg: Any) -> s.AttitudeTarget:
+def _attitude(msg: MavlinkMessage) -> s.AttitudeTarget:
     mask = msg.type_mask
     w, x, y, z = msg.q
     rates = (msg.body_roll_rate, msg.body_pitch_rate, msg.body_yaw_rate)
@@ -58,23 +58,23 @@ def _stick(value: int) -> float:
     return value / 1000 if abs(value) <= 1000 else 0.0
 
 
-def _sticks(msg: Any) -> s.ManualControl:
+def _sticks(msg: MavlinkMessage) -> s.ManualControl:
     # The throttle from 0 to 1000, as PX4 takes it.
     throttle = msg.z / 500 - 1 if 0 <= msg.z <= 1000 else 0.0
     return s.ManualControl(_stick(msg.x), _stick(msg.y), throttle, _stick(msg.r))
 
 
-def _channels(msg: Any) -> s.RcOverride:
+def _channels(msg: MavlinkMessage) -> s.RcOverride:
     return s.RcOverride(tuple(getattr(msg, f"chan{i}_raw") for i in range(1, 9)))
 
 
-def _follow(msg: Any) -> s.FollowTarget:
+def _follow(msg: MavlinkMessage) -> s.FollowTarget:
     vx, vy, vz = msg.vel
     lat, lon = from_deg_e7(msg.lat), from_deg_e7(msg.lon)
     return s.FollowTarget(lat, lon, msg.alt, (vx, vy, vz))
 
 
-SETPOINT_DECODERS: dict[int, Callable[[Any], s.Streamed]] = {
+SETPOINT_DECODERS: dict[int, Callable[[MavlinkMessage], s.Streamed]] = {
     mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: _local,
     mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: _global,
     mav.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: _attitude,

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import euler_from_quaternion
 from sitl.autopilot.codec import units as u
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.values.enums import Message
 from sitl.autopilot.values.snapshot import Snapshot
 
@@ -40,7 +40,7 @@ def _euler(s: Snapshot) -> tuple[float, float, float]:
     return euler_from_quaternion((w, x, y, z))
 
 
-def _heartbeat(s: Snapshot) -> Any:
+def _heartbeat(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_heartbeat_message(
         mav.MAV_TYPE_QUADROTOR,
         mav.MAV_AUTOPILOT_PX4,
@@ -51,7 +51,7 @@ def _heartbeat(s: Snapshot) -> Any:
     )
 
 
-def _sys_status(s: Snapshot) -> Any:
+def _sys_status(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_sys_status_message(
         onboard_control_sensors_present=int(s.sensors_present),
         onboard_control_sensors_enabled=int(s.sensors_present),
@@ -69,11 +69,11 @@ def _sys_status(s: Snapshot) -> Any:
     )
 
 
-def _system_time(s: Snapshot) -> Any:
+def _system_time(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_system_time_message(time_unix_usec=0, time_boot_ms=u.ms(s.t_ns))
 
 
-def _gps_raw(s: Snapshot) -> Any:
+def _gps_raw(s: Snapshot) -> MavlinkMessage:
     fix, position = s.gnss, s.gnss_position
     if fix is None or position is None:
         return mav.MAVLink_gps_raw_int_message(
@@ -107,14 +107,14 @@ def _gps_raw(s: Snapshot) -> Any:
     )
 
 
-def _attitude(s: Snapshot) -> Any:
+def _attitude(s: Snapshot) -> MavlinkMessage:
     roll, pitch, yaw = _euler(s)
     return mav.MAVLink_attitude_message(
         u.ms(s.t_ns), roll, pitch, yaw, *map(float, s.belief.omega_frd_radps)
     )
 
 
-def _attitude_quaternion(s: Snapshot) -> Any:
+def _attitude_quaternion(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_attitude_quaternion_message(
         u.ms(s.t_ns),
         *map(float, s.belief.q_frd_to_ned),
@@ -122,13 +122,13 @@ def _attitude_quaternion(s: Snapshot) -> Any:
     )
 
 
-def _local_position(s: Snapshot) -> Any:
+def _local_position(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_local_position_ned_message(
         u.ms(s.t_ns), *map(float, s.belief.pos_ned_m), *map(float, s.belief.vel_ned_mps)
     )
 
 
-def _global_position(s: Snapshot) -> Any:
+def _global_position(s: Snapshot) -> MavlinkMessage:
     _, _, yaw = _euler(s)
     vx, vy, vz = map(float, s.belief.vel_ned_mps)
     return mav.MAVLink_global_position_int_message(
@@ -144,7 +144,7 @@ def _global_position(s: Snapshot) -> Any:
     )
 
 
-def _vfr_hud(s: Snapshot) -> Any:
+def _vfr_hud(s: Snapshot) -> MavlinkMessage:
     _, _, yaw = _euler(s)
     vx, vy, vz = map(float, s.belief.vel_ned_mps)
     return mav.MAVLink_vfr_hud_message(
@@ -157,7 +157,7 @@ def _vfr_hud(s: Snapshot) -> Any:
     )
 
 
-def _altitude(s: Snapshot) -> Any:
+def _altitude(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_altitude_message(
         time_usec=u.us(s.t_ns),
         altitude_monotonic=s.position.alt_msl_m,
@@ -169,7 +169,7 @@ def _altitude(s: Snapshot) -> Any:
     )
 
 
-def _home(s: Snapshot) -> Any:
+def _home(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_home_position_message(
         latitude=u.deg_e7(s.home.lat_deg),
         longitude=u.deg_e7(s.home.lon_deg),
@@ -185,7 +185,7 @@ def _home(s: Snapshot) -> Any:
     )
 
 
-def _origin(s: Snapshot) -> Any:
+def _origin(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_gps_global_origin_message(
         latitude=u.deg_e7(s.origin.lat_deg),
         longitude=u.deg_e7(s.origin.lon_deg),
@@ -194,11 +194,11 @@ def _origin(s: Snapshot) -> Any:
     )
 
 
-def _extended_state(s: Snapshot) -> Any:
+def _extended_state(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, int(s.landed_state))
 
 
-def _battery(s: Snapshot) -> Any:
+def _battery(s: Snapshot) -> MavlinkMessage:
     charge = mav.MAV_BATTERY_CHARGE_STATE_OK
     if s.battery_critical:
         charge = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
@@ -218,7 +218,7 @@ def _battery(s: Snapshot) -> Any:
     )
 
 
-def _version(_: Snapshot) -> Any:
+def _version(_: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_autopilot_version_message(
         capabilities=_CAPABILITIES,
         flight_sw_version=_SOFTWARE_VERSION,
@@ -234,7 +234,7 @@ def _version(_: Snapshot) -> Any:
     )
 
 
-def _flight_information(s: Snapshot) -> Any:
+def _flight_information(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_flight_information_message(
         time_boot_ms=u.ms(s.t_ns),
         arming_time_utc=u.us(s.armed_t_ns),
@@ -243,7 +243,7 @@ def _flight_information(s: Snapshot) -> Any:
     )
 
 
-def _ground_truth(s: Snapshot) -> Any:
+def _ground_truth(s: Snapshot) -> MavlinkMessage:
     vx, vy, vz = map(float, s.truth.vel_ned_mps)
     rates = tuple(map(float, s.truth.omega_frd_radps))
     return mav.MAVLink_hil_state_quaternion_message(
@@ -266,7 +266,7 @@ def _ground_truth(s: Snapshot) -> Any:
     )
 
 
-_ENCODERS: dict[Message, Callable[[Snapshot], Any]] = {
+_ENCODERS: dict[Message, Callable[[Snapshot], MavlinkMessage]] = {
     Message.HEARTBEAT: _heartbeat,
     Message.SYS_STATUS: _sys_status,
     Message.SYSTEM_TIME: _system_time,
@@ -289,6 +289,6 @@ _ENCODERS: dict[Message, Callable[[Snapshot], Any]] = {
 TELEMETRY = frozenset(_ENCODERS)
 
 
-def encode_telemetry(kind: Message, snapshot: Snapshot) -> Any:
+def encode_telemetry(kind: Message, snapshot: Snapshot) -> MavlinkMessage:
     """The pymavlink message of `kind`, which is one of `TELEMETRY`."""
     return _ENCODERS[kind](snapshot)

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl.autopilot.codec.decode import decode
 from sitl.autopilot.codec.encode import StatusTexts, encode
 from sitl.autopilot.codec.instruments import encode_instruments
+from sitl.autopilot.codec.message import MavlinkMessage
 from sitl.autopilot.codec.telemetry import encode_telemetry
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values.enums import Message
@@ -71,7 +72,7 @@ class Wire:
         self._parsers.move_to_end(stream)
         return parser
 
-    def _addressed(self, msg: Any) -> bool:
+    def _addressed(self, msg: MavlinkMessage) -> bool:
         if msg.get_srcSystem() == self._system and msg.get_srcComponent() == self._component:
             return False  # our own words, come back over another link
         if msg.get_msgId() == mav.MAVLINK_MSG_ID_PING and msg.target_system != 0:
@@ -80,7 +81,7 @@ class Wire:
         component = getattr(msg, "target_component", 0)
         return system in (0, self._system) and component in (0, self._component)
 
-    def _pack(self, msg: Any) -> bytes:
+    def _pack(self, msg: MavlinkMessage) -> bytes:
         frame = bytes(msg.pack(self._out))
         self._out.seq = (self._out.seq + 1) % 256
         return frame

@@ -10,12 +10,13 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
-from sitl.autopilot.flying.mission import Mission
+from sitl.autopilot.flying.mission_flight import MissionFlight
+from sitl.autopilot.flying.motors import Motors
 from sitl.autopilot.flying.navigator import Navigator
+from sitl.autopilot.flying.permissions import Permissions
 from sitl.autopilot.flying.rally import refuge
 from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.items import NAVIGATION
 from sitl.autopilot.reporter import Reporter
 from sitl.autopilot.values.enums import LandedState, Severity
 from sitl.autopilot.values.messages import MissionItem
@@ -53,30 +54,28 @@ class Flight:
         parameters: Parameters,
         *,
         home: GeodeticPoint,
+        permissions: Permissions,
         reporter: Reporter,
     ) -> None:
         self.mode = Mode.HOLD
-        self.mission = Mission()
         self.home = home
         self.rally: tuple[MissionItem, ...] = ()
-        # What others have to say about where the aircraft is, and where it may be.
-        self.position_ok: Callable[[], bool] = lambda: True
-        self.forbidden: Callable[[Vector], str] = lambda _: ""
-        self.needs: dict[Need, Callable[[], bool]] = {}
-        self.arming_denied: Callable[[], str] = lambda: ""
-        self.flights = 0
-        self.armed_t_ns = 0
+        self.position_ok = permissions.position_ok
+        self.forbidden = permissions.forbidden
+        self.needs = permissions.needs
+        self.motors = Motors(aircraft, reporter)
         self.frame = aircraft.frame
         self._aircraft = aircraft
         self._parameters = parameters
         self._report = reporter
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
-        self._last_stage: route.Stage | None = None  # that ended the mission by itself
+        self._arming_denied = permissions.arming_denied
         self.navigator = Navigator(aircraft, parameters)
+        self._mission_flight = MissionFlight(self.navigator, reporter)
+        self.mission = self._mission_flight.mission
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
-        self._released = False  # the motors, by order
         self._wrecked = False
 
     # --- what is going on -----------------------------------------------------------------------
@@ -93,7 +92,7 @@ class Flight:
 
     @property
     def landed_state(self) -> LandedState:
-        """On the ground, climbing from it, sinking to it, or in the air."""
+        """Whether the aircraft is on the ground, climbing from it, sinking to it, or in the air."""
         if self._aircraft.crashed:
             return LandedState.UNDEFINED  # down, but whoever waits for a landing has not got one
         if self._aircraft.on_ground:
@@ -110,7 +109,7 @@ class Flight:
 
     @property
     def speed_limits(self) -> SpeedLimits:
-        """By the parameters."""
+        """The limits that the parameters set."""
         p = self._parameters
         return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
@@ -122,7 +121,7 @@ class Flight:
             return "flight was terminated"
         if self._settling:
             return _STARTING
-        return self.arming_denied()
+        return self._arming_denied()
 
     def here(self) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
@@ -184,11 +183,7 @@ class Flight:
         reason = self.not_ready()
         if reason:
             return reason
-        self._aircraft.arm()
-        self._released = True
-        self.flights += 1
-        self.armed_t_ns = self._aircraft.t_ns
-        self._report.armed(True)
+        self.motors.release()
         return None
 
     def disarm(self, *, force: bool = False) -> str | None:
@@ -252,8 +247,7 @@ class Flight:
             if self.moving:
                 return "Mission is being flown: hold before a new one"
             self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
-        self.mission.replace(items)
-        self._report.mission_changed()
+        self._mission_flight.replace(items)
         return None
 
     def rewind_mission(self, seq: int) -> str | None:
@@ -402,11 +396,9 @@ class Flight:
             self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
 
     def _mission_ended(self) -> None:
-        last = self._last_stage
+        last = self._mission_flight.finish()
         if isinstance(last, route.Loiter):
             return  # stays in the mission, at an item without end
-        self.mission.finish()
-        self._report.mission_changed()
         if isinstance(last, route.GoHome) and self.return_home("mission") is None:
             return
         if isinstance(last, route.Land):
@@ -419,11 +411,8 @@ class Flight:
         self._follow_up(Trigger.DONE)
 
     def _stop_motors(self) -> None:
-        if self._released:  # a crash stops the motors without an order
-            self._released = False
-            self._aircraft.disarm()
+        if self.motors.stop():
             self._ordered_speed_mps = None
-            self._report.armed(False)
 
     def _go(self, goal: _Goal) -> do.Manoeuvre:
         return self.navigator.go_to(
@@ -453,24 +442,9 @@ class Flight:
         )
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
-        self.mission.start()
-        self._last_stage = None
-        self._report.mission_changed()
-        return self.navigator.fly(
-            stages,
-            reached=self._reached,
-            ended=self._ended_by,
-            ground_down_m=float(self.home_ned_m[2]),
-        )
+        return self._mission_flight.fly(stages, ground_down_m=float(self.home_ned_m[2]))
 
     def _stages(self) -> tuple[route.Stage, ...]:
-        return self.navigator.stages(
-            self.mission, self._here(), home=self.home, speed_mps=self._ordered_speed_mps
+        return self._mission_flight.stages(
+            self._here(), home=self.home, speed_mps=self._ordered_speed_mps
         )
-
-    def _ended_by(self, stage: route.Stage) -> None:
-        self._last_stage = stage
-
-    def _reached(self, seq: int) -> None:
-        self.mission.reached(seq)
-        self._report.reached(seq, place=self.mission.items[seq].command in NAVIGATION)

@@ -1,6 +1,7 @@
 """Things the aircraft does until they are done. Each starts when it is made.
 
-`tick` runs after every physics tick; it is all that flying costs the autopilot, so it is short.
+`tick` runs after every guidance step, and after every physics tick where corners are passed; it is
+all that flying costs the autopilot, so it is short.
 """
 
 import math
@@ -35,9 +36,22 @@ class Manoeuvre(Protocol):
         """Look after it; True once it is done. Raises StuckError once it will never be."""
 
 
-def ticks(aircraft: Aircraft, duration_s: float) -> int:
-    """Physics ticks in a duration, at least one."""
-    return max(1, round(duration_s * 1e9 / aircraft.dt_ns))
+class Timer:
+    """Simulated time from now on."""
+
+    def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
+        self._aircraft = aircraft
+        self._duration_ns = max(1, round(duration_s * 1e9))
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._until_ns = self._aircraft.t_ns + self._duration_ns
+
+    @property
+    def over(self) -> bool:
+        """Whether the duration has passed."""
+        return self._aircraft.t_ns >= self._until_ns
 
 
 class Settle:
@@ -45,11 +59,10 @@ class Settle:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        self._left = ticks(aircraft, _READY_TIMEOUT_S)
+        self._patience = Timer(aircraft, _READY_TIMEOUT_S)
 
     def tick(self) -> bool:
-        self._left -= 1
-        return self._aircraft.ready or self._left <= 0
+        return self._aircraft.ready or self._patience.over
 
 
 class Follow:
@@ -113,24 +126,22 @@ class Turn:
     def __init__(self, aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> None:
         self._aircraft = aircraft
         self._yaw_rad = yaw_rad
-        self._left = ticks(aircraft, _TURN_TIMEOUT_S)
+        self._patience = Timer(aircraft, _TURN_TIMEOUT_S)
         aircraft.hold(pos_ned_m, yaw_rad)
 
     def tick(self) -> bool:
-        self._left -= 1
         error = wrap_pi(yaw_of(self._aircraft.belief.q_frd_to_ned) - self._yaw_rad)
-        return abs(error) < _TURN_TOLERANCE_RAD or self._left <= 0
+        return abs(error) < _TURN_TOLERANCE_RAD or self._patience.over
 
 
 class Pause:
     """Let simulated time pass."""
 
     def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
-        self._left = ticks(aircraft, duration_s)
+        self._pause = Timer(aircraft, duration_s)
 
     def tick(self) -> bool:
-        self._left -= 1
-        return self._left <= 0
+        return self._pause.over
 
 
 class _Landing:
@@ -140,17 +151,18 @@ class _Landing:
         self, aircraft: Aircraft, *, ground_down_m: float, landing_mps: float, settle_s: float
     ) -> None:
         self._aircraft = aircraft
-        self._settle_ticks = ticks(aircraft, settle_s)
-        self._on_ground = 0
+        self._settled = Timer(aircraft, settle_s)
         height_m = max(0.0, ground_down_m - float(aircraft.belief.pos_ned_m[2]))
-        self._left = ticks(aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / landing_mps)
+        self._patience = Timer(
+            aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / landing_mps
+        )
 
     def tick(self) -> bool:
-        self._on_ground = self._on_ground + 1 if self._aircraft.on_ground else 0
-        self._left -= 1
-        if self._left <= 0:
+        if not self._aircraft.on_ground:
+            self._settled.restart()
+        if self._patience.over:
             raise StuckError("the landing does not come to the ground")
-        return self._on_ground >= self._settle_ticks
+        return self._settled.over
 
     def _sink(self, speed_mps: float) -> None:
         yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
@@ -231,11 +243,10 @@ class Fall:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        self._left = ticks(aircraft, _FALL_TIMEOUT_S)
+        self._patience = Timer(aircraft, _FALL_TIMEOUT_S)
 
     def tick(self) -> bool:
-        self._left -= 1
-        return self._aircraft.on_ground or self._left <= 0
+        return self._aircraft.on_ground or self._patience.over
 
 
 class Piloted:
@@ -254,24 +265,21 @@ class Piloted:
     ) -> None:
         self._aircraft = aircraft
         self._fly = fly
-        self._every = self._left = ticks(aircraft, every_s)
-        self._settle_ticks = ticks(aircraft, settle_s)
-        self._on_ground = 0
+        self._due = Timer(aircraft, every_s)
+        self._settled = Timer(aircraft, settle_s)
         self._flown = False
         if fly is not None:
             fly()
 
     def tick(self) -> bool:
-        self._left -= 1
-        if self._left == 0:
-            self._left = self._every
+        if self._due.over:
+            self._due.restart()
             if self._fly is not None:
                 self._fly()
         if not self._aircraft.on_ground:
-            self._flown, self._on_ground = True, 0
-            return False
-        self._on_ground += 1
-        return self._flown and self._on_ground >= self._settle_ticks
+            self._flown = True
+            self._settled.restart()
+        return self._flown and self._settled.over
 
 
 class Sequence:

@@ -65,7 +65,7 @@ class Navigator:
     def return_to(
         self, start: Vector, goal: Vector, *, home_down_m: float, speed_mps: float | None
     ) -> do.Manoeuvre:
-        """Up to the return height, or the goal's own if that is higher, and over the goal.
+        """Climb to the return height, or the goal's own if that is higher, and over the goal.
 
         Nobody climbs where the goal is near.
         """

@@ -20,7 +20,6 @@ from sitl.autopilot.values.messages import CommandOrder
 
 _DEFAULT_RADIUS_M, _DEFAULT_SPEED_MPS = 10.0, 2.0
 _INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
-_PERIOD_S = 0.02
 _LOOKS = 16  # points of the circle that the fence is asked about
 
 
@@ -48,15 +47,13 @@ class Circle:
         self._orbit = orbit
         self._phase = phase_rad
         self._heading = yaw_of(aircraft.belief.q_frd_to_ned)
-        self._every = self._left = do.ticks(aircraft, _PERIOD_S)
-        self._step = orbit.speed_mps / orbit.radius_m * self._every * aircraft.dt_ns * 1e-9
+        self._t_ns = aircraft.t_ns
 
     def tick(self) -> bool:
-        self._left -= 1
-        if self._left == 0:
-            self._left = self._every
-            self._phase += self._step
-            self._aircraft.pursue(self._target())
+        passed_s = (self._aircraft.t_ns - self._t_ns) * 1e-9
+        self._t_ns = self._aircraft.t_ns
+        self._phase += self._orbit.speed_mps / self._orbit.radius_m * passed_s
+        self._aircraft.pursue(self._target())
         return False
 
     def _target(self) -> Target:

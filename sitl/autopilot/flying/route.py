@@ -15,7 +15,7 @@ import numpy as np
 from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
-from sitl.autopilot.protocol.items import NAVIGATION, PLACES
+from sitl.autopilot.protocol.item_rules import NAVIGATION, PLACES
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values.enums import RELATIVE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem

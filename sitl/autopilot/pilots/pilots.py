@@ -53,7 +53,7 @@ class Pilots:
         }
 
     def handlers(self) -> Mapping[Command, Handler]:
-        """By command."""
+        """Who answers which command."""
         return {Command.DO_ORBIT: self._orbits.command}
 
     def note_time(self, now: float) -> None:

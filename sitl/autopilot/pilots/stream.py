@@ -37,14 +37,14 @@ class Stream:
         return self._clock.now - self._heard_at < self._patience_s()
 
     def heard(self) -> None:
-        """Here it is."""
+        """Note that it was heard now."""
         self._heard_at = self._clock.now
 
     def watch(self, *, flown_by: bool) -> None:
         """Look for a loss; one that has come stays until the stream is back or nobody flies."""
         missed = flown_by or self._failsafes.present(self._cause)
         silence_s = self._clock.now - self._heard_at
-        self._failsafes.update(self._cause, missed and not self.alive, f"{silence_s:.1f} s")
+        self._failsafes.update(self._cause, missed and not self.alive, lambda: f"{silence_s:.1f} s")
 
     def forget(self) -> None:
         """A loss does not matter any more."""

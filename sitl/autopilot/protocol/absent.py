@@ -54,5 +54,5 @@ class Absent:
         """Nothing is answered later than at once."""
 
     def due(self) -> float | None:
-        """Never."""
+        """When there is something to do: never."""
         return None

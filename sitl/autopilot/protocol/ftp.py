@@ -50,8 +50,8 @@ class Op(IntEnum):
     NAK = 129
 
 
-class Fault(IntEnum):
-    """FTP errors."""
+class ErrorCode(IntEnum):
+    """Why a request is refused (MAV_FTP_ERR)."""
 
     FAIL = 1
     INVALID_DATA_SIZE = 3
@@ -64,8 +64,8 @@ class Fault(IntEnum):
 
 
 class _RefusedError(Exception):
-    def __init__(self, fault: Fault) -> None:
-        self.fault = fault
+    def __init__(self, code: ErrorCode) -> None:
+        self.code = code
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,17 +144,17 @@ class FtpServer:
         request = _Request(number, session, opcode, size, offset, data)
         try:
             if size > _DATA:
-                raise _RefusedError(Fault.INVALID_DATA_SIZE)
+                raise _RefusedError(ErrorCode.INVALID_DATA_SIZE)
             if opcode == Op.BURST_READ_FILE:
                 self._begin_burst(peer, request, now)
                 return True
             handler = self._handlers.get(opcode)
             if handler is None:
-                raise _RefusedError(Fault.UNKNOWN_COMMAND)
+                raise _RefusedError(ErrorCode.UNKNOWN_COMMAND)
             opened, answer = handler(request)
             packed = _packed(request, Op.ACK, answer, session=opened)
         except _RefusedError as refused:
-            packed = _packed(request, Op.NAK, bytes((refused.fault,)))
+            packed = _packed(request, Op.NAK, bytes((refused.code,)))
         self._last = (peer, body.payload, packed)
         self._outbox.append(m.Envelope(FtpMessage(packed), peer))
         return True
@@ -187,7 +187,7 @@ class FtpServer:
     def _begin_burst(self, peer: m.Peer, request: _Request, now: float) -> None:
         file = self._file(request)
         if request.offset >= file.size:
-            raise _RefusedError(Fault.END_OF_FILE)
+            raise _RefusedError(ErrorCode.END_OF_FILE)
         part = request.size or _DATA
         self._burst = _Burst(peer, request.number, request.session, request.offset, part)
         self._next_burst = now
@@ -195,7 +195,7 @@ class FtpServer:
     def _file(self, request: _Request) -> _File:
         file = self._sessions.get(request.session)
         if file is None:
-            raise _RefusedError(Fault.INVALID_SESSION)
+            raise _RefusedError(ErrorCode.INVALID_SESSION)
         return file
 
     def _terminate(self, request: _Request) -> tuple[int, bytes]:
@@ -211,7 +211,7 @@ class FtpServer:
     def _list(self, request: _Request) -> tuple[int, bytes]:
         entries = self._entries(request.path)[request.offset :]
         if not entries:
-            raise _RefusedError(Fault.END_OF_FILE)
+            raise _RefusedError(ErrorCode.END_OF_FILE)
         data = b""
         for entry in entries:
             line = entry.encode("ascii", "replace") + b"\0"
@@ -229,7 +229,7 @@ class FtpServer:
         if plain.strip("/") == "@PARAM":
             return [f"Fparam.pck\t{len(self._parameter_pack())}"]
         if plain not in inner:
-            raise _RefusedError(Fault.FILE_NOT_FOUND)
+            raise _RefusedError(ErrorCode.FILE_NOT_FOUND)
         return inner[plain]
 
     def _find(self, path: str) -> _File:
@@ -243,20 +243,20 @@ class FtpServer:
                     return _File(
                         log.size, lambda offset, count: self._folder.read(name, offset, count)
                     )
-        raise _RefusedError(Fault.FILE_NOT_FOUND)
+        raise _RefusedError(ErrorCode.FILE_NOT_FOUND)
 
     def _open(self, request: _Request) -> tuple[int, bytes]:
         file = self._find(request.path)
         free = next((i for i in range(_SESSIONS) if i not in self._sessions), None)
         if free is None:
-            raise _RefusedError(Fault.NO_SESSIONS)
+            raise _RefusedError(ErrorCode.NO_SESSIONS)
         self._sessions[free] = file
         return free, struct.pack("<I", file.size)
 
     def _read(self, request: _Request) -> tuple[int, bytes]:
         file = self._file(request)
         if request.offset >= file.size:
-            raise _RefusedError(Fault.END_OF_FILE)
+            raise _RefusedError(ErrorCode.END_OF_FILE)
         return request.session, file.read(request.offset, request.size or _DATA)
 
     def _checksum(self, request: _Request) -> tuple[int, bytes]:
@@ -283,7 +283,7 @@ class FtpServer:
 
 
 def _protected(_: _Request) -> tuple[int, bytes]:
-    raise _RefusedError(Fault.FILE_PROTECTED)
+    raise _RefusedError(ErrorCode.FILE_PROTECTED)
 
 
 def _packed(request: _Request, op: Op, data: bytes, *, session: int | None = None) -> bytes:

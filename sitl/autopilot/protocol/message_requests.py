@@ -22,7 +22,7 @@ class MessageCommands:
         self._streams = streams
 
     def handlers(self) -> Mapping[Command, Handler]:
-        """By command."""
+        """Who answers which command."""
         return {
             Command.GET_HOME_POSITION: lambda *_: self._ask(Message.HOME_POSITION),
             Command.REQUEST_AUTOPILOT_CAPABILITIES: lambda *_: self._ask(Message.AUTOPILOT_VERSION),

@@ -137,16 +137,16 @@ class Failsafes:
 
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
-        return cause in self._present
+        return bool(self._present) and cause in self._present
 
     @property
     def acting(self) -> bool:
         """Whether a cause is there that asks for more than a warning."""
         return any(self._action(cause) > Action.WARN for cause in self._present)
 
-    def update(self, cause: Cause, present: bool, detail: str = "") -> None:
-        """Tell whether a cause is there now; acts on the change."""
-        if present == (cause in self._present):
+    def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
+        """Tell whether a cause is there now; acts on the change, which `detail` puts in words."""
+        if not (present or self._present) or present == (cause in self._present):
             return
         if not present:
             self._present.discard(cause)
@@ -154,7 +154,8 @@ class Failsafes:
                 self._report.say(Severity.NOTICE, f"{cause.value}: over")
             return
         self._present.add(cause)
-        self._act(self._action(cause), f"{cause.value}: {detail}" if detail else cause.value)
+        words = detail()
+        self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)
 
     def _action(self, cause: Cause) -> Action:
         rule = RULES[cause]

@@ -13,6 +13,11 @@ from sitl.autopilot.safety.monitor import Monitor
 from sitl.autopilot.values.messages import MissionItem
 
 _CHARGE_HYSTERESIS = 0.02
+_THRESHOLDS = (
+    (Cause.BATTERY_LOW, "BAT_LOW_THR"),
+    (Cause.BATTERY_CRITICAL, "BAT_CRIT_THR"),
+    (Cause.BATTERY_EMERGENCY, "BAT_EMERGEN_THR"),
+)
 
 
 class Guard:
@@ -66,26 +71,23 @@ class Guard:
         self._watch_battery()
         age_s = self._monitor.gnss_age_s()
         lost = self._parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
-        self._failsafes.update(Cause.GNSS_LOST, lost, f"no solution for {age_s:.0f} s")
+        self._failsafes.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
         fenced = self._flight.airborne and self.fenced()
         breach = self.breach(self._aircraft.belief.pos_ned_m) if fenced else ""
-        self._failsafes.update(Cause.FENCE_BREACHED, bool(breach), breach)
+        self._failsafes.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 
     def poll(self, now: float) -> None:
         """Look for the ground station."""
         silence_s = now - self._monitor.ground_station_at
         if not math.isnan(silence_s):
             lost = silence_s > self._parameters["COM_DL_LOSS_T"]
-            detail = f"silent for {silence_s:.0f} s"
-            self._failsafes.update(Cause.GROUND_STATION_LOST, lost, detail)
+            self._failsafes.update(
+                Cause.GROUND_STATION_LOST, lost, lambda: f"silent for {silence_s:.0f} s"
+            )
 
     def _watch_battery(self) -> None:
         charge = self._aircraft.battery.remaining
-        for cause, name in (
-            (Cause.BATTERY_LOW, "BAT_LOW_THR"),
-            (Cause.BATTERY_CRITICAL, "BAT_CRIT_THR"),
-            (Cause.BATTERY_EMERGENCY, "BAT_EMERGEN_THR"),
-        ):
+        for cause, name in _THRESHOLDS:
             was = self._failsafes.present(cause)
             threshold = self._parameters[name] + (_CHARGE_HYSTERESIS if was else 0.0)
-            self._failsafes.update(cause, charge < threshold, f"{charge * 100:.0f} % left")
+            self._failsafes.update(cause, charge < threshold, lambda: f"{charge * 100:.0f} % left")

@@ -19,11 +19,21 @@ from sitl.autopilot.values.snapshot import Dials, Snapshot
 _GNSS_CURRENT_S = 1.5  # a solution is current for so long
 _SATELLITES_UNKNOWN = 255
 _PRESENT = (
-    Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.BARO | Sensor.GNSS
-    | Sensor.RATE_CONTROL | Sensor.ATTITUDE_CONTROL | Sensor.YAW_CONTROL
-    | Sensor.ALTITUDE_CONTROL | Sensor.POSITION_CONTROL | Sensor.MOTORS
-    | Sensor.AHRS | Sensor.BATTERY | Sensor.PREARM_CHECK
-)  # fmt: skip
+    Sensor.GYRO
+    | Sensor.ACCEL
+    | Sensor.MAG
+    | Sensor.BARO
+    | Sensor.GNSS
+    | Sensor.RATE_CONTROL
+    | Sensor.ATTITUDE_CONTROL
+    | Sensor.YAW_CONTROL
+    | Sensor.ALTITUDE_CONTROL
+    | Sensor.POSITION_CONTROL
+    | Sensor.MOTORS
+    | Sensor.AHRS
+    | Sensor.BATTERY
+    | Sensor.PREARM_CHECK
+)
 _NEEDS_GNSS = Sensor.GNSS | Sensor.POSITION_CONTROL
 _ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
 
@@ -31,7 +41,14 @@ _ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
 class Monitor:
     """Watches the aircraft in simulated time and describes it for telemetry."""
 
-    def __init__(self, aircraft: Aircraft, flight: Flight, *, reporter: Reporter) -> None:
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        flight: Flight,
+        *,
+        reporter: Reporter,
+        fenced: Callable[[], bool],
+    ) -> None:
         self._aircraft = aircraft
         self._flight = flight
         self._report = reporter
@@ -40,7 +57,7 @@ class Monitor:
         self._landed = LandedState.UNDEFINED
         self._limited = False
         self._faults: tuple[Fault, ...] = ()
-        self.fenced: Callable[[], bool] = lambda: False
+        self._fenced = fenced
         self.ground_station_at = math.nan  # wall time of the last heartbeat from one
 
     def heard_ground_station(self, now: float) -> None:
@@ -119,10 +136,10 @@ class Monitor:
             armed=aircraft.armed,
             system_state=self._system_state(failsafes),
             landed_state=flight.landed_state,
-            sensors_present=_PRESENT | (Sensor.GEOFENCE if self.fenced() else Sensor(0)),
+            sensors_present=_PRESENT | (Sensor.GEOFENCE if self._fenced() else Sensor(0)),
             sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
-            armed_t_ns=flight.armed_t_ns,
-            flights=flight.flights,
+            armed_t_ns=flight.motors.armed_t_ns,
+            flights=flight.motors.flights,
         )
 
     def dials(self, orbit: Orbit | None) -> Dials:

@@ -9,6 +9,7 @@ import struct
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -307,7 +308,7 @@ def test_one_file_of_four_missing(tmp_path: Path) -> None:
         load("mnist", data_dir=tmp_path)
 
 
-NPZ = {
+NPZ: dict[str, Any] = {
     "x_train": rng(1).integers(0, 256, (40, 12, 12, 3)).astype(np.uint8),
     "y_train": np.arange(40)[:, None] % 4,
     "x_test": rng(2).integers(0, 256, (12, 12, 12, 3)).astype(np.uint8),
@@ -350,7 +351,7 @@ def test_npz_without_splits_holds_out_a_sixth_of_every_class(tmp_path: Path) -> 
         ({"y_train": np.array([{}] * 40, dtype=object)}, "npz: "),
     ],
 )
-def test_npz_that_does_not_fit(tmp_path: Path, change: dict[str, np.ndarray], reason: str) -> None:
+def test_npz_that_does_not_fit(tmp_path: Path, change: dict[str, Any], reason: str) -> None:
     np.savez(tmp_path / "mine.npz", **{**NPZ, **change})
     with pytest.raises(DataDamagedError, match=reason) as caught:
         load("npz", data_dir=tmp_path, data_file="mine.npz")

@@ -51,6 +51,7 @@ def test_setup_numbers_devices_through_and_shares_sum_to_one() -> None:
     np.testing.assert_allclose(federation.p, expected, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_round_is_the_weighted_mean_of_what_plain_torch_trains() -> None:
     federation = build()
     start = fed.init(federation)
@@ -329,6 +330,7 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         from_bytes(federation, newer)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from typing import Any
 
 import pytest
 
@@ -18,13 +19,14 @@ def test_results_come_in_the_order_of_the_jobs(workers: int) -> None:
 
 
 def test_ctrl_c_ends_what_is_under_way_and_begins_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    submitted, released, begun = threading.Semaphore(0), threading.Event(), []
+    submitted, released = threading.Semaphore(0), threading.Event()
+    begun: list[int] = []
 
     class Pool(ThreadPoolExecutor):
         """Whoever waits for the threads lets the jobs under way end."""
 
-        def submit(self, *job: object) -> Future:
-            future = super().submit(*job)
+        def submit(self, *job: Any, **named: Any) -> Future[Any]:
+            future = super().submit(*job, **named)
             submitted.release()
             return future
 
@@ -39,7 +41,9 @@ def test_ctrl_c_ends_what_is_under_way_and_begins_no_more(monkeypatch: pytest.Mo
             for _ in range(9):
                 submitted.acquire()
             # Only a signal that the main thread is given wakes it from its waiting.
-            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+            main = threading.main_thread().ident
+            assert main is not None
+            signal.pthread_kill(main, signal.SIGINT)
         released.wait()
 
     monkeypatch.setattr("fl.training.local.ThreadPoolExecutor", Pool)

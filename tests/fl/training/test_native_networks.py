@@ -50,7 +50,8 @@ def test_training_is_that_of_torch(sizes):
     scale, shift = rng.uniform(0.5, 1.5, (2, sizes[0][2])).astype(np.float32)
     images = Images(pixels, labels, scale, shift)
     order = np.concatenate([rng.permutation(count), [-1, -1]]).reshape(2, 21)
-    network = Network(*sizes, len(weights))
+    image, channels, kernels, pools, hidden = sizes
+    network = Network(image, channels, kernels, pools, hidden, len(weights))
     weights, loss = train(network, images, order, weights, correction=None, rates=(0.05, 0.9, 0.1))
     batches = [row[row >= 0] for row in order]
     scaled = pixels * scale + shift

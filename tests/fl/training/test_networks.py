@@ -140,7 +140,7 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     counts = [
         network.correct_per_class(split, mine.model, scaling=scaling) for network in (own, net)
     ]
-    np.testing.assert_array_equal(*counts)
+    np.testing.assert_array_equal(counts[0], counts[1])
 
 
 @pytest.mark.parametrize(
@@ -182,6 +182,7 @@ def test_unknown_networks_are_refused(name: str) -> None:
         make_network(name, image_shape=SHAPE, classes=10)
 
 
+@pytest.mark.slow
 def test_images_too_small_for_the_built_in_networks() -> None:
     with pytest.raises(NetworkError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
@@ -193,6 +194,7 @@ def test_images_too_small_for_the_built_in_networks() -> None:
         split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):
             net = make_network(name, image_shape=(size, size, 1), classes=10)
+            assert isinstance(net, ConvNet)
             plain = PlainNet(net)
             expected = tuple(tuple(value.shape) for value in plain.parameters())
             assert net.shapes == expected

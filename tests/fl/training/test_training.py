@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from fl.training.modules.builtin import PlainNet
 
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
 # float32 sums in another order, over tens of steps; a larger rate would amplify it chaotically
-TOLERANCE = {"rtol": 2e-3, "atol": 2e-4}
+TOLERANCE: dict[str, Any] = {"rtol": 2e-3, "atol": 2e-4}
 
 
 def rng(seed: int) -> np.random.Generator:
@@ -75,6 +76,7 @@ def conv_net(name: str | ConvNetConfig, shape: tuple[int, int, int]) -> ConvNet:
     return net
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch_size", [5, 16, 40])
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_training_is_textbook_fedprox(

@@ -50,6 +50,7 @@ def test_calm_air_at_twenty_metres_a_second() -> None:
     assert not track.limited
 
 
+@pytest.mark.slow
 def test_wind_and_turbulence_at_twenty_metres_a_second() -> None:
     track = five_legs(BREEZE)
     off = cross_track(track.points, track.truth)
@@ -69,6 +70,7 @@ def test_hover_in_wind_and_turbulence() -> None:
     assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) <= 0.05
 
 
+@pytest.mark.slow
 def test_on_the_estimate_the_control_keeps_to_what_it_believes() -> None:
     track = five_legs(BREEZE, SensorsConfig())
     off = cross_track(track.points, track.belief)

@@ -52,7 +52,9 @@ def test_corner_is_cut_as_the_parabola_says(turn: float) -> None:
     p, _, _ = sample(trajectory, 0.001)
     miss = float(np.min(corner_distance(points, p)))
     at = trajectory.at(corners[1].t_s)
-    speed = math.dist((0, 0, 0), trajectory._velocity(corners[1].t_s - corners[1].half_s))
+    # Before the averaging, where the leg is left: a hair of the window lies on either side.
+    sharp, _ = plan_path(path_along(points), LIMITS.model_copy(update={"smoothing_s": 0.0}))
+    speed = math.dist((0, 0, 0), sharp.at(corners[1].t_s - corners[1].half_s).v)
     sine = math.sin(math.radians(turn) / 2)
     a = LIMITS.acceleration_mps2
     # v^2 s^2 / 2a, and a T^2 / 24 of the averaging window on top.
@@ -64,6 +66,7 @@ def test_corner_is_cut_as_the_parabola_says(turn: float) -> None:
     assert np.max(cross_track(points, p)[outside]) <= 1.05
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(

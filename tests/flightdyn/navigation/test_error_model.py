@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flightdyn.config import SensorsConfig
+from flightdyn.frames import quaternion_from_euler, rotation_matrix
+from flightdyn.native.library import Innovations, Transition
 from flightdyn.navigation.error_model import (
     ATT,
     BA,
@@ -16,6 +18,7 @@ from flightdyn.navigation.error_model import (
     BMAG,
     HEADING,
     POS,
+    STATES,
     VEL,
     Alignment,
     initial_covariance,
@@ -23,7 +26,6 @@ from flightdyn.navigation.error_model import (
     measurement_matrix,
     measurement_noise,
     process_noise,
-    squared_norm,
     transition,
 )
 
@@ -114,11 +116,29 @@ def test_measurement_noise_is_in_metres_and_radians() -> None:
     assert R[HEADING] == pytest.approx((0.004 / math.hypot(0.214, 0.013)) ** 2, rel=1e-2)
 
 
-@pytest.mark.parametrize("size", [1, 3])
-def test_squared_norm_against_a_general_solver(size: int) -> None:
-    rng = np.random.default_rng(size)
-    for _ in range(50):
-        root = rng.normal(size=(size, size)) * rng.uniform(0.01, 10, size)
-        covariance, values = root @ root.T + 1e-6 * np.eye(size), rng.normal(size=size)
-        expected = float(values @ np.linalg.solve(covariance, values))
-        assert squared_norm(covariance, values) == pytest.approx(expected, rel=1e-6)
+def test_innovations_and_transition_against_numpy() -> None:
+    """What C does of the filter's matrices, by their general forms."""
+    rng = np.random.default_rng(1)
+    H, R = measurement_matrix(CONFIG), measurement_noise(CONFIG, pa_per_m=12.0)
+    innovations = Innovations(H, R)
+    for _ in range(20):
+        root = rng.normal(size=(STATES, STATES))
+        P = root @ root.T
+        innovations.residual[:] = y = rng.normal(size=8)
+        stds, squares = innovations.measure(P)
+        S = H @ P @ H.T + R
+        assert stds == pytest.approx(np.sqrt(S.diagonal()), rel=1e-12)
+        parts = (slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 8))
+        expected = [float(y[p] @ np.linalg.solve(S[p, p], y[p])) for p in parts]
+        assert squares == pytest.approx(expected, rel=1e-8)
+    q, gained, dt = quaternion_from_euler(0.3, -0.2, 2.0), (0.4, -0.7, 1.1), 0.2
+    F = transition(CONFIG, step_s=dt)
+    plain = F.copy()
+    Transition(F).write(q, gained, dt)
+    R3 = np.array(rotation_matrix(q)).reshape(3, 3)
+    cross = -np.cross(np.eye(3), gained).T
+    plain[VEL, ATT], plain[POS, ATT] = -cross, -cross * dt / 2
+    plain[ATT, BG] = plain[VEL, BA] = -R3 * dt
+    plain[POS, BA] = -R3 * dt**2 / 2
+    plain[VEL, BG] = cross @ R3 * dt / 2
+    np.testing.assert_allclose(F, plain, atol=1e-15)

@@ -20,7 +20,8 @@ from flightdyn.config import (
 )
 from flightdyn.faults import GnssJump, GnssOff, ImuBias
 from flightdyn.frames import Quaternion, Triple, frozen, quaternion_multiply, rotation_matrix
-from flightdyn.inertial import Earth, ImuIncrement, NavState, propagate
+from flightdyn.inertial import Earth, NavState
+from flightdyn.native.library import Increments, Strapdown
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.inertial_navigation import InertialNavigation
@@ -76,8 +77,10 @@ class Twin:
         )
         self.accel_bias = estimator_accel_bias
         align = Alignment(ZERO, force, FIELD, pressure_pa(0.0), 4.0)
+        self._carried = Strapdown(EARTH, most=1)
+        self._carried.place(*self.state[1:])
         self.estimator = Estimator(
-            config, align=align, fix=self.fix(0), t_ns=0, earth=EARTH, step_s=0.1
+            config, align=align, fix=self.fix(0), t_ns=0, earth=EARTH, step_s=0.1, increments=5
         )
 
     def fix(self, t_ns: int) -> GnssFix:
@@ -87,15 +90,16 @@ class Twin:
     def step(self) -> None:
         t_ns = self.state.t_ns + 20_000_000
         t = t_ns * 1e-9
-        angle = 0.02 * np.array([0.9 * math.sin(t), 0.7 * math.cos(1.3 * t), 0.4])
+        rates = [0.9 * math.sin(t), 0.7 * math.cos(1.3 * t), 0.4]
         r = np.array(rotation_matrix(self.state.q)).reshape(3, 3)
         push = np.array([3 * math.sin(0.5 * t), 2 * math.cos(0.8 * t), -EARTH.gravity_mps2])
-        velocity = 0.02 * (r.T @ push)
-        true = ImuIncrement(t_ns, 0.02, tuple(angle.tolist()), tuple(velocity.tolist()))
-        self.state, _ = propagate(self.state, true, gyro_bias=ZERO, accel_bias=ZERO, earth=EARTH)
+        force = r.T @ push
+        true = Increments(1)
+        true.add([*rates, *force.tolist()], dt_s=0.02)
+        self._carried.carry(true, 0, 1)
+        self.state = NavState.of(t_ns, self._carried)
         self.history[t_ns] = self.state
-        bias = 0.02 * np.array(self.accel_bias)
-        felt = true._replace(velocity=tuple((velocity + bias).tolist()))
+        felt = [*rates, *(force + self.accel_bias).tolist()]
         if t_ns % 200_000_000 == 0:
             north, east, down = self.state.p
             height = (north**2 + east**2) / (2 * 6.371e6) - down
@@ -105,7 +109,7 @@ class Twin:
             self.estimator.observe_mag(MagSample(t_ns, (x, y, z)))
         epoch = t_ns - 120_000_000
         due = epoch > 0 and epoch % 200_000_000 == 0
-        self.estimator.step(felt, self.fix(epoch) if due else None)
+        self.estimator.step(felt, t_ns, self.fix(epoch) if due else None, dt_s=0.02)
 
 
 def test_noiseless_twin_is_exact() -> None:
@@ -199,14 +203,14 @@ def observe(seed: int, seconds: float) -> Errors:
         belief, truth = estimator.now, past[aircraft.t_ns]
         now = [*np.subtract(truth[0], belief.p), *np.subtract(truth[1], belief.v)]
         covariance = estimator.covariance[:9, :9]
-        rows.append(
-            (np.array(e), covariance, np.array(now), navigation.sensors.receiver.error_ned_m)
-        )
+        wander = np.array(navigation.sensors.receiver.error_ned_m)
+        rows.append((np.array(e), covariance, np.array(now), wander))
         for innovation in estimator.innovations:
             assert innovation.accepted or innovation.nis < 40
             nis[innovation.kind].append(innovation.nis / len(innovation.values))
         estimator.innovations.clear()
-    return Errors(*(np.array(column) for column in zip(*rows, strict=True)), nis=nis)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return Errors(columns[0], columns[1], columns[2], columns[3], nis=nis)
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +218,7 @@ def flights() -> list[Errors]:
     return [observe(seed, 40.0) for seed in range(20)]
 
 
+@pytest.mark.slow
 def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
     """Mean NEES over the seeds, at instants far apart, in its two-sided 95 % band."""
     for part, dof in ((slice(0, 9), 9), (slice(3, 6), 3), (slice(6, 9), 3)):
@@ -234,6 +239,7 @@ def test_the_filter_knows_how_wrong_it_is(flights: list[Errors]) -> None:
         assert nees.mean() == pytest.approx(dof, rel=0.25)
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
     """Normalised innovations of one kind are nearly independent: their mean is one."""
     for kind, dof in (("gnss position", 3), ("gnss velocity", 3), ("baro", 1), ("heading", 1)):
@@ -243,6 +249,7 @@ def test_innovations_are_as_large_as_expected(flights: list[Errors]) -> None:
         assert low - 0.03 <= values.mean() <= high + 0.03, kind
 
 
+@pytest.mark.slow
 def test_default_sensors_give_the_accuracy_promised(flights: list[Errors]) -> None:
     now = np.concatenate([f.now for f in flights])
     gnss = np.concatenate([f.gnss for f in flights])
@@ -306,6 +313,7 @@ def test_a_jump_of_fifty_metres_is_not_believed() -> None:
     assert worst_error(aircraft, 5.0)[0] < 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [ImuBias(gyro_radps=(0.01, -0.01, 0.01)), ImuBias(accel_mps2=(0.5, -0.3, 0.3))],
@@ -328,6 +336,7 @@ def test_an_imu_that_changes_its_bias_is_found_out(fault: ImuBias) -> None:
     assert np.subtract(after.accel, before.accel) == pytest.approx(fault.accel_mps2, abs=0.15)
 
 
+@pytest.mark.slow
 def test_height_stays_right_far_from_home() -> None:
     """At 3 km the ground has fallen 0.7 m below the plane that touches it at home."""
     aircraft = make(seed=2, sensors=SensorsConfig(), wind=BREEZE)

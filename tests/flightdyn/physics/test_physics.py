@@ -271,6 +271,7 @@ def test_air_is_that_of_homes_altitude(alt: float) -> None:
     assert pressure_slope(v.pressure_pa()) == pytest.approx(density(v) * 9.80665, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alt", [0.0, 1500.0])
 def test_turbulence_has_the_strength_of_its_height_above_ground(alt: float) -> None:
     """MIL-F-8785C, 3.7.3.4 and figures 10, 11, at 60 m in a wind of 8 m/s at 20 ft."""

@@ -38,6 +38,7 @@ def test_white_noise_has_the_density_asked_for() -> None:
     assert rows[:, :3].std() == pytest.approx(1.87e-4 * math.sqrt(250), rel=0.01)
 
 
+@pytest.mark.slow
 def test_bias_walks_with_the_square_root_of_time() -> None:
     config = ImuConfig(
         gyro_noise_density=0, accel_noise_density=0, gyro_turn_on_radps=0, accel_turn_on_mps2=0

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,13 +75,13 @@ def vehicle(t_ns: int, true_ned: np.ndarray, est_ned: np.ndarray) -> VehicleSamp
 
 def uplink(device: int, step: int, slot_s: float, plan, true, true_per: float) -> UplinkRecord:
     return UplinkRecord(
-        0, device, WORLD.community[device], step, slot_s, *map(float, plan),
-        *map(float, true), 60.0, *map(float, true), 60.0,
+        0, device, WORLD.community[device], step, slot_s, plan[0], plan[1],
+        true[0], true[1], 60.0, true[0], true[1], 60.0,
         0.1, 0.11, true_per, 0.5, delivered=device == 0,
     )  # fmt: skip
 
 
-def record(**changes: object) -> RoundRecord:
+def record(**changes: Any) -> RoundRecord:
     values = RoundRecord(
         0, START_S, 30.0, 0.7, 0.65, 0.6, 0.8, 600.0, 601.0, 601.0, 2, 1, 0.9,
         {"a": 0.5, "b": 0.4}, {"a": 1.0, "b": 1.0},

@@ -9,6 +9,8 @@ from test_fly import CORNERS, RETURN, TAKE_OFF, summary, written
 
 from mission.cli import call
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("at_s", [10.0, 40.0, 98.0], ids=["take-off", "mission", "landing"])
 def test_a_crash_is_a_failed_flight(

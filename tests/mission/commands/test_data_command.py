@@ -6,10 +6,12 @@ import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fl.data import fetch as fetching
+from fl.data.idx import NAMES
 from mission.cli import call
 
 
@@ -26,7 +28,7 @@ def test_check_says_what_is_there(
 
 
 def test_check_names_the_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in fetching.NAMES:
+    for name in NAMES:
         (tmp_path / f"{name}.gz").write_bytes(gzip.compress(b"no images at all"))
     assert call(["data", "check", str(tmp_path), "--task", "mnist"]) == 2
     printed = capsys.readouterr().out
@@ -56,7 +58,7 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder.mkdir()
 
     class Handler(http.server.SimpleHTTPRequestHandler):
-        def __init__(self, *args: object, **kwargs: object) -> None:
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
             super().__init__(*args, directory=str(folder), **kwargs)
 
         def log_message(self, *_: object) -> None: ...
@@ -68,7 +70,7 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         monkeypatch.setattr(
             fetching.fetch,
             "__kwdefaults__",
-            {**fetching.fetch.__kwdefaults__, "locations": {"mnist": address}},
+            {**(fetching.fetch.__kwdefaults__ or {}), "locations": {"mnist": address}},
         )
         yield folder
         web.shutdown()

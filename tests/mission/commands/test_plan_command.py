@@ -52,6 +52,7 @@ class NoWayAcross:
         return finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
 
 
+@pytest.mark.slow
 def test_a_problem_that_fails_is_named_and_the_others_are_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from mission.cli import call
 AEROFED = [sys.executable, "-m", "mission"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
     command = [*AEROFED, "run", "--rounds", "1", "--out", str(out), *SMALL[:-1]]
@@ -28,6 +30,7 @@ def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
     assert json.loads((out / "summary.json").read_text())["status"] == "finished"
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_had_enough_is_no_error() -> None:
     command = [*AEROFED, "link-budget"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -38,6 +41,7 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
     process.stderr.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("launcher", [[], ["sh", "-c", "trap '' INT; exec \"$@\"", "sh"]])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_is_an_interruption(
@@ -79,6 +83,7 @@ def test_ctrl_c_while_the_program_loads_is_no_traceback(tmp_path: Path, module: 
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_again_and_again_ends_a_run_once(tmp_path: Path) -> None:
     """Three times within half a second took MAVSDK down under its threads: SIGABRT."""
     out = tmp_path / "run"
@@ -114,6 +119,7 @@ def test_run_flight_ends_in_order_however_often_it_is_interrupted() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_an_interrupted_flight_is_written_down_undisturbed() -> None:
     async def flight() -> None:
         signal.raise_signal(signal.SIGINT)
@@ -156,6 +162,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
     process = subprocess.run(
         [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=HANG_S
@@ -183,6 +190,7 @@ def test_an_empty_data_folder_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "holds none of the data sets" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_round_that_reaches_nobody_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -193,4 +201,6 @@ def test_a_round_that_reaches_nobody_is_said(
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["--version"]) == 0
-    assert capsys.readouterr().out.strip() == "0.1.0"
+    pyproject = Path(__file__).parents[3] / "pyproject.toml"
+    declared = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]["version"]
+    assert capsys.readouterr().out.strip() == declared

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
 from synthetic_flight import AREA, devices, fly
 
 from mission.analysis.compare import compare_run
@@ -21,6 +22,11 @@ from mission.log.tables import Table
 from mission.log.write.writer import FlightLog
 
 
+def heights(line: Line2D) -> np.ndarray:
+    return np.asarray(line.get_ydata(), dtype=np.float64)
+
+
+@pytest.mark.slow
 def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     files = draw_run(tmp_path)
@@ -31,6 +37,7 @@ def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
         assert 0.01 < (image[..., :3].min(axis=2) < 0.95).mean() < 0.6  # ink, and paper
 
 
+@pytest.mark.slow
 def test_a_picture_has_the_bytes_that_matplotlib_itself_saves(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     draw_run(tmp_path)
@@ -58,6 +65,7 @@ def test_maps_show_the_planned_and_the_true_path_with_equal_axes(tmp_path: Path)
         assert any(np.array_equal(d, track) for d in drawn)
 
 
+@pytest.mark.slow
 def test_many_rounds_are_thinned_to_twelve_maps_with_first_and_last(tmp_path: Path) -> None:
     fly(tmp_path, rounds=15)
     shown = [axes for axes in round_maps(load_run(tmp_path).data).axes if axes.get_visible()]
@@ -71,11 +79,12 @@ def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=3)
     accuracy, cov, _ = learning_curves(made.rounds).axes
     for name, line in zip(made.rounds[0].accuracy, accuracy.lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [100 * r.accuracy[name] for r in made.rounds])
+        np.testing.assert_allclose(heights(line), [100 * r.accuracy[name] for r in made.rounds])
     for name, line in zip(made.rounds[0].cov, cov.lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [r.cov[name] for r in made.rounds])
+        np.testing.assert_allclose(heights(line), [r.cov[name] for r in made.rounds])
 
 
+@pytest.mark.slow
 def test_runs_side_by_side(tmp_path: Path) -> None:
     runs = []
     for name, seed in (("one", 1), ("two", 2)):
@@ -84,7 +93,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
         runs.append(compare_run(load_run(tmp_path / name)))
     figure = comparison_figure(runs)
     for run, line in zip(runs, figure.axes[2].lines, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), [r.true_objective for r in run.rounds])
+        np.testing.assert_allclose(heights(line), [r.true_objective for r in run.rounds])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
     assert draw_comparison(runs, tmp_path / "c.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="not a kind of picture"):
@@ -109,11 +118,13 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
         draw_run(tmp_path)
 
 
+@pytest.mark.slow
 def test_pyplot_is_never_imported() -> None:
     code = "import sys, mission.figures.run; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_compare_draws_where_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = fly(tmp_path, rounds=2)
     target = tmp_path / "both.svg"

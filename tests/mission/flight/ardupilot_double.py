@@ -112,7 +112,8 @@ class ArduPilotDouble(threading.Thread):
         if left <= speed * dt:
             self._at = list(goal)
             return True
-        self._velocity = tuple(speed * (g - a) / left for g, a in zip(goal, self._at, strict=True))
+        north, east, down = (speed * (g - a) / left for g, a in zip(goal, self._at, strict=True))
+        self._velocity = north, east, down
         self._at = [a + v * dt for a, v in zip(self._at, self._velocity, strict=True)]
         return False
 

@@ -16,6 +16,8 @@ from test_planfile import simple
 from mission.analysis.load import load_run
 from mission.cli import call
 
+pytestmark = pytest.mark.slow
+
 HOME = (43.6145, 7.0715)
 NORTH = HOME[0] + 200 / 111_110.0
 

@@ -19,6 +19,8 @@ from mission.cli import call
 from mission.config.url import checked_url
 from mission.flight.pilot.connection import connect
 
+pytestmark = pytest.mark.slow
+
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
 SMALL = (
     "--set", "mission.steps=5",

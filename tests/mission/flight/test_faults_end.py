@@ -10,6 +10,8 @@ from test_run import SMALL
 from flightdyn.faults import Fault, ImuBias
 from mission.cli import call
 
+pytestmark = pytest.mark.slow
+
 KINDS = {model.model_fields["kind"].default: model for model in get_args(get_args(Fault)[0])}
 
 

@@ -69,6 +69,7 @@ def test_settings_that_do_not_fit_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [["sitl"], ["fly", "survey.plan"]])
 def test_commands_of_the_built_in_autopilot_take_no_firmware(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
@@ -129,6 +130,7 @@ def real(autopilot: str) -> Path:
     return Path(named)
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("autopilot", sorted(REAL))
 def test_a_real_firmware_flies_rounds(tmp_path: Path, autopilot: str) -> None:
     out = tmp_path / "out"
@@ -155,6 +157,7 @@ def _cwd(process: Path) -> str:
         return ""
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("autopilot", sorted(REAL))
 def test_a_real_firmware_that_does_not_know_a_parameter_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str

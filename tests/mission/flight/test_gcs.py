@@ -66,6 +66,7 @@ def flown(folder: Path) -> tuple[bytes, bytes, list[tuple[str, int, bytes]]]:
     return (folder / "rounds.csv").read_bytes(), (folder / "uplinks.csv").read_bytes(), messages
 
 
+@pytest.mark.slow
 def test_a_ground_station_sees_the_flight_and_changes_nothing(tmp_path: Path) -> None:
     port = free_port()
     station = GroundStation(port)

@@ -10,7 +10,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import FlightError
 from mission.flight.pilot.connection import connect
-from mission.flight.pilot.orders import Pilot
+from mission.flight.pilot.pilot import Pilot
 from sitl.config import VehicleConfig
 from sitl.links import RawLink
 from sitl.pace import Simulation

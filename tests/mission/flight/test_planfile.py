@@ -13,7 +13,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.flight.flight_plan import FlightPlan, Stop
 from mission.flight.pilot.importer import Imported, import_plan, raw_items
-from mission.flight.pilot.items import mission_items
+from mission.flight.pilot.mission_items import mission_items
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_file_writing import write_round_plan
 from sitl.config import VehicleConfig

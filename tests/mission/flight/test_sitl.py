@@ -18,6 +18,8 @@ from mission.config.loading import builtin_config, load_config
 from mission.flight.serve.vehicle import make_vehicles
 from sitl.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow
+
 ARM, TAKE_OFF, TERMINATE, REBOOT = 400, 22, 185, 246
 ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
 READY = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK

@@ -74,10 +74,11 @@ class PointMass:
         q = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
         vel = np.array([self.vel_mps[1], self.vel_mps[0], -self.vel_mps[2]])
         still = np.zeros(3)
-        return tuple(
+        truth, belief = (
             Kinematics(self.t_ns, np.append(AREA.to_ned(at[:2], 0.0)[:2], -at[2]), vel, q, still)
             for at in (self.pos_m, self.pos_m + self.bias_m)
         )
+        return truth, belief
 
     def step_to(self, target_m: Floats, speed_mps: float) -> None:
         dt = DT_NS / 1e9
@@ -246,7 +247,9 @@ def _uplinks(
         records.append(
             UplinkRecord(
                 index, int(device), world.community[device], int(step), t_ns / 1e9,
-                *map(float, waypoint), *map(float, est), *map(float, true),
+                float(waypoint[0]), float(waypoint[1]),
+                float(est[0]), float(est[1]), float(est[2]),
+                float(true[0]), float(true[1]), float(true[2]),
                 per(waypoint), per(est), per(true),
                 float(problem.importance[device]), bool(rng.random() >= per(true)),
             )

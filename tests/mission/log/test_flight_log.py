@@ -6,6 +6,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pymap3d
@@ -21,7 +22,8 @@ from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.read.reader import read_log
 from mission.log.topics import RAW, TOPICS, Topic, fields
-from mission.log.write.writer import FlightLog, LogRates
+from mission.log.write.rates import LogRates
+from mission.log.write.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
 
 
@@ -41,7 +43,7 @@ def sample(t_ns: int, **truth: tuple[float, ...]) -> VehicleSample:
     return VehicleSample(t_ns, state, state, None, None, battery, "hold", armed=True)
 
 
-def messages(path: Path, topic: str) -> list[tuple[int, object]]:
+def messages(path: Path, topic: str) -> list[tuple[int, Any]]:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return [
@@ -265,7 +267,7 @@ def test_slots_never_reached_and_missing_bounds_survive(tmp_path: Path) -> None:
     assert not messages(path, "/scene/links")
 
 
-def fits(value: object, schema: dict[str, object]) -> bool:
+def fits(value: object, schema: dict[str, Any]) -> bool:
     """Whether a value is of a JSON schema's type (the parts of the standard that are used)."""
     kinds = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
     if isinstance(value, list):

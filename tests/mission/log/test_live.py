@@ -135,6 +135,7 @@ def test_who_talks_nonsense_harms_nobody(said: bytes) -> None:
         live.close()
 
 
+@pytest.mark.slow
 def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     plan, out = tmp_path / "north.waypoints", tmp_path / "out"
     plan.write_text("QGC WPL 110\n" + "0 0 3 16 0 5 0 0 47.402 8.5 50 1\n".replace(" ", "\t"))

@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -13,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 from synthetic_flight import AREA, CONFIG, Fixed, fly
 
-from mission.base.errors import InputError
+from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.cli import call
 from mission.commands import log, report
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
@@ -72,7 +73,7 @@ def test_check_passes_a_sound_log_and_names_gaps(
     with pytest.raises(DamagedLogError, match="damaged at byte"):
         log.check(broken)
     assert log.recover(broken, saved) == 0
-    assert log.check(saved) == log.LIMITS_NOT_MET
+    assert log.check(saved) == LIMITS_NOT_MET
     text = capsys.readouterr().out
     assert "lost: bytes" in text
     assert "/true/pose: 10 messages are missing from its numbering" in text
@@ -93,7 +94,7 @@ def test_recover_names_its_file_by_itself(
 def test_diff_says_where(made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert log.diff(made.log, made.log) == 0
     other = fly(tmp_path, rounds=2, seed=2)
-    assert log.diff(made.log, other.log) == log.LIMITS_NOT_MET
+    assert log.diff(made.log, other.log) == LIMITS_NOT_MET
     text = capsys.readouterr().out
     assert "the same" in text
     assert "metadata run: differs" in text
@@ -103,7 +104,11 @@ def test_diff_says_where(made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
     assert log.export(made.log, tmp_path / "csv", to="csv") == 0
-    for name, record in (("rounds", RoundRecord), ("uplinks", UplinkRecord)):
+    records: dict[str, type[RoundRecord | UplinkRecord]] = {
+        "rounds": RoundRecord,
+        "uplinks": UplinkRecord,
+    }
+    for name, record in records.items():
         exported = (tmp_path / "csv" / f"{name}.csv").read_bytes()
         assert exported == (made.log.parent / f"{name}.csv").read_bytes()
         assert read_table(tmp_path / "csv" / f"{name}.csv", record)
@@ -158,7 +163,7 @@ def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("to", ["csv", "kml", "attachments"])
-def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: str) -> None:
+def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: Any) -> None:
     target = tmp_path / "out"
     if to == "kml":
         target.write_text("mine")
@@ -181,13 +186,14 @@ def test_a_runs_folder_stands_for_its_log(
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "kml", "attachments"])
 def test_an_export_that_cannot_be_finished_leaves_nothing(
-    made: Fixed, tmp_path: Path, to: str
+    made: Fixed, tmp_path: Path, to: Any
 ) -> None:
     with no_file_larger_than(2000), pytest.raises(InputError, match="out: cannot write"):
         log.export(made.log, tmp_path / "out", to=to)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
     made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

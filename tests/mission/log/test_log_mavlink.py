@@ -15,6 +15,7 @@ from mission.log.read.contents import load
 RAW = {topics.MAVLINK_TO_VEHICLE.name, topics.MAVLINK_FROM_VEHICLE.name}
 
 
+@pytest.mark.slow
 def test_what_was_said_is_recorded_and_changes_nothing_else(tmp_path: Path) -> None:
     plain, raw = tmp_path / "plain", tmp_path / "raw"
     assert fly(plain, rounds=1) == 0

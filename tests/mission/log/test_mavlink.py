@@ -1,5 +1,6 @@
 """Raw MAVLink in the log, read back by pymavlink."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ class Loop:
     def newcomers(self) -> bool:
         return True
 
-    def send(self, frames: list[bytes]) -> None:
+    def send(self, frames: Sequence[bytes]) -> None:
         self.sent += frames
 
     def close(self) -> None: ...

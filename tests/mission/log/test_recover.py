@@ -84,6 +84,7 @@ def test_a_complete_log_comes_out_as_it_went_in(tmp_path: Path, made: Fixed) -> 
     assert saved.attachments == 3
 
 
+@pytest.mark.slow
 def test_cut_at_every_kind_of_place_keeps_every_whole_chunk(tmp_path: Path, small: bytes) -> None:
     intact = tmp_path / "intact.mcap"
     intact.write_bytes(small)
@@ -185,6 +186,7 @@ def test_recovery_never_overwrites(tmp_path: Path, made: Fixed) -> None:
     assert target.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(tmp_path: Path) -> None:
     """`kill -9` while the log is being written: all but the last second comes back, unaltered."""
     reference = tmp_path / "reference"

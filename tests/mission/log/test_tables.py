@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -14,8 +15,8 @@ from mission.log.tables import Table, TableError, read_table
 FLOATS = st.floats(allow_nan=False)
 
 
-def round_record(number: int = 0, **changes: object) -> RoundRecord:
-    values = {
+def round_record(number: int = 0, **changes: Any) -> RoundRecord:
+    values: dict[str, Any] = {
         "round": number, "start_t_s": 15.4, "duration_s": 45.8, "plan_objective": 0.45,
         "est_objective": 0.44, "true_objective": 0.43, "upper_bound": math.inf,
         "plan_path_m": 687.25, "flown_path_m": 685.5, "budget_used_m": 685.5, "scheduled": 3,
@@ -25,7 +26,7 @@ def round_record(number: int = 0, **changes: object) -> RoundRecord:
     return dataclasses.replace(UNKNOWN_ROUND, **{**values, **changes})
 
 
-def uplink(round_number: int = 0, device: int = 3, **changes: object) -> UplinkRecord:
+def uplink(round_number: int = 0, device: int = 3, **changes: Any) -> UplinkRecord:
     record = UplinkRecord(
         round_number, device, "digits", 1, 25.9, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 0.1, 0.2,
         0.3, 0.25, delivered=True,

@@ -21,6 +21,7 @@ def killed(folder: Path, *, rounds: int = 3, share: float = 0.8) -> None:
     (folder / "summary.json").write_text(json.dumps({"status": "running"}))
 
 
+@pytest.mark.slow
 def test_what_is_there_of_a_killed_run_is_compared_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -58,6 +59,7 @@ def test_a_finished_runs_log_has_to_be_whole(tmp_path: Path) -> None:
         load_run(folder)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_that_was_killed_again_shows_the_longer_log(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     killed(folder, share=0.5)
@@ -67,6 +69,7 @@ def test_a_resumed_run_that_was_killed_again_shows_the_longer_log(tmp_path: Path
     assert len(load_run(folder).data.rounds) == 3
 
 
+@pytest.mark.slow
 def test_runs_of_different_length_are_said_to_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

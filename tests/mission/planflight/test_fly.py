@@ -44,6 +44,7 @@ def summary(folder: Path) -> dict[str, Any]:
     return loaded
 
 
+@pytest.mark.slow
 def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out)]) == 0
@@ -77,6 +78,7 @@ def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixt
     assert (out / "square.plan").read_bytes() == plan.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path: Path) -> None:
     # A plan without take-off and without an end: straight up first, and home afterwards.
     plan = written(tmp_path, place(47.401, 8.5, 60), place(47.402, 8.5, 60))
@@ -93,6 +95,7 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
     assert abs(data["true_alt_m"][-1]) < 0.5
 
 
+@pytest.mark.slow
 def test_landing_elsewhere(tmp_path: Path) -> None:
     plan = written(
         tmp_path, TAKE_OFF, place(47.401, 8.5), simple(21, 0, 0, 0, None, 47.4015, 8.5, 0)
@@ -198,6 +201,7 @@ def with_rally(folder: Path, *points: list[float], circle_m: float = 0.0) -> Pat
     return path
 
 
+@pytest.mark.slow
 def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     # 50 m east of the last place, and one that is farther from there than home.
     plan = with_rally(tmp_path, [47.4, 8.5 - 100 / 75_480, 0], [NORTH, 8.5 + 50 / 75_480, 0])
@@ -250,6 +254,7 @@ def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert {path.name for path in out.iterdir()} == {"mine"}
 
 
+@pytest.mark.slow
 def test_its_folder_has_the_after_care_of_a_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -277,6 +282,7 @@ def test_its_folder_has_the_after_care_of_a_run(
     assert "no flight.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -298,6 +304,7 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     assert page.count("not reached</td>") == 4 - found["places_reached"]
 
 
+@pytest.mark.slow
 def test_a_flight_whose_pictures_fail_is_not_finished(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,6 +322,7 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
     assert summary(out)["status"] == "failed"
 
 
+@pytest.mark.slow
 def test_a_flight_that_misses_its_end_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -331,6 +339,7 @@ def test_a_flight_that_misses_its_end_has_failed(
     assert (out / "track.csv").is_file()
 
 
+@pytest.mark.slow
 def test_a_live_view_changes_no_byte_of_a_flight(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

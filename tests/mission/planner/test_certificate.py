@@ -83,6 +83,7 @@ def exhaustively(problem):
     return best
 
 
+@pytest.mark.slow
 @SLOW
 @given(
     SEEDS, st.sampled_from(PRESETS), st.integers(2, 4), st.integers(1, 2), st.floats(50.0, 900.0)
@@ -130,6 +131,7 @@ def test_one_percent_on_a_dozen_devices(preset):
         assert 0.0 <= plan.gap <= 0.0101
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_more_freedom_never_lowers_the_bound_below_what_less_reached(seed):
     base = random_problem(seed, devices=9, steps=6, per_step=2, budget=600.0)
@@ -215,6 +217,7 @@ for planner in (CertifiedPlanner(), SqpPlanner()):
 """
 
 
+@pytest.mark.slow
 def test_another_process_makes_the_same_plan_to_the_last_bit():
     runs = [
         subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)

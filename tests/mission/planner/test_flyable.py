@@ -68,6 +68,7 @@ def test_a_plan_worth_nothing_is_flown_as_wide_as_allowed():
     assert acceptance_radius(nothing, plan, 5.0) == 5.0
 
 
+@pytest.mark.slow
 def test_with_perfect_sensors_in_calm_air_one_percent_is_lost_at_most(tmp_path: Path):
     # With 5 m of acceptance this loses 2 %.
     settings = (

@@ -16,6 +16,8 @@ from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import SqpPlanner
 
+pytestmark = pytest.mark.slow
+
 CASES = json.loads(Path(__file__).with_name("numba_plans.json").read_text())
 
 

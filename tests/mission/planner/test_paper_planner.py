@@ -1,12 +1,21 @@
 """The paper's alternation: brute force, monotone ascent, its bound of the objective."""
 
+import functools
 import itertools
 
 import cvxpy as cp
 import numpy as np
 import pytest
 
-from fl.radio.channel import CHANNEL_PRESETS, average_per, fit_logistic, smooth_per
+from fl.radio.channel import (
+    CHANNEL_PRESETS,
+    Channel,
+    Floats,
+    LogisticFit,
+    average_per,
+    fit_logistic,
+    smooth_per,
+)
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
@@ -61,13 +70,17 @@ def test_brute_force_on_a_tiny_case_is_not_beaten_and_nearly_reached():
     assert plan.value <= 1.02 * best  # the grid is 10 m wide
 
 
+def _success(fit: LogisticFit, channel: Channel, r: Floats) -> Floats:
+    return np.asarray(1.0 - smooth_per(fit, channel, r))
+
+
 @pytest.mark.parametrize("preset", ["suburban+10dB", "suburban", "suburban+30dB"])
 def test_the_exact_cone_never_loses_in_the_stand_in(preset):
     for seed in range(3):
         problem = random_problem(seed, channel=CHANNEL_PRESETS[preset])
         program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
         fit = fit_logistic(problem.channel)
-        start = greedy_walk(problem, lambda r, p=problem, f=fit: 1 - smooth_per(f, p.channel, r))
+        start = greedy_walk(problem, functools.partial(_success, fit, problem.channel))
         values = [value for _, _, value in ascend(problem, start, program=program)]
         assert len(values) > 2
         # Where the exponent is clipped the bound touches to within 1 / (1 + e^8) a device.

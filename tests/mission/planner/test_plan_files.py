@@ -2,6 +2,7 @@
 
 import json
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ CHANNEL = {
     key: getattr(CHANNEL_PRESETS["suburban"], key)
     for key in CHANNEL_PRESETS["suburban"].__dataclass_fields__
 }
-GOOD = {
+GOOD: dict[str, Any] = {
     "id": "a",
     "devices": [[100.0, 0.0], [300, 200], [500.0, 700]],
     "importance": [1.0, 0, 2.5],
@@ -121,7 +122,23 @@ def test_what_is_wrong_is_named(tmp_path, content, message):
 
 
 # A value of every type that JSON has, and numbers beyond all limits.
-STRANGE = ("?", "", True, None, -3, 2.5, -1e300, 1e300, [], [1], ["?"], [[]], [{}], {}, {"q": 1})
+STRANGE: tuple[Any, ...] = (
+    "?",
+    "",
+    True,
+    None,
+    -3,
+    2.5,
+    -1e300,
+    1e300,
+    [],
+    [1],
+    ["?"],
+    [[]],
+    [{}],
+    {},
+    {"q": 1},
+)
 
 
 @pytest.mark.parametrize("key", [key.path for key in every(top(ProblemEntry))])
@@ -202,6 +219,7 @@ def test_the_link_budget_warns_where_nothing_gets_through():
     assert "served radius (PER 0.5): 185 m" in good.lines
     assert any("worst error 0.02" in line for line in good.lines)
     bad = budget_report(CHANNEL_PRESETS["literal"])
+    assert bad.warning is not None
     assert "PER straight overhead is 1.000" in bad.warning
     assert any("not even straight overhead" in line for line in bad.lines)
 

@@ -26,7 +26,7 @@ def problem(seed: int) -> RoundProblem:
 
 @pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 def test_planning_something_else_in_between_changes_nothing(kind: str) -> None:
-    planner = make_planner(PlannerConfig(kind=kind))  # type: ignore[arg-type]
+    planner = make_planner(PlannerConfig(kind=kind))
     first = planner.plan(problem(1))
     planner.plan(dataclasses.replace(problem(2), path_budget_m=900.0))
     again = planner.plan(problem(1))

@@ -117,6 +117,7 @@ def test_the_ascent_never_loses_and_keeps_the_budget():
         assert np.array_equal(after_way[0], way[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["suburban+10dB", "suburban", "suburban+30dB"])
 def test_both_beat_the_alternation(preset):
     for seed in range(3):

@@ -16,7 +16,8 @@ from mission.log.export.tables import tables
 from mission.log.read.reader import read_log
 from mission.log.topics import fields
 from mission.log.values import FlightData
-from mission.log.write.writer import FlightLog, LogRates
+from mission.log.write.rates import LogRates
+from mission.log.write.writer import FlightLog
 from sitl.config import VehicleConfig
 from sitl.observer import VehicleEvent, VehicleSample
 from sitl.vehicle import Vehicle

@@ -133,6 +133,7 @@ def test_what_cannot_be_reported_is_refused(tmp_path: Path) -> None:
         write_report(tmp_path)
 
 
+@pytest.mark.real
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium in the PATH")
 @pytest.mark.parametrize("width", [390, 1280])
 def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:

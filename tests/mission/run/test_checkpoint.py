@@ -44,6 +44,7 @@ def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
 
 
 # 20 of these were killed at random moments by hand; CI has time for a few.
+@pytest.mark.slow
 @pytest.mark.parametrize("after_rounds", [0, 1, 2])
 def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_rounds: int) -> None:
     out = tmp_path / "killed"
@@ -69,6 +70,7 @@ main(sys.argv[2:])
 
 
 # The configuration, the learning's state and the first checkpoint are what is written first.
+@pytest.mark.slow
 @pytest.mark.parametrize("nth", [1, 2, 3])
 def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
@@ -98,6 +100,7 @@ def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(
     assert (tmp_path / "config.toml").read_text() == "mine = true"
 
 
+@pytest.mark.slow
 def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["run", "--out", str(stopped)]) == 2
     refused(
@@ -107,6 +110,7 @@ def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFi
     )
 
 
+@pytest.mark.slow
 def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = digests(whole)
     assert call(["run", "--resume", str(whole)]) == 0
@@ -192,6 +196,7 @@ def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixt
     refused(capsys, "versions of libraries differ: jsbsim was 0.9, is ")
 
 
+@pytest.mark.slow
 def test_resume_says_when_a_round_cannot_be_flown_again_alike(
     stopped: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,7 @@ def passage(t_s: float, true_xy: tuple[float, float], est_xy: tuple[float, float
     )
 
 
-def flight(reached: dict[int, Passage]) -> Flight:
+def flight(*passages: Passage | None) -> Flight:
     """From x = 400 at t = 0 to x = 500 at t = 10 s, the estimate 1 m north of the truth."""
     ends = [
         passage(0.0, (400.0, 100.0), (400.0, 101.0)),
@@ -37,8 +37,8 @@ def flight(reached: dict[int, Passage]) -> Flight:
         np.array([p.t_ns for p in ends]),
         np.array([p.true_ned_m for p in ends]),
         np.array([p.est_ned_m for p in ends]),
-        reached,
         0.9,
+        passages,
     )
 
 
@@ -65,13 +65,13 @@ def test_waypoints_that_coincide_become_one_stop() -> None:
 def test_a_slot_that_is_never_reached_transmits_nothing() -> None:
     plan = FlightPlan((Stop(np.zeros(2), (0,)), Stop(np.ones(2), (1, 2))), 60.0, 20.0, 5.0)
     start = passage(0.0, (400.0, 100.0), (400.0, 101.0))
-    assert slots(plan, flight({0: start}), seq_of_stop=[0, 2]) == {0: start}
+    assert slots(plan, flight(start, None)) == {0: start}
 
 
 def test_slots_of_a_hover_are_spread_over_it() -> None:
     plan = FlightPlan((Stop(np.zeros(2), (0, 1, 2, 3), hold_s=8.0),), 60.0, 20.0, 5.0)
     there = passage(0.0, (400.0, 100.0), (400.0, 101.0))
-    found = slots(plan, flight({0: there}), seq_of_stop=[0])
+    found = slots(plan, flight(there))
     assert [p.t_ns for p in found.values()] == [0, 2_000_000_000, 4_000_000_000, 6_000_000_000]
     np.testing.assert_allclose(AREA.from_ned(found[2].true_ned_m), [440.0, 100.0])
 

@@ -8,6 +8,8 @@ import pytest
 
 from mission.cli import call
 
+pytestmark = pytest.mark.slow
+
 PERIOD, BOOST, FLOOR = 2, 1.5, 0.1
 
 

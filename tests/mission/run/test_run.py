@@ -57,6 +57,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_run_leaves_what_it_promises(run: Path) -> None:
     assert {path.name for path in run.iterdir()} >= {
         "config.toml", "devices.csv", "rounds.csv", "uplinks.csv", "flight.mcap", "summary.json",
@@ -84,6 +85,7 @@ def test_a_run_leaves_what_it_promises(run: Path) -> None:
     assert {"setup", "plan", "fly", "learn"} <= summary["wall_s"].keys()
 
 
+@pytest.mark.slow
 def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
     for uplink in rows(run / "uplinks.csv"):
         plan, true, est = (
@@ -96,6 +98,7 @@ def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
         assert abs(float(uplink["true_alt_m"]) - 60.0) < 2.0
 
 
+@pytest.mark.slow
 def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
     with (run / "flight.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -111,6 +114,7 @@ def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
     assert counts["/tf"] > 100
 
 
+@pytest.mark.slow
 def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["compare", str(run), "--as-json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -120,6 +124,7 @@ def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]
     assert "cross" in capsys.readouterr().out.lower()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_path: Path) -> None:
     burn = [sys.executable, "-c", "while True: pass"]
     load = [subprocess.Popen(burn) for _ in range(2 * (os.cpu_count() or 1))]
@@ -132,11 +137,13 @@ def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_p
     assert digests(tmp_path / "again") == digests(run)
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_flight(run: Path, tmp_path: Path) -> None:
     assert fly(tmp_path / "other", "--seed", "2", rounds=1) == 0
     assert digests(tmp_path / "other")["devices.csv"] != digests(run)["devices.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["no_cov", "barycenter", "rectangular"])
 def test_every_flying_strategy_flies(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / strategy
@@ -149,6 +156,7 @@ def test_every_flying_strategy_flies(tmp_path: Path, strategy: str) -> None:
         assert all(5.0 <= float(row["duration_s"]) < 12.0 for row in rounds)
 
 
+@pytest.mark.slow
 def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
     out = tmp_path / "ideal"
     assert fly(out, "--set", "mission.strategy=ideal", rounds=3) == 0
@@ -156,6 +164,7 @@ def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
     assert rows(out / "uplinks.csv") == []
 
 
+@pytest.mark.slow
 def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
     out = tmp_path / "budget"
     assert fly(out, "--set", "mission.total_budget_m=650", rounds=9) == 0
@@ -165,6 +174,7 @@ def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
     assert 570 <= float(rounds[-1]["budget_used_m"]) <= 612
 
 
+@pytest.mark.slow
 def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
     """Rounds this short are flown longer than planned: a waver of the track is a share of them."""
     out = tmp_path / "tight"
@@ -178,6 +188,7 @@ def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
     assert np.diff([0.0, *used]) == pytest.approx(np.minimum(flown, 40.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["barycenter", "ideal"])
 def test_a_first_round_costs_no_more_than_the_whole_budget(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / strategy
@@ -186,6 +197,7 @@ def test_a_first_round_costs_no_more_than_the_whole_budget(tmp_path: Path, strat
     assert [float(row["budget_used_m"]) for row in rows(out / "rounds.csv")] == [60.0]
 
 
+@pytest.mark.slow
 def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -195,6 +207,7 @@ def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
     assert rows(out / "uplinks.csv") == [u for u in rows(run / "uplinks.csv") if u["round"] == "1"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
     out = tmp_path / "cut"
     process = subprocess.Popen(
@@ -242,6 +255,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_used_folder_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = digests(run)
     assert fly(run) == 2
@@ -317,6 +331,7 @@ def test_a_vehicle_setting_that_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_training_that_diverges_is_a_run_that_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,6 +343,7 @@ def test_training_that_diverges_is_a_run_that_failed(
     assert "learning diverged" in summary["error"]
 
 
+@pytest.mark.slow
 def test_a_live_view_changes_no_byte(run: Path, tmp_path: Path) -> None:
     assert fly(tmp_path / "live", "--live", "--live-port", "0") == 0
     assert digests(tmp_path / "live") == digests(run)
@@ -341,6 +357,7 @@ def test_a_live_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
     out = tmp_path / "battery"
     # A round takes about a fifth of this one, and so does coming back from the change.
@@ -352,3 +369,41 @@ def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
     assert changes >= 1
     assert left[2] > left[1]
     assert all(float(u["slot_t_s"]) > 0 for u in rows(out / "uplinks.csv"))
+
+
+# The process has what it has, and of that only pieces below 64 kB are left when figures are drawn.
+DRAWS_WITHOUT_MEMORY = """
+import resource, sys
+from contextlib import suppress
+from pathlib import Path
+from mission.cli import call
+from mission.figures import run as figures
+
+draw, taken = figures.draw_run, []
+
+def starved(folder):
+    room = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (room, resource.RLIM_INFINITY))
+    for size in (2**24, 2**20, 2**16):
+        with suppress(MemoryError):
+            while True:
+                taken.append(bytearray(size))
+    draw(folder)
+
+figures.draw_run = starved
+sys.exit(call(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by way of /proc")
+def test_figures_without_memory_end_in_one_line_and_lose_nothing(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "starved"
+    ended = subprocess.run(
+        [sys.executable, "-c", DRAWS_WITHOUT_MEMORY, "run", "--out", str(out), "--rounds", "2",
+         *SMALL],
+        capture_output=True, text=True, check=False, timeout=HANG_S,
+    )  # fmt: skip
+    assert ended.returncode == 1, ended.stderr
+    assert ended.stderr == f"aerofed: figures: out of memory; what was flown is in {out}\n"
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+    assert digests(out) == digests(run)

@@ -8,6 +8,8 @@ from mission.cli import call
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 
+pytestmark = pytest.mark.slow
+
 SMALL = (
     "--set", "mission.flight=none",
     "--set", "mission.steps=5",

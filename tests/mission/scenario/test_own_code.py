@@ -14,7 +14,7 @@ from mission.log.errors import LogError
 from mission.planner.errors import SolverError
 from mission.run.recorder import FolderRecorder
 from mission.run.round_result import RoundResult
-from mission.scenario.custom_strategies import Known
+from mission.scenario.custom_strategies import RoundInfo
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
@@ -41,7 +41,7 @@ class Weighs:
     weights: object
     fairness = True
     approach_m = None
-    def importance(self, known):
+    def importance(self, info):
         return self.weights
     def sortie(self, round_index, problem):
         return Sortie(Jump().plan(problem))
@@ -87,6 +87,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "own_code", raising=False)
 
 
+@pytest.mark.slow
 def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
     out = tmp_path / "age"
     assert fly(out, "mission.strategy=examples.staleness:make", rounds=4) == 0
@@ -108,6 +109,7 @@ def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
     assert len(ages) > 1
 
 
+@pytest.mark.slow
 def test_an_own_strategy_resumes_with_the_ages_it_had(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,10 +132,13 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
 
 
 def test_age_of_information() -> None:
-    known = Known(7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3]))
-    assert known.age_rounds.tolist() == [7, 1, 4]
+    info = RoundInfo(
+        7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3])
+    )
+    assert info.age_rounds.tolist() == [7, 1, 4]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own")
 def test_an_own_planner_flies(tmp_path: Path) -> None:
     more = ("planner.kind=import", "planner.factory=own_code:Stay")
@@ -203,6 +208,7 @@ def test_own_code_that_is_unfinished_is_one_line(
     assert not out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "failure", [LogError(Path("flight.mcap"), "no room"), SolverError("OSQP", "max_iter")]
 )

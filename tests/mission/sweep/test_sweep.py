@@ -19,7 +19,7 @@ from patience import HANG_S, until
 
 from mission.cli import call
 from mission.commands.options import load
-from mission.sweep.execute.engine import Ended
+from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.local import LocalEngine
 from mission.sweep.execute.worker import RunEnd, RunOrder, execute
 
@@ -54,9 +54,9 @@ class Inline:
     slots = 1
 
     def start(self, order: RunOrder) -> None:
-        self.ended = Ended(order, execute(order))
+        self.ended = RunFinished(order, execute(order))
 
-    def wait(self, timeout_s: float) -> tuple[Ended, ...]:  # noqa: ARG002
+    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:  # noqa: ARG002
         return (self.ended,)
 
     def close(self) -> None: ...
@@ -76,6 +76,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
     runs, rounds = rows(swept / "runs.csv"), rows(swept / "rounds.csv")
     assert [(run["strategy"], run["seed"]) for run in runs] == [
@@ -101,6 +102,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
     config = swept / "runs" / "cov-seed2" / "config.toml"
     assert call(["run", str(config), "--out", str(tmp_path / "alone"), "--quiet"]) == 0
@@ -109,6 +111,7 @@ def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> Non
         assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
 
 
+@pytest.mark.slow
 def test_a_finished_sweep_flies_nothing_again(
     swept: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +125,7 @@ def test_a_finished_sweep_flies_nothing_again(
     assert "digits" in printed
 
 
+@pytest.mark.slow
 def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(command(swept, rounds=5)) == 2
     errors = capsys.readouterr().err
@@ -129,6 +133,7 @@ def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[
     assert "mission.rounds was 2, is 5" in errors
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of child processes")
 def test_a_killed_worker_s_run_is_repeated(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -163,6 +168,7 @@ def writer_of(file: Path) -> int:
     raise AssertionError(f"nobody writes {file}")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
     out = tmp_path / "cut"
     tokens = command(out, "--jobs", "1", seeds=1)
@@ -187,6 +193,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path
         assert rows(out / name) == [row for row in rows(swept / name) if row["seed"] == "1"]
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_not_over_tells_what_is_missing(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -222,7 +229,7 @@ class Deadly(Inline):
     """Its workers always die."""
 
     def start(self, order: RunOrder) -> None:
-        self.ended = Ended(order, None)
+        self.ended = RunFinished(order, None)
 
 
 def test_a_run_whose_worker_always_dies_is_given_up(
@@ -236,6 +243,7 @@ def test_a_run_whose_worker_always_dies_is_given_up(
     assert "run ideal-seed1 failed" in printed.err
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_named_and_the_others_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +259,7 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(
     assert "<td>failed: learning diverged" in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -286,6 +295,7 @@ def test_a_full_disk_is_the_end_of_a_run_and_not_of_the_sweep(
         assert f"run {name} failed: {out}/runs/{name}: No space left on device" in errors
 
 
+@pytest.mark.slow
 def test_the_engine_is_closed_where_the_sweep_cannot_begin(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -334,6 +344,8 @@ def test_what_others_finished_is_told_before_a_bug(
     engine.close()
 
 
+@pytest.mark.slow
+@pytest.mark.real
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 @pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of processes")
 def test_ray_finds_the_same_though_a_worker_is_killed(swept: Path, tmp_path: Path) -> None:

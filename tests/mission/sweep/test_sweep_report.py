@@ -146,6 +146,8 @@ def test_a_sweep_that_goes_on_says_how_far_it_is_and_what_is_missing() -> None:
     assert "Not done" not in sweep_html(state())
 
 
+@pytest.mark.slow
+@pytest.mark.real
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium in the PATH")
 @pytest.mark.parametrize("width", [390, 1280])
 def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:

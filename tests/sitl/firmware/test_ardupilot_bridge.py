@@ -1,6 +1,8 @@
 """The bridge to ArduPilot, against what its JSON backend sends and reads."""
 
+import json
 import math
+import random
 from collections.abc import Iterator
 
 import pytest
@@ -8,6 +10,7 @@ from firmware_stand_ins import ArduPilotStandIn, plant
 
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.native.library import Json, address_of, json_send, put_state
 
 
 @pytest.fixture
@@ -127,3 +130,49 @@ def test_a_count_that_falls_back_is_a_restart(
     ardupilot.ask(0)
     with pytest.raises(FirmwareRestartedError, match="anew"):
         bridge.tick()
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (0.0, "0.00000"),
+        (-0.0, "-0.00000"),
+        (1.0, "1.00000"),
+        (-12.345678, "-12.34568"),
+        (0.000004, "0.00000"),
+        (-0.000006, "-0.00001"),
+        (99999.999996, "100000.00000"),
+        (123456789.5, "123456789.50000"),
+        (1e300, "1e+300"),
+        (math.inf, "inf"),
+        (-math.inf, "-inf"),
+        (math.nan, "nan"),
+    ],
+)
+def test_numbers_are_written_as_printf_does(value: float, written: str) -> None:
+    state = Json(socket=-1)
+    put_state(state, 0, *(0.0,) * 7, value, *(0.0,) * 8)
+    json_send(address_of(state))  # to no socket
+    text = bytes(state.reply[: state.size]).decode()
+    assert f'"position":[{written},0.00000,0.00000]' in text
+
+
+def test_numbers_are_what_python_writes_but_for_ties() -> None:
+    rng = random.Random(1)
+    for _ in range(2000):
+        values = [rng.uniform(-1, 1) * 10 ** rng.randint(-6, 5) for _ in range(15)]
+        state = Json(socket=-1)
+        put_state(state, 0, 1234.5, *values)
+        json_send(address_of(state))
+        answer = json.loads(bytes(state.reply[: state.size]))
+        imu = answer["imu"]
+        assert answer["timestamp"] == 1234.5
+        for name, got, digits in (
+            ("gyro", imu["gyro"], 8),
+            ("accel_body", imu["accel_body"], 7),
+            ("position", answer["position"], 5),
+            ("velocity", answer["velocity"], 5),
+            ("attitude", answer["attitude"], 7),
+        ):
+            expected, values = values[:3], values[3:]
+            assert got == pytest.approx(expected, abs=0.51 * 10.0**-digits, rel=1e-14), name

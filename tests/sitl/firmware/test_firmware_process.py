@@ -67,6 +67,7 @@ def test_stopping_ends_it_and_what_it_started_even_where_it_refuses(tmp_path: Pa
     until(lambda: not any(alive(int(pid)) for pid in pids.read_text().split()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_it_ends_with_whoever_started_it_however_that_ends(
     tmp_path: Path, number: signal.Signals

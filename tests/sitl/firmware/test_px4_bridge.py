@@ -12,7 +12,6 @@ from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
 from sitl.errors import LinkError, SitlInputError
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.hil import HilDecoder
 from sitl.firmware.px4 import Px4Bridge
 
 
@@ -134,21 +133,28 @@ def test_other_and_damaged_frames_are_passed_over(bridge: Px4Bridge, px4: Px4Sta
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 50, 1000])
-def test_frames_are_found_however_they_arrive(chunk: int) -> None:
+def test_frames_are_found_however_they_arrive(
+    bridge: Px4Bridge, px4: Px4StandIn, chunk: int
+) -> None:
     out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
-    sent = b"".join(
-        bytes(message.pack(out))
-        for n in range(20)
-        for message in (
-            mav.MAVLink_hil_actuator_controls_message(n, [n / 20] * 16, 129, 1),
-            mav.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3),
+    bridge.tick()
+    bridge.tick()
+    for n in range(20):
+        answered = bridge.plant.t_ns // 1000
+        sent = b"".join(
+            bytes(message.pack(out))
+            for message in (
+                mav.MAVLink_hil_actuator_controls_message(answered - 4000, [0.9] * 16, 129, 1),
+                mav.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3),
+                mav.MAVLink_hil_actuator_controls_message(answered, [n / 20] * 16, 129, 1),
+                mav.MAVLink_statustext_message(6, b"and more"),
+            )
         )
-    )
-    decoder = HilDecoder()
-    parts = (sent[at : at + chunk] for at in range(0, len(sent), chunk))
-    heard = [controls for part in parts for controls in decoder.feed(part)]
-    assert [controls.t_us for controls in heard] == list(range(20))
-    assert heard[10].motors == (0.5,) * 4
+        for at in range(0, len(sent), chunk):
+            px4.send_bytes(sent[at : at + chunk])
+        while not bridge.tick():
+            pass
+        assert bridge.motors == pytest.approx((n / 20,) * 4)
 
 
 def test_px4_without_lockstep_is_refused(bridge: Px4Bridge, px4: Px4StandIn) -> None:

@@ -7,7 +7,7 @@ from sitl_desk import Desk
 
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
-from sitl.autopilot.protocol.items import NAVIGATION
+from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.safety.failsafe import RULES
 from sitl.autopilot.safety.injection import FAILURES
 from sitl.autopilot.values.enums import Command, FailureType, FailureUnit

@@ -38,7 +38,9 @@ OTHER_NAMES = {
     ftp.Op: {op.name: f"MAV_FTP_OPCODE_{op.name.replace('_', '')}" for op in ftp.Op}
     | {"RESET_SESSIONS": "MAV_FTP_OPCODE_RESETSESSION"}
     | {"CALC_FILE_CRC32": "MAV_FTP_OPCODE_CALCFILECRC"},
-    ftp.Fault: {fault.name: f"MAV_FTP_ERR_{fault.name.replace('_', '')}" for fault in ftp.Fault}
+    ftp.ErrorCode: {
+        code.name: f"MAV_FTP_ERR_{code.name.replace('_', '')}" for code in ftp.ErrorCode
+    }
     | {"NO_SESSIONS": "MAV_FTP_ERR_NOSESSIONSAVAILABLE", "END_OF_FILE": "MAV_FTP_ERR_EOF"},
     enums.OrbitYaw: {
         "FRONT_TO_CENTER": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER",

@@ -43,7 +43,7 @@ _ADDRESSES = {"target_system": 1, "target_component": 1, "target": 1}
 
 def anything(kind: Any, rng: random.Random) -> Any:
     """A message of a kind with hostile numbers in some fields and random bits in others."""
-    values = []
+    values: list[Any] = []
     for name, form in zip(kind.fieldnames, kind.fieldtypes, strict=True):
         count = kind.array_lengths[kind.ordered_fieldnames.index(name)]
         if name in _ADDRESSES:

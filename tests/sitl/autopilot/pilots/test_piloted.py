@@ -209,6 +209,7 @@ def follow_target(north: float, east: float, alt_msl_m: float, vel: tuple[float,
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_follows_behind_and_waits_for_a_target_that_is_silent() -> None:
     flight = Flight()
     parameters = flight.desk.vehicle.autopilot.parameters

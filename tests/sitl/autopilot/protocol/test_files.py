@@ -18,7 +18,7 @@ from sitl_desk import Desk, of, the
 from sitl_mavsdk import HOME, over_raw, until
 
 from flightdyn.random import RandomStreams
-from sitl.autopilot.protocol.ftp import Fault, Op
+from sitl.autopilot.protocol.ftp import ErrorCode, Op
 from sitl.config import VehicleConfig
 from sitl.logfolder import DiskLogs
 from sitl.vehicle import Vehicle
@@ -85,10 +85,10 @@ class Files(Desk):
         assert (number, asked) == (self._number + 1, op)
         return code, session, answer[12 : 12 + size]
 
-    def refused(self, op: int, data: bytes = b"", **more: int) -> Fault:
+    def refused(self, op: int, data: bytes = b"", **more: int) -> ErrorCode:
         code, _, answer = self.ftp(op, data, **more)
         assert code == Op.NAK
-        return Fault(answer[0])
+        return ErrorCode(answer[0])
 
 
 def test_logs_are_listed_with_size_and_time(folder: Path) -> None:
@@ -146,7 +146,7 @@ def test_ftp_lists_the_logs(folder: Path, path: str) -> None:
         assert len(data) <= 239
         seen += data
         code, _, data = desk.ftp(Op.LIST_DIRECTORY, path.encode(), offset=seen.count(b"\0"))
-    assert (code, data) == (Op.NAK, bytes((Fault.END_OF_FILE,)))
+    assert (code, data) == (Op.NAK, bytes((ErrorCode.END_OF_FILE,)))
     names = [f"Fflight-{i:04d}.mcap\t{size}" for i, size in enumerate(SIZES)]
     assert seen.decode().split("\0")[:-1] == names
 
@@ -157,41 +157,43 @@ def test_ftp_reads_a_log_and_its_checksum(folder: Path) -> None:
     assert (code, size) == (Op.ACK, struct.pack("<I", len(whole)))
     assert desk.ftp(Op.READ_FILE, session=session, offset=239, size=100)[2] == whole[239:339]
     assert desk.ftp(Op.READ_FILE, session=session, offset=39_990, size=239)[2] == whole[39_990:]
-    assert desk.refused(Op.READ_FILE, session=session, offset=40_000, size=9) is Fault.END_OF_FILE
+    assert (
+        desk.refused(Op.READ_FILE, session=session, offset=40_000, size=9) is ErrorCode.END_OF_FILE
+    )
     assert desk.ftp(Op.TERMINATE_SESSION, session=session)[0] == Op.ACK
-    assert desk.refused(Op.READ_FILE, session=session, size=9) is Fault.INVALID_SESSION
+    assert desk.refused(Op.READ_FILE, session=session, size=9) is ErrorCode.INVALID_SESSION
     checksum = zlib.crc32(whole, 0xFFFFFFFF) ^ 0xFFFFFFFF
     assert desk.ftp(Op.CALC_FILE_CRC32, path)[2] == struct.pack("<I", checksum)
 
 
 @pytest.mark.parametrize(
-    ("op", "data", "fault"),
+    ("op", "data", "code"),
     [
-        (Op.LIST_DIRECTORY, b"/nowhere", Fault.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/log/none.mcap", Fault.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/log/../notes.txt", Fault.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/etc/extras/px4_io-v2_default.bin", Fault.FILE_NOT_FOUND),
-        (Op.CALC_FILE_CRC32, b"/log/notes.txt", Fault.FILE_NOT_FOUND),
-        (Op.CREATE_FILE, b"/log/new", Fault.FILE_PROTECTED),
-        (Op.REMOVE_FILE, b"/log/flight-0001.mcap", Fault.FILE_PROTECTED),
-        (Op.RENAME, b"/log/a\0/log/b", Fault.FILE_PROTECTED),
-        (Op.READ_FILE, b"", Fault.INVALID_SESSION),
-        (Op.BURST_READ_FILE, b"", Fault.INVALID_SESSION),
-        (77, b"", Fault.UNKNOWN_COMMAND),
+        (Op.LIST_DIRECTORY, b"/nowhere", ErrorCode.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/log/none.mcap", ErrorCode.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/log/../notes.txt", ErrorCode.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"/etc/extras/px4_io-v2_default.bin", ErrorCode.FILE_NOT_FOUND),
+        (Op.CALC_FILE_CRC32, b"/log/notes.txt", ErrorCode.FILE_NOT_FOUND),
+        (Op.CREATE_FILE, b"/log/new", ErrorCode.FILE_PROTECTED),
+        (Op.REMOVE_FILE, b"/log/flight-0001.mcap", ErrorCode.FILE_PROTECTED),
+        (Op.RENAME, b"/log/a\0/log/b", ErrorCode.FILE_PROTECTED),
+        (Op.READ_FILE, b"", ErrorCode.INVALID_SESSION),
+        (Op.BURST_READ_FILE, b"", ErrorCode.INVALID_SESSION),
+        (77, b"", ErrorCode.UNKNOWN_COMMAND),
     ],
 )
 def test_what_is_not_there_or_not_allowed_is_ftps_own_error(
-    folder: Path, op: int, data: bytes, fault: Fault
+    folder: Path, op: int, data: bytes, code: ErrorCode
 ) -> None:
-    assert Files(folder).refused(op, data, session=3) is fault
+    assert Files(folder).refused(op, data, session=3) is code
 
 
 def test_ftp_bounds_what_it_is_told(folder: Path) -> None:
     desk = Files(folder)
-    assert desk.refused(Op.LIST_DIRECTORY, b"/log", size=255) is Fault.INVALID_DATA_SIZE
+    assert desk.refused(Op.LIST_DIRECTORY, b"/log", size=255) is ErrorCode.INVALID_DATA_SIZE
     for _ in range(8):
         assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
-    assert desk.refused(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap") is Fault.NO_SESSIONS
+    assert desk.refused(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap") is ErrorCode.NO_SESSIONS
     assert desk.ftp(Op.RESET_SESSIONS)[0] == Op.ACK
     assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
 

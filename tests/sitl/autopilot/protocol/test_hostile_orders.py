@@ -206,6 +206,7 @@ def fence_items(corners: int, radius_m: float) -> list[object]:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_largest_fence_and_the_largest_mission_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -290,6 +291,6 @@ def test_an_error_in_a_watch_is_told_once(monkeypatch: pytest.MonkeyPatch, part:
 def test_an_observers_error_is_not_contained() -> None:
     """A full disk must end the run."""
     desk = Desk()
-    desk.recorder.happened = break_
+    desk.recorder.happened = break_  # type: ignore[method-assign]
     with pytest.raises(BrokenError):
         desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1)

@@ -1,6 +1,7 @@
 """Mission transfer over a network that loses, repeats and reorders, against a client of our own
 that follows the MAVLink mission protocol from the ground station's side."""
 
+import functools
 import heapq
 import itertools
 import math
@@ -14,7 +15,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 
 from sitl.autopilot.protocol.echo import ECHOES
-from sitl.autopilot.protocol.items import check_item
+from sitl.autopilot.protocol.item_rules import check_item
 from sitl.autopilot.protocol.transfer import (
     MAX_ITEMS,
     REQUEST_AGAIN_S,
@@ -55,7 +56,7 @@ class Vehicle:
         return self.take()
 
     def take(self) -> list[object]:
-        bodies = [envelope.body for envelope in self.outbox]
+        bodies: list[object] = [envelope.body for envelope in self.outbox]
         self.outbox.clear()
         return bodies
 
@@ -266,11 +267,15 @@ class MavsdkDownload(Mavsdk):
         self.again()
 
 
+def _is_done(station: Mavsdk) -> bool:
+    return station.done is not None
+
+
 def hand_over(station: Uploader | Downloader | Mavsdk, message: m.Incoming) -> None:
     """A message reaches the vehicle; its answers set out on their way back."""
     network, vehicle = station.network, station.vehicle
     for body in vehicle.say(message, now=network.now):
-        network.post(lambda body=body: station.hear(body))
+        network.post(functools.partial(station.hear, body))
 
 
 def keep_polling(
@@ -281,7 +286,7 @@ def keep_polling(
     def poll() -> None:
         station.vehicle.transfer.poll(network.now)
         for body in station.vehicle.take():
-            network.post(lambda body=body: station.hear(body))
+            network.post(functools.partial(station.hear, body))
         network.at(network.now + every_s, poll)
 
     poll()
@@ -321,6 +326,7 @@ UPLOAD_BEST = (1 - LOSS**5) ** (1 + ITEMS)
 DOWNLOAD_BEST = (1 - (1 - (1 - LOSS) ** 2) ** 5) * (1 - LOSS**5) ** ITEMS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "best"), [(MavsdkUpload, UPLOAD_BEST), (MavsdkDownload, DOWNLOAD_BEST)]
 )
@@ -336,7 +342,7 @@ def test_mavsdk_succeeds_as_often_as_its_own_limit_of_tries_allows(
         station = kind(network, vehicle, items)
         station.start()
         keep_polling(network, station, every_s=0.01)
-        network.run(lambda station=station: station.done is not None)
+        network.run(functools.partial(_is_done, station))
         assert not station.done or vehicle.lists[MissionType.MISSION] == items
         succeeded += bool(station.done)
     assert 0.98 < best < 0.995
@@ -364,6 +370,7 @@ def test_a_broken_off_upload_leaves_the_old_mission() -> None:
     while not any(isinstance(body, m.MissionAck) for body in answers):
         due = vehicle.transfer.due()
         assert due == pytest.approx(now + REQUEST_AGAIN_S)
+        assert due is not None
         now = due
         vehicle.transfer.poll(now)
         answers = vehicle.take()
@@ -401,6 +408,7 @@ def echoes(vehicle: Vehicle, now: float) -> list[object]:
     said: list[object] = []
     while (due := vehicle.transfer.due()) is not None:
         assert due > now
+        assert due is not None
         now = due
         vehicle.transfer.poll(now)
         said += vehicle.take()

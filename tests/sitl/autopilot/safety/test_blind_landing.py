@@ -10,6 +10,8 @@ from sitl.autopilot.modes import Mode
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow
+
 HEIGHT_M = 60.0
 
 

@@ -323,6 +323,7 @@ def test_failures_by_command() -> None:
     assert desk.command(INJECT, gnss, mav.FAILURE_TYPE_OFF, 0) == mav.MAV_RESULT_DENIED
 
 
+@pytest.mark.slow
 def test_configured_faults_and_the_failsafe_on_the_real_aircraft() -> None:
     """GNSS fails in the hover: said at once, dead reckoning for a while, then the landing."""
     faults = (GnssOff(at_s=20.0), WindBurst(at_s=22.0, duration_s=2.0, north_mps=3.0))

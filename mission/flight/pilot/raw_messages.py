@@ -54,9 +54,12 @@ class Messages:
         target = await self._system.get_system_id()
         values = (*params, *(0.0,) * 7)[:7]
         fields = {
-            "target_system": target, "target_component": 1, "confirmation": 0, "command": number,
+            "target_system": target,
+            "target_component": 1,
+            "confirmation": 0,
+            "command": number,
             **{f"param{index}": value for index, value in enumerate(values, start=1)},
-        }  # fmt: skip
+        }
         order = MavlinkMessage("COMMAND_LONG", 0, 0, target, 1, json.dumps(fields))
         try:
             answer = await settled(self._direct.send_command(order))

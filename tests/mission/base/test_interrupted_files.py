@@ -9,7 +9,7 @@ import pytest
 from patience import until
 from test_checkpoint import killed
 
-from mission.base.interrupted_files import SetAside
+from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.log.read.reader import read_log
@@ -29,11 +29,11 @@ def folder(tmp_path: Path) -> RunFolder:
 
 
 def kept(folder: RunFolder) -> dict[str, str]:
-    return {path.name: path.read_text() for path in SetAside(folder).path.iterdir()}
+    return {path.name: path.read_text() for path in InterruptedFiles(folder).path.iterdir()}
 
 
 def test_all_are_moved_and_then_gone(folder: RunFolder) -> None:
-    aside = SetAside(folder)
+    aside = InterruptedFiles(folder)
     aside.discard()  # nothing there yet
     aside.take()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
@@ -44,16 +44,16 @@ def test_all_are_moved_and_then_gone(folder: RunFolder) -> None:
 
 
 def test_a_second_kill_keeps_the_older_longer_ones(folder: RunFolder) -> None:
-    SetAside(folder).take()
+    InterruptedFiles(folder).take()
     for name in NAMES:
         (folder.path / name).write_text("begun anew")
-    SetAside(folder).take()
+    InterruptedFiles(folder).take()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
 
 
 @pytest.mark.parametrize("moved", range(len(NAMES) + 1))
 def test_killed_between_two_moves(folder: RunFolder, moved: int) -> None:
-    aside = SetAside(folder)
+    aside = InterruptedFiles(folder)
     aside.path.mkdir()
     for name in NAMES[:moved]:
         (folder.path / name).replace(aside.path / name)
@@ -62,16 +62,17 @@ def test_killed_between_two_moves(folder: RunFolder, moved: int) -> None:
 
 
 def test_killed_while_the_old_ones_are_removed(folder: RunFolder) -> None:
-    aside = SetAside(folder)
+    aside = InterruptedFiles(folder)
     aside.take()
     aside.path.replace(folder.checkpoint / ".interrupted-gone")
     for name in NAMES:
         (folder.path / name).write_text("new")
-    SetAside(folder).take()
+    InterruptedFiles(folder).take()
     assert kept(folder) == dict.fromkeys(NAMES, "new")
     assert [path.name for path in folder.checkpoint.iterdir()] == ["interrupted"]
 
 
+@pytest.mark.slow
 def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     out = tmp_path / "killed"
     killed(out, after_rounds=2, delay_s=0.0)

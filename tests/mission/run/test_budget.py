@@ -3,16 +3,16 @@
 import pytest
 
 from mission.config.models import MissionConfig
-from mission.run.budget import Tally, rounds_paid_for
+from mission.run.budget import RunTotals, rounds_paid_for
 
 
 def flown(mission: MissionConfig, cost_m: float) -> int:
     """Rounds of a run whose every round costs the same."""
-    tally = Tally.of(1)
-    while not tally.is_over(mission):
-        tally.rounds_done += 1
-        tally.budget_used_m += cost_m
-    return tally.rounds_done
+    totals = RunTotals.before(1)
+    while not totals.is_over(mission):
+        totals.rounds_done += 1
+        totals.budget_used_m += cost_m
+    return totals.rounds_done
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,9 @@ from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.pilot.calls import reason, settled
 from mission.flight.pilot.dialects import PX4, Dialect
-from mission.flight.pilot.items import as_dialect, mission_items, same_mission
-from mission.flight.pilot.messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
+from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.parameters import Parameters
+from mission.flight.pilot.raw_messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
 from mission.flight.pilot.watch import Watch
 
 logger = logging.getLogger(__name__)

@@ -39,7 +39,7 @@ class FlightCommands:
         self._pilots = pilots
 
     def handlers(self) -> Mapping[Command, Handler]:
-        """By command."""
+        """Who answers which command."""
         flight = self._flight
         return {
             Command.COMPONENT_ARM_DISARM: self._arm,

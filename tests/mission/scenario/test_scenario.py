@@ -8,21 +8,22 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
-from mission.run.setup import build_world
-from mission.scenario.scenario import build_ground
+from mission.run.setup import set_up
+from mission.scenario.scenario import build_scenario
 
 
 def test_the_assignment_is_written_as_it_is() -> None:
-    ground = build_ground(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
-    table = list(csv.DictReader(ground.devices_csv().splitlines()))
+    scenario = build_scenario(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
+    table = list(csv.DictReader(scenario.devices_csv().splitlines()))
     owned = [
         (community, community.dataset.train.labels[share])
-        for community in ground.federation.communities
+        for community in scenario.federation.communities
         for share in community.shares
     ]
     assert len({len(labels) for _, labels in owned}) > 1
-    for row, (community, labels), place in zip(table, owned, ground.devices_m, strict=True):
-        written = dict(map(int, entry.split(":")) for entry in row["labels"].split())
+    for row, (community, labels), place in zip(table, owned, scenario.devices_m, strict=True):
+        pairs = (entry.split(":") for entry in row["labels"].split())
+        written = {int(label): int(count) for label, count in pairs}
         assert written == {c: int((labels == c).sum()) for c in set(labels.tolist())}
         assert (row["community"], int(row["samples"])) == (community.name, len(labels))
         everybody = sum(len(share) for share in community.shares)
@@ -32,19 +33,21 @@ def test_the_assignment_is_written_as_it_is() -> None:
 
 def test_classes_without_an_owner_are_said() -> None:
     settings = {"communities.0.labels_per_device": 1, "communities.0.coverage": False}
-    ground = build_ground(load_config(builtin_config("quickstart.toml"), settings), data_dir=None)
-    community = ground.federation.communities[0]
+    scenario = build_scenario(
+        load_config(builtin_config("quickstart.toml"), settings), data_dir=None
+    )
+    community = scenario.federation.communities[0]
     orphans = sorted(set(range(10)) - set(np.flatnonzero(community.counts.any(axis=0)).tolist()))
     assert orphans
     notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
-    assert any(line.startswith(notice) for line in ground.notices())
+    assert any(line.startswith(notice) for line in scenario.notices())
 
 
 def test_training_on_a_gpu_is_said_to_be_experimental() -> None:
-    ground = build_ground(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
-    assert not any("experimental" in line for line in ground.notices())
-    learning = ground.config.learning.model_copy(update={"device": "cuda"})
-    on_gpu = replace(ground, config=ground.config.model_copy(update={"learning": learning}))
+    scenario = build_scenario(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
+    assert not any("experimental" in line for line in scenario.notices())
+    learning = scenario.config.learning.model_copy(update={"device": "cuda"})
+    on_gpu = replace(scenario, config=scenario.config.model_copy(update={"learning": learning}))
     assert any("'cuda' is experimental" in line for line in on_gpu.notices())
 
 
@@ -52,4 +55,4 @@ def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:
     settings = {"vehicle.parameters.NAV_DLL_ACT": 2}
     config = load_config(builtin_config("quickstart.toml"), settings)
     with pytest.raises(InputError, match=r"NAV_DLL_ACT = 2: this failsafe goes by wall time"):
-        build_world(config, data_dir=None)
+        set_up(config, data_dir=None)

@@ -22,21 +22,26 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     """The stops as MAVLink items: the first stop, the speed of all legs, the other stops.
 
     The first stop is where the vehicle already is; the speed stands after it because autopilots
-    apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_sequence`.
+    apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_items`.
     """
     waypoints = [
         _item(
-            NAV_WAYPOINT, stop.hold_s, plan.acceptance_m, 0.0, math.nan,
-            at=position, z=plan.alt_rel_m,
+            NAV_WAYPOINT,
+            stop.hold_s,
+            plan.acceptance_m,
+            0.0,
+            math.nan,
+            at=position,
+            z=plan.alt_rel_m,
         )
         for stop, position in zip(plan.stops, positions, strict=True)
-    ]  # fmt: skip
+    ]
     speed = _item(DO_CHANGE_SPEED, _GROUND_SPEED, plan.speed_mps, _UNCHANGED, 0.0)
     return _numbered([waypoints[0], speed, *waypoints[1:]])
 
 
-def stop_sequence(plan: FlightPlan) -> list[int]:
-    """The number of every stop in `mission_items`."""
+def stop_items(plan: FlightPlan) -> list[int]:
+    """The number of every stop among the `mission_items`."""
     return [0, *range(2, len(plan.stops) + 1)]
 
 
@@ -74,11 +79,15 @@ def _essence(items: list[MissionItem], dialect: Dialect) -> list[tuple[int, ...]
     """What must come back unchanged; parameters travel as 32-bit floats, heights in cm."""
     return [
         (
-            item.seq, item.command, item.x, item.y, round(item.z * 100),
+            item.seq,
+            item.command,
+            item.x,
+            item.y,
+            round(item.z * 100),
             round(item.param2 * 1000) if dialect.keeps_radius else 0,
         )
         for item in items
-    ]  # fmt: skip
+    ]
 
 
 def _item(

@@ -1,0 +1,96 @@
+"""The channel presets with their numbers, and how far each reaches."""
+
+from dataclasses import fields
+
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, average_per
+from mission.commands.planning import served_radius
+
+HEAD = """# Channels
+
+Generated from the code (`python docs/generate.py`). A channel says how likely a packet is lost at a
+given distance: its *packet error rate* (PER). `channel.preset` in a configuration chooses one of
+those below, and further keys of [`channel`](configuration.md#channel) change single numbers of it:
+
+    aerofed run --set channel.preset=urban
+    aerofed link-budget --set channel.preset=urban --set channel.extra_gain_db=3
+
+`aerofed link-budget` prints the packet error rate of a channel over distance. The presets are for a
+flight at 60 m; with another `mission.altitude_m` the radii change.
+
+**Radius** is the horizontal distance up to which at least half of the packets arrive. The area of
+the quick start is 800 m wide. **Overhead** is the packet error rate straight above a device, the
+best that any flight can reach.
+
+"""
+
+ABOUT = {
+    "suburban": "17 dB more power than the paper prints; our choice, see below",
+    "suburban+10dB": "10 dB more than printed: the path must pass close to a device",
+    "suburban+15dB": "15 dB more than printed",
+    "suburban+20dB": "20 dB more than printed",
+    "suburban+30dB": "30 dB more: the paper's power read in dBW, its noise in dBm",
+    "literal": "the paper's link budget as printed: nobody is reached",
+    "literal-log-variance": "as printed, its shadowing read as variances of a natural logarithm",
+    "suburban-log-variance": "the same reading of the shadowing, with 17 dB more power",
+    "urban": "line of sight as in a city (Al-Hourani et al. 2014)",
+    "dense-urban": "the same for a dense city",
+    "high-rise": "the same between high-rise buildings",
+}
+
+SYMBOLS = {
+    "altitude_m": "height of the flight, H (m)",
+    "alpha_los": "path-loss exponent in line of sight",
+    "alpha_nlos": "path-loss exponent without line of sight",
+    "beta_los_db": "gain at 1 m in line of sight (dB)",
+    "beta_nlos_db": "gain at 1 m without line of sight (dB)",
+    "sigma_los": "shadowing in line of sight: standard deviation of its natural logarithm",
+    "sigma_nlos": "the same without line of sight",
+    "a1_per_rad": "slope of the line-of-sight probability over the elevation (1/rad)",
+    "a2": "offset of the line-of-sight probability",
+    "tx_power_db": "transmit power, P (dB)",
+    "noise_db": "noise power, N0 (dB)",
+    "snr_threshold": "signal-to-noise ratio below which a packet is lost (linear)",
+}
+
+TAIL = """
+The paper's link budget as printed (`literal`) loses practically every packet even straight above a
+device, so at least one of its numbers differs from what its authors used. `suburban` adds 17 dB: a
+hover above the middle of the area then loses most packets, and a tour of 800 m delivers most.
+
+The model: a device at horizontal distance r sees the aircraft at the elevation
+theta = arctan(H / r). It is in line of sight with probability rho = 1 / (1 + exp(-a1 theta + a2)).
+The received power falls with the distance d to the power alpha, times a log-normal shadowing. The
+packet is lost where the signal-to-noise ratio stays below the threshold. `fl.radio.channel` has the
+formulas, and [learning](learning.md#radio) says how a packet's fate is drawn.
+"""
+
+
+def page() -> str:
+    presets = CHANNEL_PRESETS.items()
+    differing = [f.name for f in fields(Channel) if len({_of(c, f.name) for _, c in presets}) > 1]
+    lines = ["| preset | radius | overhead | what |", "|---|---:|---:|---|"]
+    for name, channel in presets:
+        mark = " (default)" if name == DEFAULT_PRESET else ""
+        radius = served_radius(channel)
+        reach = f"{radius:.0f} m" if radius > 0.0 else "none"
+        per = float(average_per(channel, 0.0))
+        overhead = f"{per:.4f}" if per >= 0.0001 else "under 0.0001"
+        lines.append(f"| `{name}`{mark} | {reach} | {overhead} | {ABOUT[name]} |")
+    lines += ["", "## The numbers", "", "What they all share:", "", "| key | value | what |"]
+    lines.append("|---|---:|---|")
+    some = CHANNEL_PRESETS[DEFAULT_PRESET]
+    for field in fields(Channel):
+        if field.name not in differing:
+            value = _of(some, field.name)
+            lines.append(f"| `{field.name}` | {value} | {SYMBOLS[field.name]} |")
+    lines += ["", "What tells them apart:", ""]
+    lines.append("| preset | " + " | ".join(f"`{name}`" for name in differing) + " |")
+    lines.append("|---|" + "---:|" * len(differing))
+    for name, channel in presets:
+        lines.append(f"| `{name}` | " + " | ".join(_of(channel, n) for n in differing) + " |")
+    lines += ["", *(f"- `{name}`: {SYMBOLS[name]}" for name in differing)]
+    return HEAD + "\n".join(lines) + "\n" + TAIL
+
+
+def _of(channel: Channel, name: str) -> str:
+    return f"{getattr(channel, name):.4g}"

@@ -1,0 +1,1 @@
+"""What of navigation is done at every guidance step, in C."""

@@ -1,0 +1,9 @@
+/* The functions of one level. */
+
+#include "control.h"
+#include "error_state.h"
+#include "guidance.h"
+#include "levelled.h"
+#include "strapdown.h"
+
+const Flight NAMED(flight) = {integrate, carry, transition, innovate, reference, guide};

@@ -1,0 +1,103 @@
+/* What Python and the library hand each other; `library.py` says the same in ctypes. SI units, axes
+   as in `flightdyn.inertial`: NED and FRD. */
+#ifndef FLIGHT_H
+#define FLIGHT_H
+
+#include <stdint.h>
+
+/* Error state, by `flightdyn.error_model`: where its parts begin. */
+enum { POS = 0, VEL = 3, ATT = 6, BG = 9, BA = 12, STATES = 22 };
+
+/* Rows of the measurement: GNSS position and velocity, height, heading. */
+enum { ROWS = 8, KINDS = 4 };
+
+/* One tick of the IMU. */
+typedef struct {
+    double rate[3], force[3]; /* rad/s, m/s2; body axes */
+} Sample;
+
+/* Samples summed over `dt`: rotation (rad) and velocity gained (m/s), body axes. */
+typedef struct {
+    double dt, angle[3], velocity[3];
+} Increment;
+
+typedef struct {
+    double gyro[3], accel[3];
+} ImuBias;
+
+typedef struct {
+    double gravity, rate_north, rate_down; /* m/s2, rad/s */
+} Earth;
+
+/* Position and velocity (NED), attitude body to NED (w, x, y, z). */
+typedef struct {
+    double p[3], v[3], q[4];
+} State;
+
+/* Constant acceleration from `t0` on; `area` is the integral of position up to then. */
+typedef struct {
+    double t0, p[3], v[3], a[3], area[3];
+} Piece;
+
+/* Pieces (count,) averaged over twice `half`. */
+typedef struct {
+    const Piece *pieces;
+    int64_t count;
+    double half, start, end; /* s */
+} Trajectory;
+
+/* Of the outer loop, `flightdyn.control`; `full` is the thrust over mass at collective 1. */
+typedef struct {
+    double dt, gravity, full, slope, idle, position, velocity, integral, integral_limit, lead,
+        drag_lag, drag_limit, thrust_lag, motor_lag, most_thrust, yaw_rate;
+} Gains;
+
+enum { NOTHING, TRACK, TARGET, ATTITUDE };               /* what is ordered */
+enum { FINISHED = 1, STALLED = 2, LIMITED = 4 };         /* what `guide` returns */
+
+/* The guidance's memory, its orders and what comes of them. */
+typedef struct {
+    /* By Python: */
+    double mode, armed, touching, contact, landed;
+    double yaw_order, spin;            /* heading to turn to (rad), which turns by itself (rad/s) */
+    double course, interested, interest[3]; /* whether to look along the course, or at a place */
+    double path, too_fast;             /* whether the trajectory is a path; beyond the limits */
+    double q[4], oriented, rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
+    /* The reference: */
+    double p[3], v[3], a[3], pointed; /* the setpoint, and whether there is one */
+    double yaw, yaw_rate;
+    double t, rate, smooth_rate, room, along[3]; /* on the trajectory's clock */
+    double waited, went, over, finished, stalled, missed;
+    /* The controller: */
+    double integral[3], drag[2], lagged, effectiveness, saturated, thrust[3], wanted_yaw;
+    /* To the inner loops and the land detector: */
+    double error[3], feed[3], collective, lift, descend, sink, knock;
+} Guide;
+
+typedef struct {
+    /* Sum samples (count,), each held for `dt`; biases are left in. */
+    void (*integrate)(const Sample *, int64_t count, double dt, Increment *);
+    /* Carry a state over increments (count,). Writes the velocity (NED) gained without gravity,
+       the mean specific force of the last one, and p[2] after each of them (count,). */
+    void (*carry)(State *, const Increment *, int64_t count, const ImuBias *, const Earth *,
+                  double gained[3], double force[3], double *down);
+    /* Write what of the transition `f` depends on the flight: over `dt` from the attitude `q` on,
+       with the velocity gained. */
+    void (*transition)(double f[STATES][STATES], const double q[4], const double gained[3],
+                       double dt);
+    /* Innovations z of the rows of h, with the covariance p of the error state and r of the
+       measurement: their standard deviations, and the normalised square of each kind's. */
+    void (*innovate)(const double p[STATES][STATES], const double h[ROWS][STATES],
+                     const double r[ROWS][ROWS], const double z[ROWS], double std[ROWS],
+                     double nis[KINDS]);
+    /* Position, velocity and acceleration (9) of a trajectory at `t`, the acceleration of `lead`
+       later. */
+    void (*reference)(const Trajectory *, double t, double lead, double *pva);
+    /* A guidance step from a state and a specific force (body); the trajectory may be missing
+       where none is tracked. */
+    int (*guide)(Guide *, const Gains *, const Trajectory *, const State *, const double force[3]);
+} Flight;
+
+extern const Flight flight_baseline, flight_avx2, flight_avx512;
+
+#endif

@@ -1,0 +1,182 @@
+/* Along a trajectory: a clock that waits for an aircraft that cannot keep up, the reference at its
+   time, the heading. */
+#ifndef GUIDANCE_H
+#define GUIDANCE_H
+
+#include "control.h"
+#include "flight.h"
+#include "vectors.h"
+
+static const double LAG_FREE_M = 1.5;   /* lag along the path that the governor lets pass */
+static const double LAG_STOP_M = 6.0;   /* lag at which the reference waits */
+static const double YIELD_PER_S = 0.3;  /* of the reference's rate, while saturated or not */
+static const double LEAST_ROOM = 0.2;
+static const double LIMITED_RATE = 0.9; /* a clock slower than that: the speed cannot be held */
+static const double STALL_S = 30.0;     /* it moves on by less than a second: waited for in vain */
+static const double STOPPED_MPS = 0.3, STOPPED_M = 0.5, STOPPED_S = 10.0;
+static const double COURSE_MPS = 1.5;   /* slower than that the course does not say where to look */
+static const double PRESSED_LIFT = 0.9; /* below it an attitude order means to come down */
+
+/* The piece of an instant, or the first one. */
+static const Piece *piece_at(const Trajectory *path, double t)
+{
+    int64_t low = 0, high = path->count; /* the first that begins later lies from low to high */
+    while (low < high) {
+        const int64_t middle = (low + high) / 2;
+        if (path->pieces[middle].t0 <= t) low = middle + 1;
+        else high = middle;
+    }
+    return path->pieces + (low ? low - 1 : 0);
+}
+
+/* Before averaging: the integral of position, position and velocity. */
+static void unsmoothed(const Trajectory *path, double t, double area[3], double p[3], double v[3])
+{
+    const Piece *piece = piece_at(path, t);
+    const double s = t - piece->t0, s2 = s * s / 2, s3 = s2 * s / 3;
+    for (int i = 0; i < 3; i++) {
+        const double a = s < 0 ? 0 : piece->a[i]; /* before the first piece: at its speed */
+        area[i] = piece->area[i] + piece->p[i] * s + piece->v[i] * s2 + a * s3;
+        p[i] = piece->p[i] + piece->v[i] * s + a * s2;
+        v[i] = piece->v[i] + a * s;
+    }
+}
+
+static void reference(const Trajectory *path, double t, double lead, double *pva)
+{
+    const double h = path->half;
+    const Piece *piece = piece_at(path, t - h), *end = path->pieces + path->count;
+    const double s = t - piece->t0;
+    if (s >= h && (piece + 1 == end || t + h + lead < piece[1].t0)) { /* within one piece */
+        for (int i = 0; i < 3; i++) {
+            const double u = piece->v[i] + piece->a[i] * s;
+            pva[i] = piece->p[i] + (piece->v[i] + u) * (s / 2) + piece->a[i] * (h * h / 6);
+            pva[3 + i] = u;
+            pva[6 + i] = piece->a[i];
+        }
+        return;
+    }
+    double area[2][3], p[2][3], v[2][3], unused[3];
+    unsmoothed(path, t - h, area[0], p[0], unused);
+    unsmoothed(path, t + h, area[1], p[1], unused);
+    unsmoothed(path, t + lead - h, unused, unused, v[0]);
+    unsmoothed(path, t + lead + h, unused, unused, v[1]);
+    for (int i = 0; i < 3; i++) {
+        pva[i] = (area[1][i] - area[0][i]) * (0.5 / h);
+        pva[3 + i] = (p[1][i] - p[0][i]) * (0.5 / h);
+        pva[6 + i] = (v[1][i] - v[0][i]) * (0.5 / h);
+    }
+}
+
+/* Rate of the reference's clock. */
+static double governed(Guide *g, const Gains *k, const State *nav)
+{
+    double target = 1, square = 0, ahead = 0;
+    for (int i = 0; i < 3; i++) {
+        square += g->along[i] * g->along[i];
+        ahead += (g->p[i] - nav->p[i]) * g->along[i];
+    }
+    if (square > 0.25 && g->pointed) {
+        const double lag = ahead / __builtin_sqrt(square);
+        if (lag > LAG_FREE_M)
+            target = limited(1 - (lag - LAG_FREE_M) / (LAG_STOP_M - LAG_FREE_M), 0, 1);
+    }
+    /* At the limit of lean or thrust nothing is left to keep to the line with: slower, before the
+       lag shows. */
+    g->room += (g->saturated ? -YIELD_PER_S : YIELD_PER_S) * k->dt;
+    g->room = limited(g->room, LEAST_ROOM, 1);
+    if (g->room < target) target = g->room;
+    g->smooth_rate += k->dt / 1.5 * (target - g->smooth_rate);
+    const double most = 0.5 * k->dt; /* the clock itself may not jump */
+    return limited(target, g->rate - 2 * most, g->rate + most);
+}
+
+/* The heading one step towards an order, which itself turns at a rate; eased in and out, so that
+   the rate fed forward does not jump. */
+static void turn(Guide *g, const Gains *k)
+{
+    const double gap = wrapped(g->yaw_order - g->yaw), most = 4 * k->yaw_rate * k->dt;
+    const double rate = limited(g->spin + 2 * gap, -k->yaw_rate, k->yaw_rate);
+    g->yaw_rate = limited(rate, g->yaw_rate - most, g->yaw_rate + most);
+    g->yaw = wrapped(g->yaw + g->yaw_rate * k->dt);
+}
+
+/* At the end of the trajectory: done once the aircraft stands there, or not in good time. */
+static void finish(Guide *g, const Gains *k, const Trajectory *path, const State *nav)
+{
+    if (g->t < path->end || g->finished) return;
+    g->over += k->dt;
+    const double off = size3(g->p[0] - nav->p[0], g->p[1] - nav->p[1], g->p[2] - nav->p[2]);
+    const double speed = size3(nav->v[0], nav->v[1], nav->v[2]);
+    if ((off < STOPPED_M && speed < STOPPED_MPS) || g->over > STOPPED_S) {
+        g->finished = 1;
+        g->missed = off;
+    }
+}
+
+static void track(Guide *g, const Gains *k, const Trajectory *path, const State *nav)
+{
+    double pva[9];
+    const double rate = governed(g, k, nav), step = k->dt * rate;
+    g->t += step;
+    if (g->t > path->end + 1) g->t = path->end + 1;
+    g->waited += k->dt;
+    g->went += step;
+    if (g->went >= 1 || g->finished) g->waited = g->went = 0;
+    else if (g->waited >= STALL_S) g->stalled = 1;
+    reference(path, g->t, k->lead * rate, pva);
+    for (int i = 0; i < 3; i++) {
+        g->p[i] = pva[i];
+        g->along[i] = pva[3 + i];
+        g->v[i] = pva[3 + i] * rate;
+        /* Slowing the clock decelerates the reference along its own course. */
+        g->a[i] = pva[6 + i] * (rate * rate) + pva[3 + i] * ((rate - g->rate) / k->dt);
+    }
+    g->rate = rate;
+    g->pointed = 1;
+    if (g->course && size3(g->v[0], g->v[1], 0) > COURSE_MPS)
+        g->yaw_order = arc_tangent2(g->v[1], g->v[0]);
+    if (g->interested)
+        g->yaw_order = arc_tangent2(g->interest[1] - g->p[1], g->interest[0] - g->p[0]);
+    g->spin = 0;
+    turn(g, k);
+    finish(g, k, path, nav);
+}
+
+static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *nav,
+                 const double force[3])
+{
+    double r[3][3];
+    matrix(r, nav->q);
+    const double heading = arc_tangent2(r[1][0], r[0][0]);
+    const int mode = g->armed ? (int)g->mode : NOTHING;
+    if (!g->armed) { /* what it stands on may have been turned: no heading to come back to */
+        g->yaw = g->yaw_order = heading;
+        g->yaw_rate = 0;
+    }
+    g->descend = 0;
+    if (mode == TRACK || mode == TARGET) {
+        if (mode == TRACK) track(g, k, path, nav);
+        else turn(g, k);
+        g->pointed = 1;
+        g->descend = g->v[2];
+        if (g->contact && g->v[2] > 0) idle(g, k, 1);
+        else fly(g, k, nav, force, !g->touching);
+    } else {
+        g->pointed = 0;
+        if (mode == ATTITUDE) {
+            keep_attitude(g, k, nav, force, !g->landed);
+            g->yaw = g->yaw_order = heading;
+            g->descend = g->lift < PRESSED_LIFT;
+        } else {
+            idle(g, k, g->armed != 0);
+        }
+    }
+    g->sink = nav->v[2];
+    g->knock = -force[2] - g->lift * k->gravity;
+    const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
+    return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
+           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0);
+}
+
+#endif

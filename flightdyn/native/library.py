@@ -1,0 +1,300 @@
+"""The C interface of strapdown navigation (`flight.h`); what it works on lies here.
+
+The calls take well under a microsecond, so they keep Python's lock.
+"""
+
+import ctypes
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from native.building import library
+from native.loading import address, functions, load
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
+
+STATES, ROWS, KINDS = 22, 8, 4  # of the filter
+PIECE, GAINS, OUT = 13, 16, 11  # numbers each
+NOTHING, TRACK, TARGET, ATTITUDE = range(4)
+FINISHED, STALLED, LIMITED = 1, 2, 4
+
+_Triple = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
+_Floats = NDArray[np.float64]
+
+
+class _Functions(ctypes.Structure):
+    _fields_ = (
+        ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER)),
+        ("carry", ctypes.PYFUNCTYPE(
+            None, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("transition", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _DOUBLE)),
+        ("innovate", ctypes.PYFUNCTYPE(
+            None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
+        ("guide", ctypes.PYFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+    )  # fmt: skip
+
+
+_FUNCTIONS = functions(load(library("flight")), _Functions)
+_INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
+_TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
+_REFERENCE, _GUIDE = _FUNCTIONS.reference, _FUNCTIONS.guide
+
+
+class Increments:
+    """Sums of IMU samples, one after another: the oldest first, `most` at a time."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.count = 0
+        self._rows = np.zeros((most, INCREMENT))
+        self._at = address(self._rows, np.float64, (most, INCREMENT), written=True)
+        self._size = self._rows.itemsize * INCREMENT
+
+    def add(self, samples: Sequence[float], *, dt_s: float) -> None:
+        """Sum samples, each held for `dt_s`: rates (rad/s) and specific force (m/s2), six numbers
+        each, end to end. Biases are left in.
+
+        Raises:
+            ValueError: not six numbers each, or too many increments.
+        """
+        numbers = array("d", samples)
+        where, count = numbers.buffer_info()
+        if count % SAMPLE or self.count >= self.most:
+            raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
+        _INTEGRATE(where, count // SAMPLE, dt_s, self._at + self.count * self._size)
+        self.count += 1
+
+    def drop(self, count: int) -> None:
+        """Forget the oldest ones."""
+        self.count -= count
+        self._rows[: self.count] = self._rows[count : count + self.count]
+
+    def rows(self, first: int, count: int) -> int:
+        """Where some of them lie.
+
+        Raises:
+            ValueError: there are no such.
+        """
+        if not 0 <= first <= first + count <= self.count:
+            raise ValueError(f"increments {first} to {first + count} of {self.count}")
+        return self._at + first * self._size
+
+
+class Strapdown:
+    """Position, velocity (NED) and attitude, carried from increment to increment."""
+
+    def __init__(self, earth: Sequence[float], *, most: int) -> None:
+        """`earth`: gravity (m/s2), its rate north and down (rad/s); `most` increments at a time."""
+        self._state = np.zeros(STATE)
+        self._bias = np.zeros(BIAS)
+        self._earth = np.array(earth, dtype=np.float64)
+        self._gained, self._force = np.zeros(3), np.zeros(3)
+        self._downs = np.zeros(most)
+        self._at = address(self._state, np.float64, (STATE,), written=True)
+        self._rest = (
+            address(self._bias, np.float64, (BIAS,)),
+            address(self._earth, np.float64, (EARTH,)),
+            address(self._gained, np.float64, (3,), written=True),
+            address(self._force, np.float64, (3,), written=True),
+            address(self._downs, np.float64, (most,), written=True),
+        )
+        self.places = self._at, self._rest[3]  # of the state and the force, for `Guide`
+
+    def place(self, p: _Triple, v: _Triple, q: _Quaternion) -> None:
+        """Begin there."""
+        self._state[:] = (*p, *v, *q)
+
+    def feel(self, force: _Triple) -> None:
+        """The specific force (m/s2, body) of one that is not carried but placed."""
+        self._force[:] = force
+
+    def correct(self, gyro: _Triple, accel: _Triple) -> None:
+        """Biases to take off the increments from now on (rad/s, m/s2)."""
+        self._bias[:] = (*gyro, *accel)
+
+    def carry(self, increments: Increments, first: int, count: int) -> None:
+        """Go on by some of the increments.
+
+        Raises:
+            ValueError: there are no such, or they are too many.
+        """
+        if count > len(self._downs):
+            raise ValueError(f"{count} increments at once, {len(self._downs)} at most")
+        _CARRY(self._at, increments.rows(first, count), count, *self._rest)
+
+    @property
+    def numbers(self) -> list[float]:
+        """Position, velocity and attitude: ten numbers."""
+        numbers: list[float] = self._state.tolist()
+        return numbers
+
+    @property
+    def force(self) -> list[float]:
+        """Mean specific force (m/s2, body) of the increment carried last, bias taken off."""
+        force: list[float] = self._force.tolist()
+        return force
+
+    @property
+    def gained(self) -> list[float]:
+        """Velocity (NED) gained without gravity when it was carried last."""
+        gained: list[float] = self._gained.tolist()
+        return gained
+
+    @property
+    def downs(self) -> list[float]:
+        """Position down after each of the increments by which it was carried last."""
+        downs: list[float] = self._downs.tolist()
+        return downs
+
+
+class Transition:
+    """Writes into a transition matrix of the filter."""
+
+    def __init__(self, matrix: _Floats) -> None:
+        """`matrix` (22, 22) has to stay where it is. Raises ValueError for another shape."""
+        self._matrix = matrix
+        self._q, self._gained = np.zeros(4), np.zeros(3)
+        self._at = (
+            address(matrix, np.float64, (STATES, STATES), written=True),
+            address(self._q, np.float64, (4,)),
+            address(self._gained, np.float64, (3,)),
+        )
+
+    def write(self, q: _Quaternion, gained: _Triple, dt_s: float) -> None:
+        """The blocks that depend on the flight: over `dt_s` from the attitude `q` on (body to NED),
+        with the velocity `gained` (NED, m/s) without gravity.
+        """
+        self._q[:] = q
+        self._gained[:] = gained
+        _TRANSITION(*self._at, dt_s)
+
+
+class Innovations:
+    """Measures residuals by what the filter expects of them."""
+
+    def __init__(self, measurement: _Floats, noise: _Floats) -> None:
+        """`measurement` (8, 22) and `noise` (8, 8) have to stay where they are.
+
+        Raises:
+            ValueError: other shapes.
+        """
+        self.residual = np.zeros(ROWS)  # of the measurements; to be filled in
+        self._kept = measurement, noise
+        self._std, self._nis = np.zeros(ROWS), np.zeros(KINDS)
+        self._at = (
+            address(measurement, np.float64, (ROWS, STATES)),
+            address(noise, np.float64, (ROWS, ROWS)),
+            address(self.residual, np.float64, (ROWS,), written=True),
+            address(self._std, np.float64, (ROWS,), written=True),
+            address(self._nis, np.float64, (KINDS,), written=True),
+        )
+
+    def measure(self, covariance: _Floats) -> tuple[list[float], list[float]]:
+        """Standard deviations (8) expected of the residual, and the normalised square of the
+        residual of GNSS position, GNSS velocity, height and heading (4).
+
+        Raises:
+            ValueError: `covariance` is no contiguous array (22, 22).
+        """
+        _INNOVATE(address(covariance, np.float64, (STATES, STATES)), *self._at)
+        return self._std.tolist(), self._nis.tolist()
+
+
+class _Trajectory(ctypes.Structure):
+    _fields_ = (
+        ("pieces", _POINTER), ("count", _INT), ("half", _DOUBLE), ("start", _DOUBLE),
+        ("end", _DOUBLE),
+    )  # fmt: skip
+
+
+class Pieces:
+    """A trajectory as C reads it."""
+
+    def __init__(self, pieces: _Floats, *, half_s: float, start_s: float, end_s: float) -> None:
+        """`pieces` (n, 13): beginning, position, velocity, acceleration, integral of position.
+
+        Raises:
+            ValueError: none, or another shape.
+        """
+        if not len(pieces):
+            raise ValueError("a trajectory has at least one piece")
+        self._kept = pieces
+        where = address(pieces, np.float64, (len(pieces), PIECE))
+        self._trajectory = _Trajectory(where, len(pieces), half_s, start_s, end_s)
+        self.at = ctypes.addressof(self._trajectory)
+        self._pva = np.zeros(9)
+        self._out = address(self._pva, np.float64, (9,), written=True)
+
+    def reference(self, t: float, lead_s: float) -> list[float]:
+        """Position, velocity and acceleration at `t`, the last of `lead_s` later."""
+        _REFERENCE(self.at, t, lead_s, self._out)
+        found: list[float] = self._pva.tolist()
+        return found
+
+
+_THREE = _DOUBLE * 3
+
+
+class Memory(ctypes.Structure):
+    """The guidance's memory, its orders and what comes of them; see `flight.h`."""
+
+    _fields_ = (
+        ("mode", _DOUBLE), ("armed", _DOUBLE),
+        ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
+        ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
+        ("course", _DOUBLE), ("interested", _DOUBLE), ("interest", _THREE),
+        ("path", _DOUBLE), ("too_fast", _DOUBLE),
+        ("q", _DOUBLE * 4), ("oriented", _DOUBLE), ("rates", _THREE),
+        ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
+        ("p", _THREE), ("v", _THREE), ("a", _THREE), ("pointed", _DOUBLE),
+        ("yaw", _DOUBLE), ("yaw_rate", _DOUBLE),
+        ("t", _DOUBLE), ("rate", _DOUBLE), ("smooth_rate", _DOUBLE), ("room", _DOUBLE),
+        ("along", _THREE), ("waited", _DOUBLE), ("went", _DOUBLE), ("over", _DOUBLE),
+        ("finished", _DOUBLE), ("stalled", _DOUBLE), ("missed", _DOUBLE),
+        ("integral", _THREE), ("drag", _DOUBLE * 2), ("lagged", _DOUBLE),
+        ("effectiveness", _DOUBLE), ("saturated", _DOUBLE), ("thrust", _THREE),
+        ("wanted_yaw", _DOUBLE),
+        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
+        ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
+    )  # fmt: skip
+
+
+class Guide:
+    """Guidance and outer loop, a step at a time."""
+
+    def __init__(self, gains: Sequence[float]) -> None:
+        """`gains`: those of `Gains` in `flight.h`, in its order.
+
+        Raises:
+            ValueError: another number of them.
+        """
+        self.memory = Memory()
+        self._gains = np.array(gains, dtype=np.float64)
+        self._pieces: Pieces | None = None
+        self._out = np.frombuffer(memoryview(self.memory), dtype=np.float64)[-OUT:]
+        self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
+        self._path: int | None = None
+
+    def track(self, pieces: Pieces | None) -> None:
+        """Track a trajectory, or none."""
+        self._pieces = pieces
+        self._path = None if pieces is None else pieces.at
+
+    def step(self, nav: Strapdown) -> tuple[int, list[float]]:
+        """One guidance step from where the aircraft is: flags, and the last eleven numbers of the
+        memory.
+
+        Raises:
+            ValueError: a trajectory is to be tracked, and there is none.
+        """
+        if self._path is None and self.memory.mode == TRACK:
+            raise ValueError("there is no trajectory to track")
+        flags = _GUIDE(*self._at, self._path, *nav.places)
+        out: list[float] = self._out.tolist()
+        return flags, out

@@ -1,0 +1,160 @@
+"""The simulated vehicle and its flyer, who knows the truth."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from flightdyn.errors import FlightDynamicsError, FlightInputError
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.base.errors import AerofedError, FlightError, InputError, LinkLostError
+from mission.config.models import MissionConfig, RunConfig
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
+from mission.flight.ground_stations import station_links
+from mission.flight.pilot.connection import connect
+from mission.flight.pilot.mission_items import stop_items
+from mission.flight.pilot.pilot import Pilot
+from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.config import VehicleConfig
+from sitl.errors import LinkError, SitlInputError
+from sitl.links import Link, RawLink, UdpLink
+from sitl.observer import VehicleObserver
+from sitl.pace import Simulation
+from sitl.vehicle import Vehicle
+
+Tap: TypeAlias = Callable[[Link], Link]
+
+SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
+
+
+def simulated_vehicle(
+    config: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams
+) -> Vehicle:
+    """A vehicle on the ground at `home`, with nothing that goes by wall time.
+
+    Raises:
+        InputError: the vehicle's settings are refused.
+    """
+    try:
+        vehicle = Vehicle(config, home=home, streams=streams)
+    except (SitlInputError, FlightInputError) as error:
+        raise InputError(str(error)) from None
+    if (action := vehicle.autopilot.parameters["NAV_DLL_ACT"]) != 0:
+        raise InputError(
+            f"vehicle.parameters.NAV_DLL_ACT = {action:g}: this failsafe goes by wall time, so a "
+            "flight would depend on the machine; here it must be 0 (aerofed sitl takes any)"
+        )
+    return vehicle
+
+
+@dataclass
+class SimulatedFlyer(Flyer):
+    """Flies the simulated vehicle, whose truth is known."""
+
+    pilot: Pilot
+    vehicle: Vehicle
+    recorder: FlightRecorder
+    area: Area
+    mission: MissionConfig
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self.vehicle.t_ns
+
+    def here(self) -> Passage:
+        """Truth and belief at this instant."""
+        aircraft = self.vehicle.aircraft
+        return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
+
+    async def take_off(self) -> None:
+        """Climb from the ground to the hover above home."""
+        await self.pilot.ready()
+        await self.pilot.take_off(self.mission.altitude_m)
+
+    async def upload(self, plan: FlightPlan) -> None:
+        """Give the vehicle the stops; simulated time stands still meanwhile."""
+        if not plan.stands:
+            await self.pilot.upload(plan, plan.positions(self.area))
+
+    async def fly(self, plan: FlightPlan) -> Flight:
+        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
+        if plan.stands:
+            here = self.here()
+            return Flight.standing(here, self.vehicle.aircraft.battery.remaining)
+        self.recorder.start(self.here())
+        await self.pilot.fly()
+        return self.recorder.finish(
+            self.here(), self.vehicle.aircraft.battery.remaining, items=stop_items(plan)
+        )
+
+    async def land(self) -> None:
+        """Return to home and land."""
+        await self.pilot.land()
+
+    async def refresh(self, reserve: float) -> bool:
+        """Return, land, change the battery, take off and come back to where it was."""
+        aircraft = self.vehicle.aircraft
+        if aircraft.battery.remaining >= reserve:
+            return False
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        aircraft.exchange_battery()
+        await self.take_off()
+        await self.go_to(back)
+        return True
+
+
+@asynccontextmanager
+async def open_simulated(
+    config: RunConfig,
+    vehicle: Vehicle,
+    *,
+    area: Area,
+    observers: Sequence[VehicleObserver],
+    tap: Tap | None = None,
+) -> AsyncIterator[SimulatedFlyer]:
+    """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
+
+    Ground stations of `link.gcs` see the vehicle too. With a `tap` the pilot's link is passed
+    through it. An interrupted flight is ended by an order to hold.
+
+    Raises:
+        LinkLostError: the link cannot be opened or the vehicle does not answer.
+    """
+    recorder = FlightRecorder()
+    for observer in (recorder, *observers):
+        vehicle.add_observer(observer)
+    speed = math.inf if config.link.speed == "max" else config.link.speed
+    raw_link = RawLink() if config.link.kind == "in_process" else None
+    port = config.link.udp_port
+    try:
+        link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
+        if tap is not None:
+            link = tap(link)
+        async with (
+            Simulation(vehicle, link, *station_links(config.link), speed=speed),
+            connect(
+                "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
+                raw_link=raw_link,
+                stall_timeout_s=config.link.stall_timeout_s,
+            ) as pilot,
+        ):
+            flyer = SimulatedFlyer(pilot, vehicle, recorder, area, config.mission)
+            try:
+                yield flyer
+            except asyncio.CancelledError:
+                if vehicle.moving:
+                    with suppress(AerofedError, TimeoutError):
+                        async with asyncio.timeout(HOLD_TIMEOUT_S):
+                            await pilot.hold()
+                raise
+    except LinkError as error:
+        raise LinkLostError(str(error)) from None
+    except FlightDynamicsError as error:
+        raise FlightError(f"the simulated aircraft failed: {error}") from error

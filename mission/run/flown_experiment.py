@@ -1,0 +1,200 @@
+"""The experiment in flight: plan, fly, gate, learn, record; round by round."""
+
+import asyncio
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.federation import rounds as learning
+from mission.base.errors import FlightError, LinkLostError
+from mission.flight.flight_plan import flight_of_round
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.open import Flyers
+from mission.flight.flyers.simulated import Tap
+from mission.flight.track import Flight, Passage
+from mission.log.records import RoundRecord
+from mission.planner.problem import RoundProblem
+from mission.run.checkpoint import RoundMemory
+from mission.run.experiment import Experiment
+from mission.run.gate import slots, uplinks
+from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
+from mission.scenario.strategies import Sortie, Strategy
+from sitl.observer import VehicleObserver
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(kw_only=True)
+class FlownExperiment(Experiment):
+    """Flies every round, and learns from those whom the radio let through."""
+
+    strategy: Strategy
+    flyers: Flyers
+    folder: Path  # of the run
+    observers: Sequence[VehicleObserver] = ()
+    tap: Tap | None = None  # on the link between pilot and built-in autopilot
+    _stage: str = field(default="", init=False)  # of the flight, for people
+
+    async def _run(self) -> None:
+        try:
+            async with self.flyers.open(
+                self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
+            ) as flyer:
+                try:
+                    await self._rounds(flyer)
+                finally:
+                    self.totals.sim_s = flyer.t_ns / 1e9
+        except (FlightError, LinkLostError) as error:
+            if not self._stage:
+                raise
+            raise error.in_words(f"{self._stage}, t {self.totals.sim_s:.1f} s: {error}") from error
+
+    def flown(self) -> str:
+        """How much was flown, in words."""
+        if self.scenario.config.mission.strategy == "barycenter":
+            return f"hovering, {self.totals.budget_used_m:.0f} m of the path budget spent"
+        return f"{self.totals.flown_m:.0f} m flown in them"
+
+    async def _rounds(self, flyer: Flyer) -> None:
+        self._stage = "take-off"
+        self.recorder.phase("take-off")
+        with self.stopwatch("fly"):
+            await flyer.take_off()
+            if self.strategy.approach_m is not None:
+                await flyer.go_to(self.strategy.approach_m)
+        while not self.finished:
+            self._stage = f"round {self.totals.next_round}"
+            await self._round(flyer)
+        self._stage = "landing"
+        self.recorder.phase("landing")
+        with self.stopwatch("fly"):
+            await flyer.land()
+
+    async def _round(self, flyer: Flyer) -> None:
+        recalled, reserve = self._recalled(), self.scenario.config.mission.battery_reserve
+        with self.stopwatch("fly"):
+            self.totals.battery_changes += await flyer.refresh(reserve)
+        self._show("flying again" if recalled else "planning")
+        problem = self._problem(flyer.here(), recalled)
+        sortie = await self._sortie(problem, recalled)
+        if recalled is None:
+            self._show("flying")
+        flight, passages = await self._fly(flyer, problem, sortie)
+        served = uplinks(
+            self.totals.next_round,
+            problem,
+            sortie.plan,
+            passages,
+            area=self.scenario.area,
+            community_of=self.scenario.community_of,
+            gate=self.scenario.config.channel.gate,
+            rng=self.scenario.streams.generator(f"uplink/{self.totals.next_round}"),
+        )
+        true_objective = sum(u.importance * _success(u.true_per) for u in served)
+        if recalled is not None:
+            _check_same(true_objective, recalled.true_objective)
+        scheduled = self._mask(u.device for u in served)
+        delivered = self._mask(u.device for u in served if u.delivered)
+        self.totals.last_heard[delivered] = self.totals.next_round
+        learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
+        record = RoundRecord(
+            round=self.totals.next_round,
+            start_t_s=int(flight.t_ns[0]) / 1e9,
+            duration_s=flight.duration_s,
+            plan_objective=sortie.plan.value,
+            est_objective=sum(u.importance * _success(u.est_per) for u in served),
+            true_objective=true_objective,
+            upper_bound=sortie.plan.upper_bound,
+            plan_path_m=sortie.plan.path_m,
+            flown_path_m=flight.flown_m,
+            budget_used_m=self.totals.budget_used_m + self._cost_m(problem, sortie, flight),
+            scheduled=len(served),
+            delivered=int(delivered.sum()),
+            battery_remaining=flight.battery_remaining,
+            accuracy=learnt.accuracy,
+            cov=learnt.cov,
+        )
+        memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
+        self._finish(record, memory, served)
+
+    def _problem(self, start: Passage, recalled: RoundMemory | None) -> RoundProblem:
+        scenario, mission = self.scenario, self.scenario.config.mission
+        return RoundProblem(
+            devices_m=scenario.devices_m,
+            importance=self._importance() if recalled is None else recalled.importance,
+            start_m=scenario.area.from_ned(start.est_ned_m),
+            steps=mission.steps,
+            per_step=mission.devices_per_step,
+            path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
+            channel=scenario.channel,
+        )
+
+    def _importance(self) -> Floats:
+        federation, state = self.scenario.federation, self.state
+        delta = learning.importance(federation, state, fairness=self.strategy.fairness)
+        if not isinstance(self.strategy, ImportanceStrategy):
+            return delta
+        of = federation.community_of
+        heard = self.totals.last_heard.copy()
+        return self.strategy.importance(
+            RoundInfo(self.totals.next_round, delta, federation.p, state.cov[of], of, heard)
+        )
+
+    async def _sortie(self, problem: RoundProblem, recalled: RoundMemory | None) -> Sortie:
+        if recalled is not None and recalled.sortie is not None:
+            return recalled.sortie
+        with self.stopwatch("plan"):
+            # In a thread, so that heartbeats go on; simulated time stands still.
+            return await asyncio.to_thread(self.strategy.sortie, self.totals.rounds_done, problem)
+
+    async def _fly(
+        self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
+    ) -> tuple[Flight, dict[int, Passage]]:
+        """The flight, and where the aircraft was at each time step that it reached."""
+        plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
+        with self.stopwatch("fly"):
+            try:
+                await flyer.upload(plan)
+            finally:  # whoever looks into a refused mission needs its plan
+                self.recorder.planned(
+                    flyer.t_ns, self.totals.next_round, problem, sortie.plan, plan
+                )
+            flight = await flyer.fly(plan)
+        return flight, slots(plan, flight)
+
+    def _cost_m(self, problem: RoundProblem, sortie: Sortie, flight: Flight) -> float:
+        """What a round costs of the path budget.
+
+        Never more than the plan could have used: L_total pays for L_total / L_max rounds, also
+        where wind or overshot corners make the flight longer than the plan. A first round may be
+        all that L_total pays for, and less than a whole one.
+        """
+        flown_m = min(flight.flown_m, problem.path_budget_m)
+        cost_m = flown_m if sortie.cost_m is None else sortie.cost_m
+        return min(cost_m, self.totals.left_m(self.scenario.config.mission))
+
+    def _mask(self, devices: Iterable[int]) -> Bools:
+        """(K,) true at the given devices."""
+        mask = np.zeros(len(self.scenario.devices_m), dtype=bool)
+        mask[list(devices)] = True
+        return mask
+
+
+def _check_same(objective: float, before: float) -> None:
+    """Refuse to go on after a round that was flown again and differs in the last bit."""
+    if objective != before:
+        raise FlightError(
+            f"flown again, the round differs from the first time (objective {objective!r}, was "
+            f"{before!r}): another machine or version computes otherwise, so this run cannot be "
+            "resumed here"
+        )
+
+
+def _success(per: float) -> float:
+    """1 - PER; a slot that was never reached succeeds with certainty zero."""
+    return 0.0 if math.isnan(per) else 1.0 - per

@@ -1,0 +1,27 @@
+"""Which firmware: what differs between them before one is started."""
+
+from flightdyn.plant import Plant
+from sitl.config import VehicleConfig
+from sitl.firmware.ardupilot import RATE_HZ
+from sitl.firmware.ardupilot_start import ardupilot_launch
+from sitl.firmware.launch import Launch, Order
+from sitl.firmware.px4_start import px4_launch
+
+
+def plant_rate_hz(vehicle: VehicleConfig) -> int:
+    """Ticks a second in which the firmware has the plant stepped."""
+    if vehicle.autopilot == "ardupilot":
+        return max(vehicle.aircraft.physics_hz, RATE_HZ)
+    return vehicle.aircraft.physics_hz
+
+
+def prepare(order: Order, plant: Plant) -> Launch:
+    """Open the bridge and put together how the firmware is started.
+
+    Raises:
+        LinkError: no port can be had.
+        FirmwareSilentError: the binary, or what belongs to it, is not there.
+    """
+    if order.vehicle.autopilot == "px4":
+        return px4_launch(order, plant)
+    return ardupilot_launch(order, plant)

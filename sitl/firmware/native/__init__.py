@@ -1,0 +1,1 @@
+"""The ends of the firmwares' simulator protocols: what is sent and read at every tick."""

@@ -1,0 +1,68 @@
+"""How a flight ended, whatever comes after it."""
+
+from pathlib import Path
+
+import pytest
+
+from mission.base.errors import AerofedError, FlightError, InputError
+from mission.planner.errors import SolverError
+from mission.run.outcome import Outcome
+
+
+def test_what_goes_wrong_first_counts() -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        raise FlightError("lost")
+    with outcome.post_processing():
+        raise InputError("no log to draw")
+    assert outcome.summary == {"status": "failed", "error": "lost"}
+    with pytest.raises(AerofedError, match=r"^lost; what was flown is in out$") as caught:
+        outcome.raise_error(Path("out"))
+    assert caught.value.exit_code == FlightError.exit_code
+
+
+@pytest.mark.parametrize(
+    ("end", "status"), [(None, "finished"), (KeyboardInterrupt, "interrupted")]
+)
+def test_a_figure_that_fails_is_a_failure(end: type[BaseException] | None, status: str) -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        if end is not None:
+            raise end
+    assert outcome.summary == {"status": status}
+    outcome.raise_error(Path("out"))
+    with outcome.post_processing():
+        raise InputError("no room")
+    assert outcome.summary == {"status": "failed", "error": "no room"}
+
+
+def test_a_bug_is_raised_and_a_failure() -> None:
+    outcome = Outcome()
+    with pytest.raises(ZeroDivisionError), outcome.flight():
+        raise ZeroDivisionError
+    assert outcome.summary == {"status": "failed"}
+
+
+@pytest.mark.parametrize(
+    ("end", "status"), [(None, "interrupted"), (FlightError("lost"), "failed")]
+)
+@pytest.mark.slow
+def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
+    end: FlightError | None, status: str
+) -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        if end is not None:
+            raise end
+    with outcome.post_processing():
+        raise KeyboardInterrupt
+    assert outcome.status == status
+
+
+def test_an_error_in_other_words_stays_what_it_is(tmp_path: Path) -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        raise SolverError("OSQP", "max_iter")
+    with pytest.raises(SolverError, match=f"OSQP.*no usable solution; .* in {tmp_path}") as raised:
+        outcome.raise_error(tmp_path)
+    assert (raised.value.exit_code, raised.value.status) == (3, "max_iter")

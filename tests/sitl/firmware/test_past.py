@@ -1,0 +1,64 @@
+"""The truth of the last while, as it is asked for afterwards."""
+
+import numpy as np
+import pytest
+from firmware_stand_ins import plant
+
+from sitl.firmware.past import Past
+
+INTERVAL_NS = 20_000_000
+
+
+def falling(intervals: int) -> tuple[Past, list[float]]:
+    """A climb at full power, and the heights at the ends of its intervals."""
+    aircraft = plant()
+    aircraft.vehicle.drive((0.9,) * 4)
+    past, heights = Past(aircraft), [aircraft.truth.alt_rel_m]
+    for _ in range(intervals):
+        for _ in range(aircraft.interval):
+            aircraft.step()
+        past.keep()
+        heights.append(aircraft.truth.alt_rel_m)
+    return past, heights
+
+
+def test_what_was_kept_is_what_was() -> None:
+    aircraft = plant()
+    aircraft.vehicle.drive((0.9, 0.8, 0.9, 0.8))
+    past = Past(aircraft)
+    for _ in range(50 * aircraft.interval):
+        aircraft.step()
+        if aircraft.clock.tick % aircraft.interval == 0:
+            past.keep()
+    truth, newest = aircraft.truth, past.newest
+    for kinematics in (newest.kinematics, past.at(aircraft.t_ns).kinematics):
+        assert kinematics.t_ns == truth.t_ns
+        for name in ("pos_ned_m", "vel_ned_mps", "q_frd_to_ned", "omega_frd_radps"):
+            np.testing.assert_array_equal(getattr(kinematics, name), getattr(truth, name))
+    np.testing.assert_array_equal(newest.wind_ned_mps, aircraft.wind_ned_mps)
+    assert newest.battery == aircraft.battery
+
+
+def test_between_two_it_lies_between_and_beyond_them_it_goes_on() -> None:
+    past, heights = falling(100)
+    for k in (10, 50, 98):
+        between = past.at(k * INTERVAL_NS + INTERVAL_NS // 4).kinematics
+        assert between.alt_rel_m == pytest.approx(0.75 * heights[k] + 0.25 * heights[k + 1])
+        assert between.t_ns == k * INTERVAL_NS + INTERVAL_NS // 4
+    newest = past.newest.kinematics
+    later = past.at(newest.t_ns + INTERVAL_NS).kinematics
+    climb = -float(newest.vel_ned_mps[2])
+    assert later.alt_rel_m == pytest.approx(heights[-1] + climb * 0.02)
+    assert past.at(-INTERVAL_NS).kinematics.alt_rel_m == pytest.approx(heights[0], abs=1e-3)
+
+
+def test_only_the_newest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sitl.firmware.past._KEPT", 32)
+    past, heights = falling(100)
+    assert past.at(90 * INTERVAL_NS).kinematics.alt_rel_m == pytest.approx(heights[90])
+    # What is gone is told by the oldest that is left, by its velocity.
+    oldest = past.at(76 * INTERVAL_NS).kinematics
+    assert oldest.alt_rel_m == pytest.approx(heights[76])
+    gone = past.at(70 * INTERVAL_NS).kinematics
+    climb = -float(oldest.vel_ned_mps[2])
+    assert gone.alt_rel_m == pytest.approx(heights[76] - 6 * 0.02 * climb)
