@@ -73,18 +73,6 @@ class RoundRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class Learnt:
-    """What one round taught, per community."""
-
-    accuracy: dict[str, float]
-    cov: dict[str, float]  # psi, in force for the next round
-    loss: dict[str, float]  # mean over the trained devices; NaN where none was trained
-    device_accuracy: list[float]  # (K,) of the new models, on each device's validation set
-    received_accuracy: list[float]  # (K,) the last eps_k that the UAV received; NaN: none yet
-    device_loss: list[float]  # (K,) mean local loss; NaN where not trained
-
-
-@dataclass(frozen=True, slots=True)
 class DeviceRecord:
     """One device after one round."""
 

@@ -4,13 +4,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
+from fl.federation.rounds import RoundLearning
 from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
-from mission.log.records import DeviceRecord, Learnt, RoundRecord, UplinkRecord
+from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
@@ -78,7 +79,7 @@ class FolderRecorder:
             self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
 
-    def learnt(self, round_number: int, learnt: Learnt) -> None:
+    def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
         self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.devices.extend(self._devices(round_number, learnt))
@@ -100,12 +101,12 @@ class FolderRecorder:
         self._flown_s, self._wall_s = flown_s, wall_s
         return sim / wall if wall > 0.0 else 0.0
 
-    def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
+    def _devices(self, round_number: int, learnt: RoundLearning) -> Iterator[DeviceRecord]:
         each = zip(
             self.scenario.community_of,
-            learnt.device_accuracy,
-            learnt.received_accuracy,
-            learnt.device_loss,
+            learnt.device_accuracy.tolist(),
+            learnt.received_accuracy.tolist(),
+            learnt.device_loss.tolist(),
             strict=True,
         )
         for device, values in enumerate(each):
