@@ -26,7 +26,8 @@ import numpy as np
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.commands.planning import served_radius
-from mission.figures.plan import draw_plan
+from mission.figures.plan import plan_picture
+from mission.figures.render import save_all
 from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.config import PlannerConfig
@@ -253,10 +254,13 @@ def cold() -> None:
 
 def pictures(folder: Path) -> None:
     """Five plans as pictures, with their gaps."""
+    drawn = {}
     for seed, channel in enumerate(("suburban+10dB", "suburban+10dB", *CHANNELS[1:], "suburban")):
         problem = layout(seed, devices=12, steps=10, channel=channel, budget=800.0)
         plan = CertifiedPlanner().plan(problem)
-        draw_plan(problem, plan, folder / f"plan-{seed}.png", title=f"layout {seed}, {channel}")
+        title = f"layout {seed}, {channel}"
+        drawn[f"plan-{seed}.png"] = plan_picture(problem, plan, title=title)
+    save_all(drawn, folder)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,14 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `flight.mcap` | the flight log, see below |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
-| `figures/` | maps of planned and flown paths, learning curves |
+| `figures/` | `map.png`: all rounds on one map; `rounds.png`: who was served from where, \
+round by round, at most twelve; `learning.png`: accuracy, fairness and updates |
 | `checkpoint/` | what `aerofed run --resume` goes on from; in `interrupted/` the old log and \
 tables until the new ones have caught up |
 
 `aerofed fly` leaves `config.toml`, the plan file, `flight.mcap`, `track.csv` (a row a sample: true
-and believed position), `figures/` (map; height, error and speed along the plan) and `summary.json`.
+and believed position), `figures/` (map; height, distance from the path, speed and error of the
+estimate) and `summary.json`.
 
 CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
 there is no value. The same configuration and seed give the same bytes.

@@ -155,6 +155,7 @@ class RunComparison:
 
     source: Path
     name: str
+    about: str  # name, strategy and seed
     rounds: tuple[Comparison, ...]
     total: Comparison
     devices: tuple[DeviceComparison, ...]
@@ -191,6 +192,7 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
     return RunComparison(
         source=loaded.path,
         name=loaded.name,
+        about=loaded.about,
         rounds=tuple(_numbers([item], item.record.round) for item in measured),
         total=_numbers(measured, None),
         devices=tuple(

@@ -78,6 +78,11 @@ class PlanFlight:
     numbers: PlannedAndFlown
 
     @property
+    def about(self) -> str:
+        """Which flight, plan and seed it is: a line for pictures."""
+        return f"{self.run.told('seed')} · plan file {self.source}"
+
+    @property
     def record(self) -> RoundRecord:
         """The flight as a round, from its start to its last place or as far as it came."""
         return self.data.rounds[0]

@@ -36,6 +36,17 @@ class LoadedRun:
         return self.path.name or str(self.path.resolve().name)
 
     @property
+    def about(self) -> str:
+        """Which run, strategy and seed it is: a line for pictures."""
+        return self.told("strategy", "seed")
+
+    def told(self, *keys: str) -> str:
+        """The name, and what summary or configuration say of `keys`."""
+        config = self._config
+        known = {**config.get("mission", {}), **config, **self.summary}
+        return " · ".join([self.name, *(f"{key} {known[key]}" for key in keys if key in known)])
+
+    @property
     def state(self) -> str:
         """Why the run is not finished; empty for one that is."""
         status = str(self.summary.get("status", _FINISHED))
@@ -58,9 +69,17 @@ class LoadedRun:
         return f"{self.state}; {done}; aerofed run --resume {self.path} goes on"
 
     @property
+    def _config(self) -> dict[str, Any]:
+        """What it was flown with; empty where the log's copy is missing or damaged."""
+        try:
+            return tomllib.loads(self.data.attachments.get("config.toml", b"").decode())
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+            return {}
+
+    @property
     def _resumable(self) -> bool:
         """What another autopilot than ours flew cannot be flown again."""
-        config = tomllib.loads(self.data.attachments.get("config.toml", b"").decode())
+        config = self._config
         external = config.get("link", {}).get("kind") == "external"
         firmware = config.get("vehicle", {}).get("autopilot", "built-in") != "built-in"
         return (self.path / "checkpoint").is_dir() and not external and not firmware

@@ -111,9 +111,9 @@ def _flights(
     found = [plan_flight(item) for item in loaded]
     if figure is not None:
         from mission.figures.flight import profiles
-        from mission.figures.style import save_figure
+        from mission.figures.render import save
 
-        save_figure(profiles(found), figure)
+        save(profiles(found), figure)
     if not as_json:
         if len(found) == 1:
             print("\n".join(found[0].numbers.lines()))

@@ -74,7 +74,12 @@ def plan(
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
     else:
         problems = read_problems(problem)
-    planned = plan_problems(problems, planner=resolved.planner, out=out, figure_dir=figure)
+    about = f"{problem or resolved.name} · planner {resolved.planner.kind}"
+    if problem is None:
+        about += f" · strategy {resolved.mission.strategy} · seed {resolved.seed}"
+    planned = plan_problems(
+        problems, planner=resolved.planner, out=out, figure_dir=figure, about=about
+    )
     if qgc is not None and scenario is not None:
         _write_qgc(qgc, problems[0], planned.plans[0], scenario)
     _print(planned.plans)

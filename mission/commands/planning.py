@@ -33,11 +33,12 @@ def plan_problems(
     planner: PlannerConfig,
     out: Path | None = None,
     figure_dir: Path | None = None,
+    about: str = "",
 ) -> Planned:
     """Plan every problem, and write the plans and a picture of each where asked.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
-    against its problem before anything is written.
+    against its problem before anything is written. `about` says on the pictures whose they are.
 
     Raises:
         InputError: the output cannot be written.
@@ -63,15 +64,24 @@ def plan_problems(
     if out is not None:
         write_plans(out, made)
     if figure_dir is not None:
-        from mission.figures.plan import draw_plan
+        from mission.figures.plan import plan_picture
+        from mission.figures.render import save_all
 
-        for number, entry in enumerate(problems):
-            if entry.id in plans:
-                # Ids are free text; the number keeps two that differ in odd signs apart.
-                safe = re.sub(r"[^A-Za-z0-9._-]+", "_", entry.id)[:60]
-                name = f"{number:03d}-{safe}.png"
-                draw_plan(entry.problem, plans[entry.id].plan, figure_dir / name, title=entry.id)
+        pictures = {
+            _file_name(number, entry.id): plan_picture(
+                entry.problem, plans[entry.id].plan, title=entry.id, about=about
+            )
+            for number, entry in enumerate(problems)
+            if entry.id in plans
+        }
+        save_all(pictures, figure_dir)
     return Planned(made, failure)
+
+
+def _file_name(number: int, name: str) -> str:
+    """Ids are free text; the number keeps two that differ in odd signs apart."""
+    safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
+    return f"{number:03d}-{safe}.png"
 
 
 @dataclass(frozen=True)

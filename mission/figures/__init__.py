@@ -1,1 +1,1 @@
-"""Pictures as PNG files (the home of matplotlib, with `sweep.outcome.figures`)."""
+"""Every picture, described once and rendered for its two places: a file, and a page's card."""

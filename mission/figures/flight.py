@@ -2,23 +2,41 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+import altair as alt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from mission.analysis.alignment import align
 from mission.analysis.compare_plan import PlanFlight
 from mission.analysis.load import flown, ground_speed
-from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
-from mission.figures.maps import fence_handles, home_handle, path_handles, prepare_map
-from mission.figures.style import GRID, TEXT, add_legend, band, new_figure, plain, save_figures
-from mission.log.values import Floats
+from mission.base.palette import community_colour
+from mission.figures.charts import Series, line_chart
+from mission.figures.frame import TOLERANCE_M, Frame, run_lines, thin
+from mission.figures.render import heading, save_all, stacked
+from mission.figures.style import (
+    COOL,
+    FENCE,
+    FLOWN,
+    GOOD,
+    INK,
+    PAPER,
+    PLANNED,
+    SOFT,
+    keys,
+    named,
+    table,
+)
+from mission.log.values import NS_PER_S, Floats
 
-_RALLY_STYLE: dict[str, Any] = {"marker": "^", "ms": 7, "mfc": "none", "mec": TEXT, "ls": ""}
+_TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
 _NEAR_M = 1.0  # places closer than this share one label
+_WIDTH = 640.0
+_ALONG = "along the plan (m)"
+_PLACES = {  # colour, fill, shape of what is on the map
+    "reached": (FLOWN, PAPER, "circle"),
+    "not reached": (FENCE, PAPER, "cross"),
+    "rally point": (SOFT, PAPER, "triangle-up"),
+}
 
 
 def draw_flight(flight: PlanFlight, folder: Path) -> None:
@@ -27,93 +45,104 @@ def draw_flight(flight: PlanFlight, folder: Path) -> None:
     Raises:
         InputError: they cannot be written.
     """
-    pictures = {"map.png": flight_map(flight), "profile.png": profiles([flight])}
-    save_figures(pictures, folder)
+    save_all({"map.png": flight_map(flight), "profile.png": profiles([flight])}, folder)
 
 
-def flight_map(flight: PlanFlight) -> Figure:
+def flight_map(flight: PlanFlight) -> alt.LayerChart:
     """Planned and flown path, the places with the numbers of their items, and the way home."""
-    figure = new_figure(8.4, 8.0)
-    axes = figure.add_subplot()
     run = flight.data
-    prepare_map(axes, run)
-    band(axes, flight.plan.waypoints_m)
-    track = flown(run, flight.record)
-    axes.plot(*track.pos_m[:, :2].T, color=FLOWN, lw=1.5, zorder=3)
-    rest = run.truth.between(int(track.t_ns[-1]), int(run.truth.t_ns[-1]))
-    axes.plot(*rest.pos_m[:, :2].T, color=FLOWN, lw=0.9, ls=(0, (1, 2)), zorder=2.5)
-    _places(axes, flight)
-    for place in flight.rally_m:
-        axes.plot(*place[:2], **_RALLY_STYLE, zorder=4)
-    axes.set_title(f"{flight.source}: planned and flown", loc="left", fontsize=12, color=TEXT)
-    missed = len(flight.places_m) - len(flight.reached)
-    add_legend(
-        figure,
-        [
-            *path_handles(),
-            Line2D([], [], color=FLOWN, lw=1.2, ls=(0, (1, 2)), label="after the last place"),
-            home_handle(),
-            *([Line2D([], [], **_RALLY_STYLE, label="rally point")] * bool(flight.rally_m)),
-            *([Line2D([], [], color=FENCE, marker="x", ls="", label="not reached")] * bool(missed)),
-            *fence_handles(run),
-        ],
-    )
-    return figure
+    frame = Frame(run, _WIDTH)
+    end_ns = int(flown(run, flight.record).t_ns[-1])
+    rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
+    after = ("after the last place", 0, thin(rest, TOLERANCE_M))
+    lines = [*run_lines(run, [flight.plan]), *([after] if len(rest) > 1 else [])]
+    layers = [*frame.ground(run), *frame.lines(lines), *_places(frame, flight)]
+    title = heading("Planned and flown; numbers: items of the plan", flight.about)
+    return frame.finished(layers).properties(title=title)
 
 
-def profiles(flights: Sequence[PlanFlight]) -> Figure:
-    """Height, cross-track error and ground speed along the planned path, a line a flight."""
-    figure = new_figure(8.4, 8.4)
-    height, cross, speed = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+def profiles(flights: Sequence[PlanFlight]) -> alt.VConcatChart:
+    """Along the planned path, a line a flight."""
+    about = flights[0].about if len(flights) == 1 else f"{len(flights)} flights"
+    return stacked(profile_charts(flights), title="Along the plan", about=about)
+
+
+def profile_charts(flights: Sequence[PlanFlight]) -> list[alt.LayerChart]:
+    """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
+    plan = flights[0].plan
+    legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
+    planned_m = np.column_stack((np.concatenate(([0.0], np.cumsum(legs_m))), plan.height_m))
+    height = [Series("planned", PLANNED, planned_m[:, 0], planned_m[:, 1], dashed=True)]
+    cross, speed, error = [], [], []
     for index, flight in enumerate(flights):
-        colour = FLOWN if len(flights) == 1 else community_colour(index)
-        plan, track = flight.plan, flown(flight.data, flight.record)
-        fit = align(track.pos_m[:, :2], plan.waypoints_m)
-        legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
-        along_m = np.concatenate(([0.0], np.cumsum(legs_m)))
-        band(height, np.column_stack((along_m, plan.height_m)))
-        for axes, values in (
-            (height, track.pos_m[:, 2]),
-            (cross, fit.cross_m),
-            (speed, ground_speed(track)),
-        ):
-            axes.plot(fit.along_m, values, color=colour, lw=1.3, zorder=3)
-    for axes, label in (
-        (height, "height above home (m)"),
-        (cross, "distance from the path (m)"),
-        (speed, "ground speed (m/s)"),
-    ):
-        axes.set_ylabel(label)
-        axes.set_ylim(bottom=0)
-        axes.yaxis.grid(visible=True, color=GRID, lw=0.8)
-        axes.set_axisbelow(True)
-        plain(axes)
-    speed.set_xlabel("along the planned path (m)")
-    height.set_title("Along the plan", loc="left", fontsize=12, color=TEXT)
-    figure.align_ylabels()
-    handles = path_handles()
-    if len(flights) > 1:
-        handles = handles[:1] + [
-            Line2D([], [], color=community_colour(index), lw=2, label=flight.run.name)
-            for index, flight in enumerate(flights)
-        ]
-    add_legend(figure, handles, columns=4)
-    return figure
+        alone = len(flights) == 1
+        name, colour = ("flown", FLOWN) if alone else (flight.about, community_colour(index))
+        track = flown(flight.data, flight.record)
+        belief = flown(flight.data, flight.record, track=flight.data.belief)
+        fit = align(track.pos_m[:, :2], flight.plan.waypoints_m)
+        away_m = belief.pos_m - track.pos_m
+        t_s = (track.t_ns - track.t_ns[0]) / NS_PER_S
+        height.append(_thinned(name, colour, fit.along_m, track.pos_m[:, 2]))
+        if flight.plan.path_m > 0:
+            cross.append(_thinned(name, colour, fit.along_m, fit.cross_m))
+        speed.append(_thinned(name, colour, fit.along_m, ground_speed(track)))
+        sides = ("horizontal", COOL), ("height", GOOD)
+        both = (np.hypot(*away_m[:, :2].T), np.abs(away_m[:, 2]))
+        for (side, shade), values in zip(sides, both, strict=True):
+            label = side if alone else f"{side}, {name}"
+            error.append(_thinned(label, shade if alone else colour, t_s, values))
+            if not alone:
+                break  # the horizontal one is enough to compare
+    return [
+        line_chart("Height above home", height, x=_ALONG, y="height (m)"),
+        *([line_chart("Distance from the path", cross, x=_ALONG, y="distance (m)")] * bool(cross)),
+        line_chart("Ground speed", speed, x=_ALONG, y="speed (m/s)"),
+        line_chart("Estimate against the truth", error, x="time in the mission (s)", y="error (m)"),
+    ]
 
 
-def _places(axes: Axes, flight: PlanFlight) -> None:
-    labels: list[tuple[Floats, list[int]]] = []
+def _thinned(label: str, colour: str, x: Floats, y: Floats) -> Series:
+    kept = thin(np.column_stack((x, y)), _TOLERANCE)
+    return Series(label, colour, kept[:, 0], kept[:, 1])
+
+
+def _places(frame: Frame, flight: PlanFlight) -> list[alt.Chart]:
+    kinds = ["reached" if seq in flight.reached else "not reached" for seq in flight.places_m]
+    at_m = np.array([*flight.places_m.values(), *flight.rally_m]).reshape(-1, 3)
+    kinds += ["rally point"] * len(flight.rally_m)
+    names = [str(seq) for seq in flight.places_m] + [""] * len(flight.rally_m)
+    shown = [kind for kind in _PLACES if kind in kinds]
+    strokes, fills, shapes = zip(*(_PLACES[kind] for kind in shown), strict=True)
+    key = keys(shown, symbolSize=70)
+    marks = frame.chart(
+        table(round=[0] * len(kinds), x=at_m[:, 0], y=at_m[:, 1], height=at_m[:, 2], kind=kinds,
+              item=names)
+    ).mark_point(size=50, opacity=1, strokeWidth=1.6).encode(
+        shape=alt.Shape("kind:N", scale=named(shown, shapes), legend=key),
+        color=alt.Color("kind:N", scale=named(shown, strokes), legend=key),
+        fill=alt.value(fills[0]),
+        tooltip=[alt.Tooltip("item:N"), alt.Tooltip("kind:N", title="was"),
+                 alt.Tooltip("height:Q", title="height (m)", format=".1f")],
+    )  # fmt: skip
+    labels = _labels(flight)
+    text = table(round=[0] * len(labels), x=[at[0] for at, _ in labels],
+                 y=[at[1] for at, _ in labels], item=[", ".join(n) for _, n in labels])  # fmt: skip
+    return [
+        marks,
+        frame.chart(text).mark_text(align="left", dx=7, dy=-7, fontSize=10, color=INK).encode(
+            text="item:N"
+        ),
+    ]  # fmt: skip
+
+
+def _labels(flight: PlanFlight) -> list[tuple[Floats, list[str]]]:
+    """Where numbers stand, and which."""
+    labels: list[tuple[Floats, list[str]]] = []
     for seq, place in flight.places_m.items():
-        if seq not in flight.reached:
-            axes.plot(*place[:2], marker="x", color=FENCE, ms=8, mew=1.8, ls="", zorder=5)
         for at, numbers in labels:
             if np.linalg.norm(at - place[:2]) < _NEAR_M:
-                numbers.append(seq)
+                numbers.append(str(seq))
                 break
         else:
-            labels.append((place[:2], [seq]))
-    for at, numbers in labels:
-        axes.annotate(
-            ", ".join(map(str, numbers)), tuple(at), xytext=(6, 6), textcoords="offset points",
-            fontsize=9, color=PLANNED, zorder=6,
-        )  # fmt: skip
+            labels.append((place[:2], [str(seq)]))
+    return labels

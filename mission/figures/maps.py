@@ -1,241 +1,212 @@
-"""Maps of a run: planned against flown, round by round. Used by `figures`."""
+"""Maps of a run: planned against flown, who was served and from where."""
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TypeAlias
 
+import altair as alt
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from mission.analysis.load import extent, flown
-from mission.base.palette import BAND, FENCE, FLOWN, PLANNED, community_colour, per_colour
-from mission.figures.style import GRID, TEXT, add_legend, band, new_figure, plain
+from mission.base.palette import community_colour
+from mission.figures.frame import Frame, line_table, run_lines
+from mission.figures.render import heading
+from mission.figures.style import (
+    CROWD,
+    INK,
+    PLANNED,
+    SOFT,
+    importance_size,
+    keys,
+    named,
+    per_key,
+    per_scale,
+    table,
+)
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.values import FlightData, Floats, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
-_FAINT = 0.35
-_HOVER_M = 1.0  # a shorter path is marked as a place
-_FENCE_STYLE: Mapping[bool, Mapping[str, Any]] = {
-    True: {"color": FENCE, "lw": 1.3, "ls": (0, (7, 2, 1, 2))},
-    False: {"color": FENCE, "lw": 1.3, "ls": "-"},
-}
-_SIZES = (25.0, 170.0)  # marker areas of the least and the most important device
+_WIDTH, _PANEL = 640.0, 300.0
+# A cross in a ring, one unit across.
+_LOST = (
+    "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
+    "M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55ZM-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
+)
+_OUTCOMES = ("delivered", "lost", "not served")
+
+Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
 
-def overview(run: FlightData) -> Figure:
+def overview(run: FlightData, about: str) -> alt.LayerChart:
     """All rounds on one map: planned dashed, flown coloured by round."""
-    figure = new_figure(8.4, 7.8)
-    axes = figure.add_subplot()
-    prepare_map(axes, run)
-    records = {record.round: record for record in run.rounds}
-    numbers = [plan.round for plan in run.plans]
-    shades = _shades(numbers)
-    for plan in run.plans:
-        hover: dict[str, Any] = {"marker": "+", "ms": 9} if plan.path_m < _HOVER_M else {}
-        axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=0.9, ls=(0, (4, 3)), zorder=3.5, **hover)
-        record = records.get(plan.round)
-        if record is not None:
-            track = flown(run, record).pos_m
-            colour = _shade(shades, plan.round)
-            axes.plot(track[:, 0], track[:, 1], color=colour, lw=1.6, alpha=0.9, zorder=3)
+    frame = Frame(run, _WIDTH)
+    lines = run_lines(run, run.plans)
+    flights = [line for line in lines if line[0] == "flown"]
     importance = np.mean([plan.importance for plan in run.plans], axis=0)
-    _devices(axes, run, importance, outcome={})
-    for k, (x, y) in enumerate(run.devices.pos_m):
-        axes.annotate(
-            str(k), (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8, color=TEXT,
-            zorder=6,
-        )  # fmt: skip
-    if len(numbers) > 1:
-        bar = figure.colorbar(shades, ax=axes, shrink=0.75, pad=0.02)
-        bar.set_label("round", color=TEXT)
-        bar.set_ticks(_ticks(numbers))
-        bar.outline.set_visible(False)
-    axes.set_title("Planned and flown paths", loc="left", fontsize=12, color=TEXT)
-    add_legend(
-        figure,
-        [
-            Line2D([], [], color=PLANNED, lw=1.2, ls=(0, (4, 3)), label="planned"),
-            Line2D([], [], color=_shade(shades, numbers[0]), lw=2, label="flown"),
-            *_community_handles(run),
-            home_handle(),
-            *fence_handles(run),
-        ],
-    )
-    return figure
+    layers = [
+        *frame.ground(run),
+        *frame.lines([line for line in lines if line[0] not in ("planned", "flown")]),
+        *([_by_round(frame, flights)] if flights else []),
+        frame.chart(line_table([line for line in lines if line[0] == "planned"])).mark_line(
+            stroke=PLANNED, strokeWidth=1.0, strokeDash=[4, 3]
+        ).encode(order="step:Q", detail="part:N"),
+        *_devices(run, frame, [(0, importance, {})]),
+    ]  # fmt: skip
+    title = heading("Planned (dashed) and flown paths, all rounds", about)
+    return frame.finished(layers).properties(title=title)
 
 
-def round_maps(run: FlightData) -> Figure:
+def round_maps(run: FlightData, about: str) -> alt.ConcatChart:
     """A map a round, at most twelve, evenly chosen: who was served, and where it flew."""
-    chosen = _evenly([plan for plan in run.plans if _record(run, plan)], _MAPS)
-    if not chosen:
-        chosen = [run.plans[0]]
+    chosen = _evenly([plan for plan in run.plans if record_of(run, plan)], _MAPS)
+    chosen = chosen or [run.plans[0]]
     columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
-    rows = math.ceil(len(chosen) / columns)
-    figure = new_figure(4.1 * columns, 4.3 * rows + 1.0)  # titles and legend: an inch
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in panels.flat[len(chosen) :]:
-        axes.set_visible(False)
-    for number, plan in enumerate(chosen):
-        axes = panels.flat[number]
-        prepare_map(axes, run)
-        _round_map(axes, run, plan)
-        axes.set_ylabel("north (m)" if number % columns == 0 else "")
-        below = number + columns >= len(chosen)
-        axes.set_xlabel("east (m)" if below else "")
-        axes.tick_params(labelbottom=below)
-    add_legend(
-        figure,
-        [
-            *path_handles(),
-            _start_handle(),
-            *_community_handles(run),
-            _served_handle("delivered", filled=True),
-            _served_handle("lost", filled=False),
-            Line2D([], [], color=PLANNED, marker="o", ls="", alpha=_FAINT, label="not served"),
-            *(
-                Line2D([], [], color=per_colour(per), lw=1.2, label=f"link, PER {per:g}")
-                for per in (0.0, 0.5, 1.0)
-            ),
-            *fence_handles(run),
-        ],
-        columns=4 if columns < 3 else 6,
+    width = _PANEL if columns > 1 else 1.6 * _PANEL
+    panels = [round_map(run, [plan], width=width) for plan in chosen]
+    some = f" · {len(chosen)} of {len(run.plans)} rounds" if len(chosen) < len(run.plans) else ""
+    title = heading("Planned and flown, round by round", about + some)
+    return alt.concat(*panels, columns=columns, spacing=24).properties(title=title)
+
+
+def round_map(
+    run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH
+) -> alt.LayerChart:
+    """A map of one round; of several, of which the parameter `shown` chooses one.
+
+    The parameter `everything` shows the flown paths of the others too.
+    """
+    frame = Frame(run, width, chosen=plans[0].round if len(plans) > 1 else None)
+    served = {plan.round: _served(run, plan.round) for plan in plans}
+    layers = [
+        *frame.ground(run),
+        *_links(run, frame, served),
+        *frame.lines(run_lines(run, plans)),
+        *frame.waypoints(plans),
+        *_devices(run, frame, [(p.round, p.importance, served[p.round]) for p in plans]),
+    ]
+    title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
+    return frame.finished(layers).properties(title=alt.TitleParams(title))
+
+
+def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
+    """What became of a plan; None where its round was not finished."""
+    return next((record for record in run.rounds if record.round == plan.round), None)
+
+
+def _round_title(run: FlightData, plan: PlanRecord) -> str:
+    record = record_of(run, plan)
+    if record is None:
+        return f"round {plan.round}: planned"
+    arrived = f"{record.delivered} of {record.scheduled} delivered"
+    return f"round {plan.round} · {arrived} · {record.flown_path_m:.0f} m"
+
+
+def _served(run: FlightData, number: int) -> Served:
+    return {item.device: item for item in run.uplinks if item.round == number}
+
+
+def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> alt.Chart:
+    numbers = sorted({number for _, number, _ in lines})
+    # Without viridis's lightest end, which drowns on white.
+    scheme = alt.SchemeParams("viridis", extent=[0.0, 0.88])
+    few = len(numbers) <= 8
+    colour = alt.Color(
+        "round:O" if few else "round:Q",
+        title="flown in round",
+        scale=alt.Scale(scheme=scheme),
+        legend=alt.Legend(symbolType="stroke", columns=8, symbolStrokeWidth=2.2)
+        if few
+        else alt.Legend(gradientLength=260, tickMinStep=1, format="d"),
     )
-    return figure
+    paths: alt.Chart = frame.chart(line_table(lines)).mark_line(strokeWidth=1.6, opacity=0.9)
+    return paths.encode(order="step:Q", detail="part:N", color=colour, tooltip="round:Q")
 
 
-def _round_map(axes: Axes, run: FlightData, plan: PlanRecord) -> None:
-    band(axes, plan.waypoints_m)
-    record = _record(run, plan)
-    outcome: dict[int, UplinkRecord] = {}
-    title = f"round {plan.round}"
-    if record is not None:
-        track = flown(run, record).pos_m
-        axes.plot(track[:, 0], track[:, 1], color=FLOWN, lw=1.4, zorder=3)
-        outcome = {u.device: u for u in run.uplinks if u.round == plan.round}
-        _links(axes, run, outcome)
-        title += f"  ·  {record.delivered} of {record.scheduled} delivered"
-        title += f"  ·  {record.flown_path_m:.0f} m"
-    axes.plot(*plan.waypoints_m[0], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, zorder=6)
-    _devices(axes, run, plan.importance, outcome=outcome, faint=True)
-    axes.set_title(title, loc="left", fontsize=10, color=TEXT)
-
-
-def _links(axes: Axes, run: FlightData, outcome: Mapping[int, UplinkRecord]) -> None:
-    """From where each transmission was met to its device, coloured by the true PER."""
-    for device, uplink in outcome.items():
-        if math.isfinite(uplink.slot_t_s):
-            x, y = run.devices.pos_m[device].tolist()
-            axes.plot(
-                [uplink.true_x_m, x], [uplink.true_y_m, y],
-                color=per_colour(uplink.true_per), lw=0.9, zorder=2,
-            )  # fmt: skip
-
-
-def prepare_map(axes: Axes, run: FlightData) -> None:
-    """Axes in metres around everything that was planned and flown, with area, home and fence."""
-    width, height = run.area.size_m
-    low, high = extent(run, margin=0.04)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.plot([0, width, width, 0, 0], [0, 0, height, height, 0], color=GRID, lw=1.2, zorder=1)
-    axes.plot(*run.area.home_m, marker="s", ms=6, mfc="none", mec=TEXT, ls="", zorder=4)
-    for zone in run.fence:
-        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
-        axes.plot(*closed.T, **_FENCE_STYLE[zone.keep_in], zorder=1.5)
-    axes.set_xlabel("east (m)")
-    axes.set_ylabel("north (m)")
-    plain(axes)
+def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[alt.Chart]:
+    """From the slot, where each transmission was met, to its device; coloured by the true PER."""
+    met = [
+        uplink for of in served.values() for uplink in of.values()
+        if math.isfinite(uplink.slot_t_s)
+    ]  # fmt: skip
+    if not met:
+        return []
+    at_m = run.devices.pos_m[[uplink.device for uplink in met]]
+    data = table(
+        round=[u.round for u in met], device=[u.device for u in met], step=[u.step for u in met],
+        x=[u.true_x_m for u in met], y=[u.true_y_m for u in met], x2=at_m[:, 0], y2=at_m[:, 1],
+        per=[u.true_per for u in met], t_s=[u.slot_t_s for u in met],
+    )  # fmt: skip
+    tip = [
+        alt.Tooltip("device:Q"), alt.Tooltip("step:Q", title="slot"),
+        alt.Tooltip("t_s:Q", title="time (s)", format=".1f"),
+        alt.Tooltip("per:Q", title="true PER", format=".3~g"),
+    ]  # fmt: skip
+    colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
+    links = frame.chart(data).encode(color=colour, tooltip=tip)
+    return [
+        links.mark_rule(strokeWidth=1.2).encode(x2="x2", y2="y2"),
+        links.mark_point(filled=True, size=14, opacity=1),
+    ]
 
 
 def _devices(
-    axes: Axes,
-    run: FlightData,
-    importance: Floats,
-    *,
-    outcome: Mapping[int, UplinkRecord],
-    faint: bool = False,
-) -> None:
-    """Colour: community. Area: importance. Filled: delivered; hollow with a cross: lost."""
-    largest = float(importance.max(initial=0.0)) or 1.0
-    small, large = _SIZES
-    for k, (x, y) in enumerate(run.devices.pos_m):
-        colour = community_colour(int(run.devices.community_of[k]))
-        area = small + (large - small) * float(importance[k]) / largest
-        served = outcome.get(k)
-        if served is None:
-            alpha = _FAINT if faint else 1.0
-            axes.scatter(x, y, s=area, color=colour, alpha=alpha, lw=0, zorder=4)
-        elif served.delivered:
-            axes.scatter(x, y, s=area, color=colour, ec="white", lw=0.8, zorder=5)
-        else:
-            axes.scatter(x, y, s=area, fc="white", ec=colour, lw=1.6, zorder=5)
-            axes.scatter(x, y, s=area * 0.45, marker="x", color=colour, lw=1.6, zorder=5.1)
-
-
-def _shades(numbers: Sequence[int]) -> ScalarMappable:
-    """A colour a round; without viridis's lightest end, which drowns on white."""
-    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, len(numbers))))
-    edges = (*(number - 0.5 for number in numbers), numbers[-1] + 0.5)
-    return ScalarMappable(BoundaryNorm(edges, len(numbers)), colours)
-
-
-def _shade(shades: ScalarMappable, number: int) -> tuple[float, float, float, float]:
-    red, green, blue, alpha = shades.to_rgba(np.array([number]))[0]
-    return (float(red), float(green), float(blue), float(alpha))
-
-
-def _ticks(numbers: Sequence[int]) -> list[int]:
-    return sorted({numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, 9)})
-
-
-def _community_handles(run: FlightData) -> list[Line2D]:
+    run: FlightData, frame: Frame, rounds: Sequence[tuple[int, Floats, Served]]
+) -> list[alt.Chart]:
+    """Colour: community. Area: importance. Filled: delivered; crossed: lost; faint: not served."""
+    names, count = run.devices.communities, len(run.devices.community)
+    if not count:
+        return []
+    outcome = any(served for *_, served in rounds)
+    each = [served.get(k) for *_, served in rounds for k in range(count)]
+    data = table(
+        round=[number for number, *_ in rounds for _ in range(count)],
+        device=list(range(count)) * len(rounds),
+        community=list(run.devices.community) * len(rounds),
+        x=np.tile(run.devices.pos_m[:, 0], len(rounds)),
+        y=np.tile(run.devices.pos_m[:, 1], len(rounds)),
+        importance=np.concatenate([importance for _, importance, _ in rounds]),
+        outcome=[_outcome(uplink) for uplink in each],
+        per=[math.nan if uplink is None else uplink.true_per for uplink in each],
+    )
+    most = max(float(importance.max(initial=0.0)) for _, importance, _ in rounds)
+    tip = [alt.Tooltip("device:Q"), alt.Tooltip("community:N"),
+           alt.Tooltip("importance:Q", format=".3~g")]  # fmt: skip
+    marks = frame.chart(data).encode(
+        fill=alt.Fill(
+            "community:N", scale=named(names, [community_colour(k) for k in range(len(names))]),
+            legend=keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0),
+        ),
+        size=importance_size(most, count),
+    )  # fmt: skip
+    dx, font = (5, 8.0) if count > CROWD else (8, 9.5)
+    labels = frame.chart(data).mark_text(
+        align="left", dx=dx, dy=-6, fontSize=font, color=INK
+    ).encode(text="device:Q")  # fmt: skip
+    if not outcome:
+        return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip), labels]
+    key = keys(
+        _OUTCOMES, symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
+    )  # fmt: skip
+    became = marks.mark_point(stroke=None, opacity=1).encode(
+        shape=alt.Shape(
+            "outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, "circle"]), legend=key
+        ),
+        fillOpacity=alt.FillOpacity(
+            "outcome:O", scale=named(_OUTCOMES, [1.0, 1.0, 0.3]), legend=key
+        ),
+        tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
+    )
+    # In a crowd only those have their number that one asks about; on a page each tells it.
     return [
-        Line2D([], [], color=community_colour(index), marker="o", ls="", ms=8, label=name)
-        for index, name in enumerate(run.devices.communities)
+        became,
+        labels.transform_filter("datum.outcome == 'lost'") if count > CROWD else labels,
     ]
 
 
-def _served_handle(label: str, *, filled: bool) -> Line2D:
-    marker, face = ("o", PLANNED) if filled else ("X", "white")
-    return Line2D([], [], color=PLANNED, mfc=face, marker=marker, ls="", ms=8, label=label)
-
-
-def _start_handle() -> Line2D:
-    return Line2D([], [], marker="D", ms=5, mfc="white", mec=FLOWN, mew=1.2, ls="", label="start")
-
-
-def path_handles() -> list[Line2D]:
-    """Of `band` and of the line in it."""
-    return [
-        Line2D([], [], color=BAND, lw=5, marker="o", ms=3.5, mfc="white", mec=PLANNED,
-               label="planned"),
-        Line2D([], [], color=FLOWN, lw=1.8, label="flown"),
-    ]  # fmt: skip
-
-
-def fence_handles(run: FlightData) -> list[Line2D]:
-    """Of the kinds of fence that there are."""
-    kinds = sorted({zone.keep_in for zone in run.fence}, reverse=True)
-    return [
-        Line2D([], [], **_FENCE_STYLE[kind], label="fence" if kind else "no entry")
-        for kind in kinds
-    ]
-
-
-def home_handle() -> Line2D:
-    """Of the take-off point."""
-    return Line2D([], [], marker="s", ms=6, mfc="none", mec=TEXT, ls="", label="home")
-
-
-def _record(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
-    return next((record for record in run.rounds if record.round == plan.round), None)
+def _outcome(uplink: UplinkRecord | None) -> str:
+    if uplink is None:
+        return "not served"
+    return "delivered" if uplink.delivered else "lost"
 
 
 def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:

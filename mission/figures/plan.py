@@ -1,83 +1,94 @@
 """A picture of one plan: path, devices sized by importance, served links coloured by PER."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
+import altair as alt
 import numpy as np
 
-from mission.base.palette import PLANNED, per_colour
+from mission.figures.charts import LayerChart
+from mission.figures.render import heading
+from mission.figures.style import (
+    INK,
+    PAPER,
+    PLANNED,
+    SOFT,
+    importance_size,
+    named,
+    per_key,
+    per_scale,
+    table,
+)
 from mission.planner.evaluate import success
 from mission.planner.problem import RoundPlan, RoundProblem
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+_WIDTH = 560.0
+_AIR = 0.06  # of the extent, around everything
+_SERVED = ("served", "not served")
 
-_AREAS = (20.0, 220.0)  # of the markers of the least and the most important device
 
+def plan_picture(
+    problem: RoundProblem, plan: RoundPlan, *, title: str, about: str = ""
+) -> LayerChart:
+    """The path with its slots, and the devices; one that is not served stays hollow.
 
-def draw_plan(problem: RoundProblem, plan: RoundPlan, path: Path, *, title: str) -> None:
-    """Write the picture of a plan to `path` (PNG, or what the suffix says).
-
-    Raises:
-        InputError: the file cannot be written.
+    `about` says whose plan it is.
     """
-    # Importing matplotlib takes as long as planning many rounds.
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-
-    from mission.base.errors import InputError
-    from mission.figures.style import GRID, TEXT, new_figure, plain
-
-    figure = new_figure(7.4, 6.6)
-    axes = figure.add_subplot()
-    plain(axes)
-    axes.grid(color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
-    _devices(axes, problem, plan)
-    axes.plot(*plan.waypoints_m.T, color=PLANNED, lw=1.8, zorder=3)
-    axes.plot(*plan.waypoints_m.T, "o", color="white", mec=PLANNED, mew=1.4, ms=5.5, zorder=4)
-    axes.plot(*problem.start_m, "s", color=PLANNED, ms=9, zorder=5)
-    axes.annotate(
-        "start", (float(problem.start_m[0]), float(problem.start_m[1])), xytext=(8, -12),
-        textcoords="offset points", fontsize=9, color=TEXT,
-    )  # fmt: skip
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("east (m)")
-    axes.set_ylabel("north (m)")
-    ramp = LinearSegmentedColormap.from_list("per", [per_colour(p) for p in (0.0, 0.5, 1.0)])
-    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), ramp), ax=axes, shrink=0.7, pad=0.02)
-    bar.set_label("packet error rate of a served link", color=TEXT)
-    bar.outline.set_visible(False)
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
-    served = int(plan.schedule.sum())
-    axes.set_title(
-        f"{title}\nvalue {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
-        f"served; {plan.path_m:.0f} of {problem.path_budget_m:.0f} m",
-        loc="left", fontsize=11, color=TEXT,
+    served = int(plan.schedule.any(axis=0).sum())
+    numbers = (
+        f"value {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
+        f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m"
+    )
+    every = np.vstack((problem.devices_m, plan.waypoints_m))
+    low, high = every.min(axis=0), every.max(axis=0)
+    air = _AIR * float((high - low).max() or 1.0)
+    low, high = low - air, high + air
+    x = alt.X("x:Q", title="east (m)", scale=_scale(low[0], high[0]))
+    y = alt.Y("y:Q", title="north (m)", scale=_scale(low[1], high[1]))
+    words = heading(title, [numbers, *([about] if about else [])])
+    return (
+        alt.LayerChart(layer=_layers(problem, plan, x, y))
+        .properties(
+            width=_WIDTH, height=_WIDTH * float((high - low)[1] / (high - low)[0]), title=words
+        )
     )  # fmt: skip
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot write the figure: {error.strerror}") from None
 
 
-def _devices(axes: "Axes", problem: RoundProblem, plan: RoundPlan) -> None:
-    """Devices and the links that serve them; a device that is not served stays hollow."""
+def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[alt.Chart]:
     per = 1.0 - success(problem, plan.waypoints_m)
-    for n, k in np.argwhere(plan.schedule):
-        link = np.stack([plan.waypoints_m[n], problem.devices_m[k]])
-        axes.plot(*link.T, color=per_colour(float(per[n, k])), lw=1.3, zorder=2)
-    most = max(float(problem.importance.max(initial=0.0)), 1e-300)
-    area = _AREAS[0] + (_AREAS[1] - _AREAS[0]) * problem.importance / most
-    served = plan.schedule.any(axis=0)
-    best = np.where(plan.schedule, per, 1.0).min(axis=0, initial=1.0)
-    x, y = problem.devices_m.T
-    axes.scatter(
-        x[served], y[served], s=area[served], color=[per_colour(p) for p in best[served]],
-        edgecolors="white", linewidths=0.8, zorder=3.5,
+    slots, devices = np.nonzero(plan.schedule)
+    colour = alt.Color(
+        "per:Q", title="link: PER", scale=per_scale(),
+        legend=per_key(),
     )  # fmt: skip
-    axes.scatter(
-        x[~served], y[~served], s=area[~served], facecolors="none", edgecolors=PLANNED,
-        linewidths=1.0, zorder=3.5,
+    links = table(
+        x=plan.waypoints_m[slots, 0], y=plan.waypoints_m[slots, 1],
+        x2=problem.devices_m[devices, 0], y2=problem.devices_m[devices, 1], per=per[slots, devices],
     )  # fmt: skip
+    path = table(step=np.arange(len(plan.waypoints_m)), x=plan.waypoints_m[:, 0],
+                 y=plan.waypoints_m[:, 1])  # fmt: skip
+    count, served = len(problem.devices_m), np.isin(np.arange(len(problem.devices_m)), devices)
+    dots = table(
+        device=np.arange(count), x=problem.devices_m[:, 0], y=problem.devices_m[:, 1],
+        importance=problem.importance, state=np.where(served, *_SERVED),
+    )  # fmt: skip
+    way = alt.Chart(path).encode(x, y)
+    device = alt.Chart(dots).encode(x, y)
+    start = way.transform_filter("datum.step == 0")
+    return [
+        alt.Chart(links).mark_rule(strokeWidth=1.3).encode(x, y, colour, x2="x2", y2="y2"),
+        way.mark_line(stroke=PLANNED, strokeWidth=1.8).encode(order="step:Q"),
+        way.mark_point(fill=PAPER, stroke=PLANNED, size=32, opacity=1),
+        start.mark_point(fill=PLANNED, stroke=PLANNED, shape="square", size=70, opacity=1),
+        start.mark_text(text="start", dy=-13, fontSize=10, color=SOFT),
+        device.mark_point(stroke=PLANNED, fill=PLANNED, opacity=1).encode(
+            size=importance_size(float(problem.importance.max(initial=0.0)), count),
+            fillOpacity=alt.FillOpacity(
+                "state:O", scale=named(_SERVED, [1.0, 0.0]),
+                legend=None,
+            ),
+        ),
+        device.mark_text(align="left", dx=8, dy=-7, fontSize=9, color=INK).encode(text="device:Q"),
+    ]  # fmt: skip
+
+
+def _scale(low: float, high: float) -> alt.Scale:
+    return alt.Scale(domain=[float(low), float(high)], nice=False)

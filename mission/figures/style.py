@@ -1,88 +1,109 @@
-"""How every picture looks: paper, ink, margins and legends."""
+"""How every picture looks. Colours are the CSS variables of a page; a file gets their light values.
 
-import io
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+Descriptions are Altair charts; `mission.figures.render` makes files and parts of pages of them.
+"""
 
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.lines import Line2D
+from collections.abc import Sequence
+from typing import Any
 
-from mission.base.errors import InputError
-from mission.base.palette import BAND, PLANNED
-from mission.base.run_folder import write_atomically
-from mission.log.values import Floats
+import altair as alt
+import numpy as np
+import pyarrow as pa
+from numpy.typing import ArrayLike, NDArray
 
-GRID = "#D9DDE2"
-TEXT = "#1F2933"
-_AXIS = "#9AA5B1"
-_DPI = 150
-_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+from mission.base.palette import css_colour, per_colour
+
+PAPER, INK, SOFT, GRID = "var(--paper)", "var(--ink)", "var(--soft)", "var(--grid)"
+PLANNED, FLOWN, BAND, FENCE = "var(--planned)", "var(--flown)", "var(--band)", "var(--fence)"
+GOOD, WARM, BAD, COOL = "#009E73", "#E69F00", "#C8361D", "#0072B2"
+
+WIDTH, HEIGHT = 440, 210  # of a chart in a file; on a page it is as wide as its card
+CROWD = 60  # devices from which on all marks are smaller
+_KEY_WIDTH = 300.0  # what a row of keys may take: it fits a phone
+_CHARACTER, _SYMBOL = 6.2, 32.0
+
+alt.data_transformers.disable_max_rows()
+
+CONFIG: dict[str, Any] = {
+    "background": PAPER,
+    "font": "Liberation Sans, Arial, Helvetica, sans-serif",
+    "view": {"stroke": None},
+    "axis": {
+        "domainColor": SOFT, "gridColor": GRID, "tickColor": SOFT, "labelColor": SOFT,
+        "titleColor": SOFT, "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 12,
+        "tickCount": 6,
+    },
+    "axisX": {"grid": False},
+    "legend": {
+        "orient": "bottom", "direction": "horizontal", "labelColor": SOFT, "titleColor": SOFT,
+        "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 11, "labelLimit": 0,
+        "titleLimit": 0, "symbolStrokeWidth": 1.5, "offset": 6, "rowPadding": 1,
+        "titleOrient": "left", "titleAnchor": "middle",
+        # Under each other: beside each other, those that find no room would be cut.
+        "layout": {"bottom": {"direction": "vertical", "anchor": "start", "margin": 3}},
+    },
+    "title": {
+        "anchor": "start", "color": INK, "subtitleColor": SOFT, "fontSize": 13,
+        "subtitleFontSize": 11, "fontWeight": 600, "limit": 0, "frame": "group", "offset": 8,
+    },
+    "line": {"strokeJoin": "round", "strokeCap": "round"},
+}  # fmt: skip
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty picture of that many inches."""
-    engine = ConstrainedLayoutEngine(h_pad=0.09, w_pad=0.09)  # inches: room for the titles
-    return Figure(figsize=(width, height), dpi=_DPI, layout=engine)
+def table(**columns: ArrayLike) -> pa.Table:
+    """Columns of equal length as the data of a layer; null where a number is NaN.
 
-
-def save_figure(figure: Figure, target: Path) -> None:
-    """Write a picture of the kind that the file's name says; the same one gives the same bytes.
-
-    Raises:
-        InputError: it cannot be written, or it is no kind of picture.
+    Six digits are more than any place shows.
     """
-    drawn, kind = io.BytesIO(), target.suffix[1:].lower()
-    try:
-        with rc_context({"svg.hashsalt": "aerofed"}):
-            if kind == "png":
-                # The bytes of savefig, which would draw everything a first time for nobody.
-                FigureCanvasAgg(figure).print_png(drawn)  # type: ignore[no-untyped-call]
-            else:
-                figure.savefig(drawn, format=kind or "none", metadata=_UNDATED.get(kind))
-    except ValueError:
-        raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf") from None
-    write_atomically(target, drawn.getvalue())
+    return pa.table({name: _column(np.asarray(values)) for name, values in columns.items()})
 
 
-def save_figures(pictures: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
-    """Write pictures by name into `folder`, which is made; returns the files.
-
-    Raises:
-        InputError: they cannot be written.
-    """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
-    for name, figure in pictures.items():
-        save_figure(figure, folder / name)
-    return tuple(folder / name for name in pictures)
+def _column(values: NDArray[Any]) -> pa.Array:
+    if values.dtype.kind == "f":
+        values = np.array([float(f"{value:.6g}") for value in values.tolist()])
+    return pa.array(values, from_pandas=True)
 
 
-def add_legend(figure: Figure, handles: Sequence[Line2D], *, columns: int = 8) -> None:
-    """A legend under the picture."""
-    labels = [str(handle.get_label()) for handle in handles]
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
+def keys(names: Sequence[str], *, title: str | None = None, **look: Any) -> alt.Legend:
+    """A legend in rows that fit the narrowest place."""
+    widest = _SYMBOL + _CHARACTER * max(map(len, names), default=1)
+    columns = max(1, min(len(names), int(_KEY_WIDTH // widest)))
+    return alt.Legend(title=title, columns=columns, **look)
+
+
+def line_keys(names: Sequence[str]) -> alt.Legend:
+    """A legend of lines, as they are drawn."""
+    return keys(
+        names, symbolType="stroke", symbolSize=220, symbolStrokeWidth=2.2, symbolOpacity=1.0
     )
 
 
-def band(axes: Axes, points: Floats) -> None:
-    """A planned line (n, 2) with its corners, wide and pale, so that a flown one shows on it."""
-    axes.plot(*points.T, color=BAND, lw=5, solid_capstyle="round", zorder=1.8)
-    axes.plot(*points.T, ls="", marker="o", ms=3.5, mfc="white", mec=PLANNED, zorder=3.5)
+def named(names: Sequence[str], values: Sequence[Any]) -> alt.Scale:
+    """A look for each name."""
+    return alt.Scale(type="ordinal", domain=list(names), range=list(values))
 
 
-def plain(axes: Axes) -> None:
-    """Only the axes that carry numbers, in quiet colours."""
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(_AXIS)
-    axes.tick_params(colors=TEXT, labelsize=9)
-    axes.xaxis.label.set_color(TEXT)
-    axes.yaxis.label.set_color(TEXT)
+def per_scale() -> alt.Scale:
+    """From an error rate to its colour."""
+    marks = [0.0, 0.5, 1.0]
+    colours = [css_colour(per_colour(per)) for per in marks]
+    return alt.Scale(domain=marks, range=colours, interpolate="rgb", clamp=True)
+
+
+def per_key() -> alt.Legend:
+    """Links by their error rate."""
+    return alt.Legend(values=[0.0, 0.5, 1.0], columns=3, symbolType="stroke", symbolSize=220,
+                      symbolStrokeWidth=2.2, format="~g")  # fmt: skip
+
+
+def importance_size(most: float, count: int) -> alt.Size:
+    """Area of a device's dot, with its key."""
+    crowded = count > CROWD
+    scale = alt.Scale(domain=[0.0, most or 1.0], range=[10, 110] if crowded else [30, 260])
+    look: dict[str, Any] = {
+        "symbolFillColor": SOFT,
+        "symbolStrokeColor": "transparent",
+        "symbolOpacity": 1.0,
+    }
+    legend = alt.Legend(title="importance", tickCount=3, columns=4, format=".2~g", **look)
+    return alt.Size("importance:Q", scale=scale, legend=legend)

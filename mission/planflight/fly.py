@@ -25,7 +25,6 @@ from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
-from mission.figures.flight import draw_flight
 from mission.flight.flyers.ports import check_link
 from mission.flight.plan_file import read_plan_file
 from mission.log.live.view import live_views
@@ -137,6 +136,8 @@ def _left_behind(folder: RunFolder) -> PlanFlight | None:
         return None
     flight = plan_flight(run)
     write_atomically(folder.path / "track.csv", _track_csv(run.data))
+    from mission.figures.flight import draw_flight  # with it Altair, which nothing before needs
+
     draw_flight(flight, folder.figures)
     return flight
 

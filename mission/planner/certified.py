@@ -2,19 +2,33 @@
 
 from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
-from mission.planner.native.library import MOST_DEVICES, explore, search
+from mission.planner.native.library import (
+    MOST_DEVICES,
+    Effort,
+    Found,
+    explore,
+    search_orders,
+    search_places,
+)
 from mission.planner.problem import RoundPlan, RoundProblem
 
 MAX_OPEN = 50_000
 STARTS = 64  # devices that a first path is built towards
 MIN_TRIES, MAX_TRIES = 40, 450
+# Few stops are searched by where they are, many by the order of visits. In between the order
+# settles it soon or never; with fewer places than devices, a stop being one place matters longer.
+FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
+ORDER_NODES = 1500
+# Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
+# divided by the devices are looked into.
+SHARED_NODES = 40_000
 
 
 class CertifiedPlanner:
     """Greedy insertions and Newton ascent, then branch and bound to a relative gap.
 
-    The gap is honest at any size: where the nodes run out, or with more than 40 devices worth
-    something, it is what has been proven until then.
+    The gap is honest at any size: where the nodes run out, or with many steps and more than 40
+    devices worth something, it is what has been proven until then.
 
     Args:
         gap: (bound - value) / bound that is enough.
@@ -36,28 +50,31 @@ class CertifiedPlanner:
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         devices, limits = instance(problem)
-        count = len(devices.delta)
         relaxation = relax(problem, devices)
-        value, way, assigned = explore(devices, limits, starts=STARTS, tries=tries(count))
-        bound = root_bound(relaxation.promise[:, 0], limits)
-        # Beyond, the search cannot narrow the gap in any time worth waiting for.
-        nodes = self._max_nodes if count <= MOST_DEVICES else 0
-        if nodes > 0 and 0.0 < value < (1.0 - self._gap) * bound:
-            bound, nodes = search(
-                devices,
-                limits,
-                relaxation,
-                gap=self._gap,
-                max_nodes=nodes,
-                max_open=min(MAX_OPEN, nodes * (count + 2)),
-                value=value,
-                way=way,
-                assigned=assigned,
-            )
-        else:
-            nodes = 0
-        made = finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
-        return RoundPlan(made.waypoints_m, made.schedule, made.value, max(bound, made.value), nodes)
+        count = len(devices.delta)
+        first = explore(devices, limits, starts=STARTS, tries=tries(count))
+        found = Found(*first, root_bound(relaxation.promise[:, 0], limits))
+        scarce = limits.steps * limits.per_step < count
+        by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
+        if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
+            effort = self._effort(found, ORDER_NODES if by_place else self._max_nodes)
+            if effort is not None:
+                found = search_orders(devices, limits, relaxation, plan=found, effort=effort)
+        if by_place:
+            most_nodes = self._max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
+            if (effort := self._effort(found, most_nodes)) is not None:
+                found = search_places(devices, limits, plan=found, effort=effort)
+        made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
+        return RoundPlan(
+            made.waypoints_m, made.schedule, made.value, max(found.bound, made.value), found.nodes
+        )
+
+    def _effort(self, plan: Found, max_nodes: int) -> Effort | None:
+        """What a search may look into until that many nodes; None where it need not begin."""
+        left = min(max_nodes, self._max_nodes) - plan.nodes
+        if left <= 0 or not plan.value > 0.0 or plan.gap <= self._gap:
+            return None
+        return Effort(self._gap, left, min(MAX_OPEN, left * (len(plan.assigned) + 2)))
 
 
 def tries(devices: int) -> int:

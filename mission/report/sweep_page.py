@@ -4,16 +4,19 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from mission.base.run_folder import write_atomically
-from mission.report import html
-from mission.report.sweep_charts import curve_cards, ends_card
+from mission.figures.render import card
+from mission.report.html import page
 from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
-from mission.sweep.outcome.ends import final_rows, gain_rows
+from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
 from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
 from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
 from mission.sweep.results import RunResult
 from mission.sweep.state import SweepState, read_sweep
+
+Table: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows
 
 # Section of each picture.
 _SECTIONS = {
@@ -24,6 +27,14 @@ _SECTIONS = {
     "participation": "Packet error rate and participation",
     "fairness": "Fairness",
 }
+_UNFINISHED = (
+    "runs are done, and everything below is about those. Rows that rest on different seeds are "
+    "not comparable; seed by seed they are."
+)
+_ARRIVED = (
+    "arrived: devices whose update arrived, of the community's, and of those scheduled; mean over "
+    "seeds, from three on ± 95 % interval (Student's t)"
+)
 
 
 def write_sweep_report(folder: Path, target: Path) -> Path:
@@ -33,8 +44,7 @@ def write_sweep_report(folder: Path, target: Path) -> Path:
         InputError: not a sweep's folder, none of its runs is finished, or `target` cannot be
             written.
     """
-    page = sweep_html(read_sweep(folder))
-    write_atomically(target, page)
+    write_atomically(target, sweep_html(read_sweep(folder)))
     return target
 
 
@@ -42,7 +52,6 @@ def sweep_html(state: SweepState) -> str:
     """The page about a sweep, finished or not."""
     results = state.results
     communities = communities_of(results)
-    title = str(state.config["name"])
     seeds = len({result.point.seed for result in results})
     settings = len({result.point.where for result in results})
     facts = [
@@ -52,62 +61,35 @@ def sweep_html(state: SweepState) -> str:
         _count(seeds, "seed", "seeds"),
     ]
     done, planned = len(results), state.planned
-    sections = [
-        html.heading(
-            title,
-            badge="finished" if not state.missing else f"{done} of {planned} runs",
-            good=not state.missing,
-            facts=facts,
-        ),
-        html.tiles(_headline(results)),
-        _missing(state),
-        _outcome(state),
-        html.cards(
-            "Final accuracy",
-            [
-                ends_card(f"{name}: accuracy at the end", final_rows(results, name), x_label="%")
-                for name in communities
-            ],
-        ),
-    ]
-    gains = paired_gains(results)
-    if gains:
-        cards = [
-            ends_card(f"{name}: {METHOD} less the other", ends, x_label="points", zero=True)
-            for name in communities
-            if (ends := gain_rows(results, name))
-        ]
-        note = "final accuracy; points: mean difference within a seed, ± 95 % interval"
-        heads, rows = gain_table(gains)
-        sections += [
-            html.cards(f"What {METHOD} gains", cards),
-            html.table("Seed by seed", heads, rows, text=len(heads) - 3, note=note),
-        ]
-    curves: dict[str, list[str]] = {}
+    curves: dict[str, list[dict[str, Any]]] = {}
     for picture in pictures_of(results):
-        curves.setdefault(_SECTIONS[picture.name], []).extend(curve_cards(picture))
-    sections += [html.cards(name, cards) for name, cards in curves.items()]
-    about = next(iter(pictures_of(results))).about
-    config = json.dumps(state.config, indent=2)
-    sections += [_runs(results), html.cards("Conditions", [html.folded("Configuration", config)])]
-    footer = f"Aerofed sweep report. Lines: {about or 'one seed'}."
-    return html.document(title, sections, footer=footer)
+        cards = [card(chart) for chart in curve_charts(picture)]
+        curves.setdefault(_SECTIONS[picture.name], []).extend(cards)
+    return page(
+        "sweep.html",
+        title=str(state.config["name"]),
+        badge="finished" if not state.missing else f"{done} of {planned} runs",
+        good=not state.missing,
+        facts=facts,
+        notice="",
+        tiles=_headline(results),
+        missing=[(item.run, item.why) for item in state.missing],
+        unfinished=f"{done} of {planned} {_UNFINISHED}",
+        outcome=_outcome(state),
+        outcome_note=f"accuracy, CoV and Jain index: {final_rounds(results)}; {_ARRIVED}",
+        finals=[card(final_chart(results, name)) for name in communities],
+        method=METHOD,
+        gains=[card(chart) for chart in gain_charts(results)],
+        gain_table=gain_table(paired_gains(results)),
+        curves=curves,
+        runs=_runs(results),
+        config=json.dumps(state.config, indent=2),
+        footer=f"Aerofed sweep report. Lines: {pictures_of(results)[0].about or 'one seed'}.",
+    )
 
 
 def _count(number: int, one: str, several: str) -> str:
     return f"{number} {one if number == 1 else several}"
-
-
-def _missing(state: SweepState) -> str:
-    """What is not there yet, and what that means for the rest of the page."""
-    if not state.missing:
-        return ""
-    note = (
-        f"{len(state.results)} of {state.planned} runs are done, and everything below is about "
-        "those. Rows that rest on different seeds are not comparable; seed by seed they are."
-    )
-    rows = [(item.run, item.why) for item in state.missing]
-    return html.table("Not done", ("run", "state"), rows, text=2, note=note)
 
 
 def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
@@ -134,7 +116,7 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
     ]
 
 
-def _outcome(state: SweepState) -> str:
+def _outcome(state: SweepState) -> Table:
     results = state.results
     communities = communities_of(results)
     heads = ["strategy", "seeds", *(f"{name} %" for name in communities)]
@@ -157,15 +139,10 @@ def _outcome(state: SweepState) -> str:
         ]
         for label, runs in groups_of(results).items()
     ]
-    note = (
-        f"accuracy, CoV and Jain index: {final_rounds(results)}; arrived: devices whose update "
-        "arrived, of the community's, and of those scheduled; mean over seeds ± 95 % interval "
-        "(Student's t)"
-    )
-    return html.table("Outcome", heads, rows, text=1, note=note)
+    return heads, rows
 
 
-def _runs(results: Sequence[RunResult]) -> str:
+def _runs(results: Sequence[RunResult]) -> Table:
     communities = communities_of(results)
     heads = ["run", "seed", *(f"{name} %" for name in communities), "rounds", "km flown"]
     heads += ["delivered", "minutes simulated", "wall minutes"]
@@ -185,5 +162,4 @@ def _runs(results: Sequence[RunResult]) -> str:
                 f"{run.wall_s.get('total', math.nan) / 60:.1f}",
             ]
         )
-    note = "aerofed report runs/RUN writes the report of one of them"
-    return html.table("Every run", heads, rows, text=1, note=note)
+    return heads, rows

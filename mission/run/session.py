@@ -152,9 +152,9 @@ def _fly(
         InterruptedFiles(folder).discard()
     # The figures read the finished log and tables.
     with outcome.post_processing(), stopwatch("figures"), console.waiting("drawing figures"):
-        from mission.figures import run as figures  # with it matplotlib, which nothing before needs
+        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
 
-        figures.draw_run(folder.path)
+        draw_run(folder.path)
     # Last of all: a folder that says "finished" has everything.
     summary.ended(outcome, experiment.totals, stopwatch)
     outcome.raise_error(folder.path)

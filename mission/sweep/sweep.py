@@ -156,7 +156,7 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
 
 
 def _report(path: Path, console: Console) -> None:
-    # Only now: matplotlib takes a second to import.
+    # Only now: Altair takes half a second to import.
     from mission.sweep.outcome.figures import draw_sweep
     from mission.sweep.outcome.view import final_table
 

@@ -144,6 +144,8 @@ learn("convnet", (9, 8, 2), np.uint8, 18, ConvNetConfig(channels=(5, 3, 6), hidd
 learn("convnet", (3, 4, 1), np.float32, 18, ConvNetConfig(channels=(), hidden=()))
 plan("suburban", 12, 8, 3)
 plan("high-rise", 9, 4, 1)
+plan("suburban+30dB", 11, 5, 3)
+plan("suburban+10dB", 60, 3, 4)
 plan("suburban+10dB", 45, 10, 2)
 digest.update(normal_shares(np.linspace(-40.0, 40.0, 4001)).tobytes())
 fly()

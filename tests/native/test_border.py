@@ -1,5 +1,6 @@
 """What the C code must not be given is refused before it is."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -91,11 +92,19 @@ def devices(count):
 def test_problems_that_the_search_cannot_take():
     unread: Any = None  # refused before the relaxation is looked at
     limits = planner.Limits(3, 1, 100.0)
-    plan: dict[str, Any] = {"way": np.zeros((3, 2)), "assigned": np.zeros(41, np.int64)}
+    plan = planner.Found(1.0, np.zeros((3, 2)), np.zeros(41, np.int64), 2.0)
+    effort = planner.Effort(0.1, 1, 1)
     with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
-        planner.search(
-            devices(41), limits, unread, gap=0.1, max_nodes=1, max_open=1, value=1.0, **plan
-        )
+        planner.search_orders(devices(41), limits, unread, plan=plan, effort=effort)
+    wrong: dict[str, Any] = {"way": np.zeros((2, 2)), "assigned": np.full(41, 3), "value": 0.0}
+    for what, value in wrong.items():
+        with pytest.raises(ValueError, match=r"must be from|takes a contiguous|nothing to"):
+            planner.search_places(
+                devices(41), limits, plan=replace(plan, **{what: value}), effort=effort
+            )
+    for bad_effort in ((1.0, 1, 1), (0.1, -1, 1), (0.1, 1, 0)):
+        with pytest.raises(ValueError, match="nothing to search for"):
+            planner.Effort(*bad_effort)
     for bad in (planner.Limits(1, 1, 1.0), planner.Limits(2, 0, 1.0), planner.Limits(2, 1, 0.0)):
         with pytest.raises(ValueError, match="nothing to move for"):
             planner.explore(devices(2), bad, starts=1, tries=1)

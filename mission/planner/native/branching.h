@@ -84,8 +84,13 @@ static void by_insertion(
         const int stays = offer(family, gap, dual, others, node, &child, goal);
         if (!stays && radius == relaxation->radii - 1) node->mask[device] &= ~bit;
     }
-    const double left = relaxation->promise[device * relaxation->radii + radius];
-    offer(family, OUT_OF_REACH, node->dual, others + left, node, node, goal);
+    double rest = others + relaxation->promise[device * relaxation->radii + radius];
+    if (problem->devices.count > problem->limits.steps * problem->limits.per_step) {
+        Node away = *node; /* another device may take its place */
+        away.level[device] = (int8_t)radius;
+        rest = rest_of(&away, problem);
+    }
+    offer(family, OUT_OF_REACH, node->dual, rest, node, node, goal);
 }
 
 /* Split the distance interval of the stop at a position. */

@@ -2,6 +2,7 @@
 
 import ctypes
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +40,17 @@ class _Functions(ctypes.Structure):
     _fields_ = (
         ("explore", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
-        ("search", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _DOUBLE, _POINTER, _POINTER,
+        ("search_orders", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER,
             _POINTER)),
+        ("search_places", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
+        ("square_bound", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -156,33 +161,41 @@ def explore(
     return _or_memory_error(value), way, assigned
 
 
-def search(
-    devices: Devices,
-    limits: Limits,
-    relaxation: Relaxation,
-    *,
-    gap: float,
-    max_nodes: int,
-    max_open: int,
-    value: float,
-    way: Floats,
-    assigned: Ints,
-) -> tuple[float, int]:
-    """Improve on a plan until none can be better by more than the gap, or the nodes run out.
+@dataclass(frozen=True)
+class Effort:
+    """How far a search goes."""
 
-    Args:
-        devices: at least one, at most `MOST_DEVICES`.
-        limits: of the plan.
-        relaxation: tables of the bound.
-        gap: relative gap (bound - value) / bound that is enough.
-        max_nodes: nodes that are looked into at most.
-        max_open: nodes that are open at most; others are closed with their bound.
-        value: what the plan to start from earns, above 0.
-        way: (N, 2) its path, overwritten with the best one.
-        assigned: (K,) who is served at which step, likewise.
+    gap: float  # relative gap (bound - value) / bound that is enough
+    max_nodes: int  # nodes that are looked into at most
+    max_open: int  # nodes that are open at most; others are closed with their bound
 
-    Returns:
-        (upper bound, nodes).
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.gap < 1.0 or self.max_nodes < 0 or self.max_open < 1:
+            raise ValueError(f"nothing to search for: {self}")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A plan as the C code has it, and what is known of the best one."""
+
+    value: float  # what it earns
+    way: Floats  # (N, 2) its path
+    assigned: Ints  # (K,) who is served at which step, -1: nobody
+    bound: float  # that no plan exceeds
+    nodes: int = 0  # looked into
+
+    @property
+    def gap(self) -> float:
+        """(bound - value) / bound."""
+        return (self.bound - self.value) / self.bound
+
+
+def search_orders(
+    devices: Devices, limits: Limits, relaxation: Relaxation, *, plan: Found, effort: Effort
+) -> Found:
+    """Improve on a plan by branching on the order of visits.
+
+    For at most `MOST_DEVICES` devices, and a plan that earns something.
 
     Raises:
         ValueError: arrays that do not fit together.
@@ -191,24 +204,48 @@ def search(
     count = len(devices.delta)
     if count > MOST_DEVICES:
         raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
-    if not value > 0.0 or not 0.0 <= gap < 1.0 or max_nodes < 0 or max_open < 1:
-        raise ValueError(f"nothing to search for: {value=}, {gap=}, {max_nodes=}, {max_open=}")
-    _check_range("assigned", assigned + 1, limits.steps + 1)
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    bound = _DOUBLE()
-    nodes = _FUNCTIONS.search(
+    return _searched(_FUNCTIONS.search_orders, shared, limits, plan, effort)
+
+
+def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effort) -> Found:
+    """Improve on a plan by branching on where its stops are: for few of them.
+
+    For a plan that earns something.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    shared = devices.as_c(), limits.as_c()
+    return _searched(_FUNCTIONS.search_places, shared, limits, plan, effort)
+
+
+def _searched(
+    function: Any,
+    shared: tuple[ctypes.Structure, ...],
+    limits: Limits,
+    plan: Found,
+    effort: Effort,
+) -> Found:
+    if not plan.value > 0.0:
+        raise ValueError(f"nothing to search for: {plan.value=}")
+    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
+    way, assigned = plan.way.copy(), plan.assigned.copy()
+    value, bound = _DOUBLE(plan.value), _DOUBLE()
+    nodes = function(
         *map(ctypes.addressof, shared),
-        gap,
-        max_nodes,
-        max_open,
-        value,
+        effort.gap,
+        effort.max_nodes,
+        effort.max_open,
+        ctypes.addressof(value),
         address(way, np.float64, (limits.steps, 2), written=True),
-        address(assigned, np.int64, (count,), written=True),
+        address(assigned, np.int64, (shared[0].count,), written=True),
         ctypes.addressof(bound),
     )
     if nodes < 0:
         raise MemoryError("too little memory to search for a plan")
-    return bound.value, nodes
+    return Found(value.value, way, assigned, min(plan.bound, bound.value), plan.nodes + nodes)
 
 
 def assign(worth: Floats, per_step: int) -> Ints:
@@ -272,6 +309,12 @@ def order_bound(
         eps,
     )
     return bound
+
+
+def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: float) -> float:
+    """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
+    shared = devices.as_c(), limits.as_c()
+    return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:

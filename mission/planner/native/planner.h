@@ -47,12 +47,17 @@ typedef struct {
        it earns. */
     double (*explore)(const Devices *, const Limits *, int64_t starts, int64_t tries, Point *way,
                       int64_t *assigned);
-    /* Improve on a plan of that value, above 0, until none can be better by more than the relative
+    /* Improve on a plan, of a value above 0, until none can be better by more than the relative
        gap, or `max_nodes` have been looked into; at most `max_open` are open. Needs 1 to
        MOST_DEVICES devices and a positive length. Writes the bound; returns the nodes looked into. */
-    int64_t (*search)(const Devices *, const Limits *, const Relaxation *, double gap,
-                      int64_t max_nodes, int64_t max_open, double value, Point *way,
-                      int64_t *assigned, double *bound);
+    int64_t (*search_orders)(const Devices *, const Limits *, const Relaxation *, double gap,
+                             int64_t max_nodes, int64_t max_open, double *value, Point *way,
+                             int64_t *assigned, double *bound);
+    /* The same by branching on where the stops are, which is for few of them and any number of
+       devices. */
+    int64_t (*search_places)(const Devices *, const Limits *, double gap, int64_t max_nodes,
+                             int64_t max_open, double *value, Point *way, int64_t *assigned,
+                             double *bound);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
@@ -67,6 +72,8 @@ typedef struct {
        intervals, and 1 where a stop is one with the one before; -1 if its steps did not end well. */
     double (*order_bound)(const Devices *, const Limits *, const Relaxation *,
                           const int64_t *interval, const int64_t *merged, double eps);
+    /* Bound of what a stop somewhere in a square can earn. */
+    double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

@@ -2,7 +2,7 @@
 
 #include "exploration.h"
 #include "levelled.h"
-#include "search.h"
+#include "space.h"
 
 static double explore(
     const Devices *devices, const Limits *limits, int64_t starts, int64_t tries, Point *way,
@@ -19,13 +19,14 @@ static double explore(
     return plan.value;
 }
 
-static int64_t search(
+static int64_t search_orders(
     const Devices *devices, const Limits *limits, const Relaxation *relaxation, double gap,
-    int64_t max_nodes, int64_t max_open, double value, Point *way, int64_t *assigned, double *bound)
+    int64_t max_nodes, int64_t max_open, double *value, Point *way, int64_t *assigned,
+    double *bound)
 {
     const Problem problem = {*devices, *limits, *relaxation};
     Arena arena = {0};
-    Plan plan = {way, assigned, value};
+    Plan plan = {way, assigned, *value};
     Search *all = calloc(1, sizeof *all);
     if (!all) return -1;
     for (int pass = 0; pass < 2; pass++) {
@@ -39,10 +40,31 @@ static int64_t search(
     all->tree.most = max_open;
     const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
     *bound = proof.bound;
+    *value = plan.value;
     close_tree(&all->tree);
     release(&arena);
     free(all);
     return proof.nodes;
+}
+
+static int64_t search_places(
+    const Devices *devices, const Limits *limits, double gap, int64_t max_nodes, int64_t max_open,
+    double *value, Point *way, int64_t *assigned, double *bound)
+{
+    Arena arena = {0};
+    Space all = {0};
+    Plan plan = {way, assigned, *value};
+    lay_out_space(&all, &arena, devices, limits, max_open);
+    if (!provide(&arena)) return -1;
+    lay_out_space(&all, &arena, devices, limits, max_open);
+    all.programme.best = new_zones(&all.programme.sizes, 0);
+    if (all.programme.best) search_space(devices, limits, gap, max_nodes, &plan, &all);
+    const int64_t nodes = all.programme.best ? all.proof.nodes : -1;
+    *bound = all.proof.bound;
+    *value = plan.value;
+    free(all.programme.best);
+    release(&arena);
+    return nodes;
 }
 
 static int assign(
@@ -96,10 +118,27 @@ static double order_bound(
     return found.centred ? found.bound : -1.0;
 }
 
+static double square_bound(
+    const Devices *devices, const Limits *limits, double x, double y, double half)
+{
+    Arena arena = {0};
+    Cells cells = lay_out_cells(&arena, devices, limits, 1);
+    double *price = claim(&arena, devices->count, sizeof(double)), bound = 0.0;
+    if (!provide(&arena)) return NAN;
+    cells = lay_out_cells(&arena, devices, limits, 1);
+    price = claim(&arena, devices->count, sizeof(double));
+    fill_rises(&cells);
+    const Corners best = rated(&cells, add_cell(&cells, x, y, half), price);
+    for (int i = 0; i < 4; i++) bound = most(bound, best[i]);
+    release(&arena);
+    return bound;
+}
+
 static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
     return spline(s, row, relaxation).h;
 }
 
 const Planner NAMED(planner) = {
-    explore, search, assign, match_devices, order_bound, conjugate};
+    explore, search_orders, search_places, assign, match_devices, order_bound, square_bound,
+    conjugate};

@@ -126,7 +126,14 @@ static const Family *branch(
         }
     }
     if (found) return family;
-    if (stops_now(node) < problem->limits.steps) return NULL;
+    if (stops_now(node) < problem->limits.steps) {
+        /* Nobody promises too much, but together they may need more places than there are. */
+        const int64_t k = pick_device(node, path, problem, -INFINITY, 0);
+        if (k < 0) return NULL;
+        by_insertion(node, k, path, problem, goal, family, &all->work);
+        *closed = family->closed;
+        return family;
+    }
     by_merge(node, pick_edge(node, path), problem, goal, family, &all->work);
     *closed = family->closed;
     return family;

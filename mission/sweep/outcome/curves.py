@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.sweep.outcome.stats import band
+from mission.sweep.outcome.stats import ENOUGH, band
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Curve:
 
     x: Floats
     mean: Floats
-    low: Floats  # NaN where there is one seed
+    low: Floats  # NaN where there are fewer than three seeds
     high: Floats
     flown: bool
 
@@ -105,6 +105,7 @@ class Panel:
 
     column: str
     title: str
+    axis: str  # title of the vertical one, with its unit
     unit: float = 1.0  # what it is multiplied by: 100 for percent
     most: float = math.inf  # what it can be, as shown; nothing here can be negative
 
@@ -114,6 +115,7 @@ class Picture:
     """Columns of `rounds.csv` against one axis."""
 
     name: str
+    title: str
     panels: tuple[Panel, ...]
     sampling: Sampling
     groups: Groups
@@ -131,11 +133,12 @@ class Picture:
     @property
     def about(self) -> str:
         """What the lines and areas are, in words."""
-        seeds = sorted({len(runs) for runs in self.groups.values()})
+        counts = sorted({len(runs) for runs in self.groups.values()})
         parts = []
-        if seeds[-1] > 1:
-            count = "/".join(map(str, seeds))
-            parts.append(f"mean over {count} seeds, 95 % interval")
+        if counts[-1] > 1:
+            parts.append(f"mean over {'/'.join(map(str, counts))} seeds")
+        if counts[-1] >= ENOUGH:
+            parts.append("95 % interval")
         if self.window > 1:
             parts.append(f"running mean of {self.window} rounds")
         return ", ".join(parts)
@@ -188,27 +191,30 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     order = tuple(groups)
     flying = {label: runs for label, runs in groups.items() if flies(runs)}
     accuracy = tuple(
-        Panel(f"accuracy_{name}", f"{name}: validation accuracy (%)", 100.0, 100.0)
+        Panel(f"accuracy_{name}", f"{name}: validation accuracy", "accuracy (%)", 100.0, 100.0)
         for name in communities
     )
-    pictures = [Picture("accuracy-rounds", accuracy, by_round, groups, order)]
+    pictures = [Picture("accuracy-rounds", "Accuracy by round", accuracy, by_round, groups, order)]
     if flying:
         per = (
-            Panel("plan_per", "mean PER, planned", most=1.0),
-            Panel("true_per", "mean PER, true position", most=1.0),
+            Panel("plan_per", "Planned", "mean PER", most=1.0),
+            Panel("true_per", "At the true position", "mean PER", most=1.0),
         )
         pictures += [
-            Picture("accuracy-distance", accuracy, by_distance, flying, order),
-            Picture("accuracy-time", accuracy, by_time, flying, order),
-            Picture("per", per, by_round, flying, order),
+            Picture(name, title, panels, sampling, flying, order)
+            for name, title, panels, sampling in (
+                ("accuracy-distance", "Accuracy by distance", accuracy, by_distance),
+                ("accuracy-time", "Accuracy by time", accuracy, by_time),
+                ("per", "Packet error rate", per, by_round),
+            )
         ]
-    arrived = (Panel("participation", "devices whose update arrived (%)", 100.0, 100.0),)
+    arrived = (Panel("participation", "Devices whose update arrived", "devices (%)", 100.0, 100.0),)
     fairness = (
-        Panel("jain_communities", "Jain index over communities", most=1.0),
-        *(Panel(f"cov_{name}", f"{name}: CoV ψ over devices") for name in communities),
+        Panel("jain_communities", "Fairness over communities", "Jain index", most=1.0),
+        *(Panel(f"cov_{name}", f"{name}: over its devices", "CoV ψ") for name in communities),
     )
     return (
         *pictures,
-        Picture("participation", arrived, by_round, groups, order),
-        Picture("fairness", fairness, by_round, groups, order),
+        Picture("participation", "Participation", arrived, by_round, groups, order),
+        Picture("fairness", "Fairness", fairness, by_round, groups, order),
     )

@@ -2,35 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mission.base.palette import community_colour
+from mission.figures.charts import DotRow
 from mission.sweep.outcome.curves import groups_of
 from mission.sweep.outcome.gains import paired_gains
 from mission.sweep.outcome.stats import interval
 from mission.sweep.results import RunResult
 
 
-@dataclass(frozen=True)
-class EndRow:
-    """One row: a mean in its interval, and the seeds it is the mean of; percent or points."""
-
-    label: str
-    colour: str
-    values: tuple[float, ...]  # one a seed
-    mean: float
-    half: float  # of the 95 % interval; NaN for a single seed
-    least: float  # what the value can be
-    most: float
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Of the interval, as far as the value can be; the mean itself for a single seed."""
-        half = self.half if math.isfinite(self.half) else 0.0
-        return max(self.mean - half, self.least), min(self.mean + half, self.most)
-
-
-def final_rows(results: Sequence[RunResult], community: str) -> list[EndRow]:
+def final_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
     """Final accuracy of every group, in percent."""
     column = f"final_accuracy_{community}"
     rows = []
@@ -41,7 +22,7 @@ def final_rows(results: Sequence[RunResult], community: str) -> list[EndRow]:
     return rows
 
 
-def gain_rows(results: Sequence[RunResult], community: str) -> list[EndRow]:
+def gain_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
     """The method's final accuracy less every other group's of the same seeds, in points."""
     colours = {label: community_colour(k) for k, label in enumerate(groups_of(results))}
     return [
@@ -51,7 +32,8 @@ def gain_rows(results: Sequence[RunResult], community: str) -> list[EndRow]:
     ]
 
 
-def _row(label: str, colour: str, values: Sequence[float], *, least: float) -> EndRow:
-    item = interval([100.0 * value for value in values])
+def _row(label: str, colour: str, values: Sequence[float], *, least: float) -> DotRow:
     shown = tuple(100.0 * value for value in values)
-    return EndRow(label, colour, shown, item.mean, item.half, least, 100.0)
+    item = interval(shown)
+    ends = (max(item.mean - item.half, least), min(item.mean + item.half, 100.0))
+    return DotRow(label, colour, shown, item.mean, ends if math.isfinite(item.half) else None)

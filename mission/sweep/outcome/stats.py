@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 Floats = NDArray[np.float64]
 
 CONFIDENCE = 0.95
+ENOUGH = 3  # values: the interval of two is 13 times as wide as their standard error
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Interval:
     """A mean and the half-width of its 95 % confidence interval."""
 
     mean: float
-    half: float  # NaN with fewer than two values
+    half: float  # NaN with fewer than three values
     count: int
 
 
@@ -30,13 +31,16 @@ def interval(values: Sequence[float] | Floats) -> Interval:
 
 
 def band(curves: Floats) -> tuple[Floats, Floats]:
-    """Mean and half-width at every point of (runs, points) curves."""
+    """Mean and half-width at every point of (runs, points) curves.
+
+    Of fewer than three runs the half-width is NaN: nothing can be said.
+    """
     count = len(curves)
     if count == 0:
         nothing = np.full(curves.shape[1:], math.nan)
         return nothing, nothing
     mean = np.asarray(curves.mean(axis=0), dtype=np.float64)
-    if count == 1:
+    if count < ENOUGH:
         return mean, np.full_like(mean, math.nan)
     spread = curves.std(axis=0, ddof=1)
     return mean, np.asarray(_student(count - 1) * spread / math.sqrt(count), dtype=np.float64)

@@ -1,87 +1,172 @@
-"""The pictures of a run: drawn without a display or pyplot, and with something on them."""
+"""The pictures of a run: what their descriptions promise, and that they become files."""
 
+import itertools
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
-from matplotlib.lines import Line2D
+from described import axes, described, keys, layers, rows
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
 
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
-from mission.base.errors import InputError
+from mission.base.errors import AerofedError, InputError
 from mission.cli import call
-from mission.figures.maps import overview, round_maps
-from mission.figures.run import comparison_figure, draw_comparison, draw_run, learning_curves
+from mission.figures import render
+from mission.figures.charts import Series, line_chart, some
+from mission.figures.conditions import along_chart
+from mission.figures.frame import thin
+from mission.figures.learning import learning_charts, radio_charts
+from mission.figures.maps import overview, round_map, round_maps
+from mission.figures.render import save, save_all, stacked
+from mission.figures.run import comparison_figure, draw_comparison, draw_run
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import Table
+from mission.log.values import LearningRecord
 from mission.log.write.writer import FlightLog
 
+PNG = b"\x89PNG\r\n"
 
-def heights(line: Line2D) -> np.ndarray:
-    return np.asarray(line.get_ydata(), dtype=np.float64)
+
+def size_of(png: bytes) -> tuple[int, int]:
+    return int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
 
 
 @pytest.mark.slow
-def test_a_run_gets_its_three_pictures(tmp_path: Path) -> None:
+def test_a_run_gets_its_three_pictures_the_same_each_time(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     files = draw_run(tmp_path)
     assert [file.name for file in files] == ["map.png", "rounds.png", "learning.png"]
-    for file in files:
-        image = imread(file)
-        assert min(image.shape[:2]) > 600
-        assert 0.01 < (image[..., :3].min(axis=2) < 0.95).mean() < 0.6  # ink, and paper
+    first = [file.read_bytes() for file in files]
+    assert all(content.startswith(PNG) and min(size_of(content)) > 800 for content in first)
+    assert [file.read_bytes() for file in draw_run(tmp_path)] == first
 
 
-@pytest.mark.slow
-def test_a_picture_has_the_bytes_that_matplotlib_itself_saves(tmp_path: Path) -> None:
+def test_every_picture_says_which_run_and_seed_it_is_of(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
-    draw_run(tmp_path)
-    run = load_run(tmp_path).data
-    drawn = {
-        "map": overview(run),
-        "rounds": round_maps(run),
-        "learning": learning_curves(run.rounds),
-    }
-    for name, figure in drawn.items():
-        figure.savefig(tmp_path / "plain.png")
-        ours = tmp_path / "figures" / f"{name}.png"
-        assert ours.read_bytes() == (tmp_path / "plain.png").read_bytes()
+    (tmp_path / "summary.json").write_text('{"strategy": "cov", "status": "finished"}')
+    run = load_run(tmp_path)
+    assert run.about == f"{tmp_path.name} · strategy cov · seed 1"  # the seed: its configuration
+    for picture in (overview(run.data, run.about), round_maps(run.data, run.about)):
+        assert described(picture)["title"]["subtitle"] == run.about
+    whole = stacked(learning_charts(run.data), title="What was learnt", about=run.about)
+    assert described(whole)["title"]["subtitle"] == run.about
 
 
-def test_maps_show_the_planned_and_the_true_path_with_equal_axes(tmp_path: Path) -> None:
+def test_maps_show_the_planned_and_the_true_path_to_scale(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     run = load_run(tmp_path).data
-    for figure in (overview(run), round_maps(run)):
-        axes = figure.axes[0]
-        assert axes.get_aspect() == 1.0
-        drawn = [line.get_xydata() for line in axes.lines]
-        track = flown(run, run.rounds[0]).pos_m[:, :2]
-        assert any(np.array_equal(d, run.plans[0].waypoints_m) for d in drawn)
-        assert any(np.array_equal(d, track) for d in drawn)
+    spec = described(round_map(run, run.plans[:1]))
+    path = rows(spec, "kind", "part")
+    planned = np.array([(row["x"], row["y"]) for row in path if row["kind"] == "planned"])
+    np.testing.assert_allclose(planned, run.plans[0].waypoints_m, rtol=1e-5)
+    drawn = np.array([(row["x"], row["y"]) for row in path if row["kind"] == "flown"])
+    track = flown(run, run.rounds[0]).pos_m[:, :2]
+    np.testing.assert_allclose(drawn[[0, -1]], track[[0, -1]], rtol=1e-5)
+    wide, high = (
+        np.ptp(next(iter(layers(spec)))["encoding"][axis]["scale"]["domain"]) for axis in "xy"
+    )
+    assert spec["height"] / spec["width"] == pytest.approx(high / wide)
+    assert axes(spec) == {"east (m)", "north (m)"}
+
+
+def test_a_map_explains_its_lines_sizes_colours_and_what_became_of_updates(tmp_path: Path) -> None:
+    made = fly(tmp_path, rounds=2)
+    run = load_run(tmp_path).data
+    spec = described(round_map(run, run.plans[:1]))
+    found = keys(spec)
+    assert found["stroke"] == ["planned", "flown"]
+    assert found["fill"] == ["digits", "colour-shapes"]
+    assert found["shape"] == found["fillOpacity"] == ["delivered", "lost", "not served"]
+    sizes = [layer["encoding"]["size"] for layer in layers(spec) if "size" in layer["encoding"]]
+    assert sizes[0]["legend"]["title"] == "importance"
+    assert sizes[0]["scale"]["domain"] == [0.0, pytest.approx(0.25)]
+    served = {u.device: u.delivered for u in made.uplinks if u.round == 1}
+    for row in rows(spec, "device", "outcome"):
+        state = {True: "delivered", False: "lost", None: "not served"}[served.get(row["device"])]
+        assert row["outcome"] == state
+    numbers = [layer for layer in layers(spec) if layer["encoding"].get("text")]
+    assert numbers[0]["encoding"]["text"]["field"] == "device"
+
+
+def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=3)
+    run = load_run(tmp_path).data
+    for chart in (round_map(run, run.plans), along_chart(run)):
+        spec = described(chart)
+        assert {"name": "shown", "value": 1} in spec["params"]
+        filters = [str(layer.get("transform", "")) for layer in layers(spec)]
+        assert all("datum.round == shown" in item for item in filters[2:])
+    assert {row["round"] for row in rows(described(round_map(run, run.plans)), "outcome")} == {
+        1, 2, 3,
+    }  # fmt: skip
 
 
 @pytest.mark.slow
 def test_many_rounds_are_thinned_to_twelve_maps_with_first_and_last(tmp_path: Path) -> None:
     fly(tmp_path, rounds=15)
-    shown = [axes for axes in round_maps(load_run(tmp_path).data).axes if axes.get_visible()]
-    titles = [axes.get_title(loc="left") for axes in shown]
+    spec = described(round_maps(load_run(tmp_path).data, "run"))
+    titles = [panel["title"]["text"] for panel in spec["concat"]]
     assert len(titles) == 12
     assert titles[0].startswith("round 1 ")
     assert titles[-1].startswith("round 15 ")
+    assert "12 of 15 rounds" in spec["title"]["subtitle"]
+
+
+def test_a_picture_of_one_round_is_as_wide_as_its_keys(tmp_path: Path) -> None:
+    """Vega makes room for axes, titles and keys around what is described."""
+    fly(tmp_path, rounds=1)
+    picture = round_maps(load_run(tmp_path).data, "run")
+    save(picture, tmp_path / "one.svg")
+    root = ET.parse(tmp_path / "one.svg").getroot()
+    described_width = described(picture)["concat"][0]["width"]
+    assert float(root.attrib["width"]) > described_width
+    texts = {"".join(node.itertext()) for node in root.iter() if node.tag.endswith("text")}
+    assert {"planned", "flown", "delivered", "lost", "not served", "importance"} <= texts
+
+
+def test_keys_fit_the_narrowest_place() -> None:
+    for names in (["a"], ["a", "b"], ["a long name of a strategy, with settings"] * 5, ["x"] * 30):
+        series = [Series(f"{name}{k}", "#000000", [1], [1]) for k, name in enumerate(names)]
+        spec = described(line_chart("t", series, x="x", y="y"))
+        legend = next(layers(spec))["encoding"]["color"]["legend"]
+        widest = 32 + 6.2 * max(len(item.label) for item in series)
+        assert legend["columns"] == 1 or legend["columns"] * widest <= 300
 
 
 def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=3)
-    accuracy, cov, _ = learning_curves(made.rounds).axes
-    for name, line in zip(made.rounds[0].accuracy, accuracy.lines, strict=True):
-        np.testing.assert_allclose(heights(line), [100 * r.accuracy[name] for r in made.rounds])
-    for name, line in zip(made.rounds[0].cov, cov.lines, strict=True):
-        np.testing.assert_allclose(heights(line), [r.cov[name] for r in made.rounds])
+    accuracy, cov, updates = map(described, learning_charts(load_run(tmp_path).data))
+
+    def values(spec: dict, name: str) -> list[float]:  # type: ignore[type-arg]
+        return [row["y"] for row in rows(spec, "series", "y") if row["series"] == name]
+
+    for name in made.rounds[0].accuracy:
+        np.testing.assert_allclose(
+            values(accuracy, name), [100 * r.accuracy[name] for r in made.rounds], rtol=1e-5
+        )
+        np.testing.assert_allclose(values(cov, name), [r.cov[name] for r in made.rounds], rtol=1e-5)
+    assert values(updates, "delivered") == [r.delivered for r in made.rounds]
+    assert axes(accuracy) == {"round", "accuracy (%)"}
+
+
+def test_accuracy_begins_with_the_untrained_models_where_the_log_has_them(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=2)
+    run = load_run(tmp_path).data
+    names = run.devices.communities
+    untrained = tuple(LearningRecord(0, 0, name, 0.1, 1.0, 2.0) for name in names)
+    begun = replace(run, learning=(*untrained, *run.learning))
+    accuracy, _, _ = map(described, learning_charts(begun))
+    found = [row for row in rows(accuracy, "series", "y") if row["series"] == "digits"]
+    assert [row["x"] for row in found] == [0, 1, 2]
+    assert next(layers(accuracy))["encoding"]["x"]["axis"]["values"] == [0, 1, 2]
+    assert found[0]["y"] == 10.0
 
 
 @pytest.mark.slow
@@ -91,11 +176,15 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         fly(tmp_path / name, rounds=2, seed=seed)
         runs.append(compare_run(load_run(tmp_path / name)))
-    figure = comparison_figure(runs)
-    for run, line in zip(runs, figure.axes[2].lines, strict=True):
-        np.testing.assert_allclose(heights(line), [r.true_objective for r in run.rounds])
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
-    assert draw_comparison(runs, tmp_path / "c.png").stat().st_size > 10_000
+    spec = described(comparison_figure(runs))
+    assert keys(spec)["color"] == ["one · seed 1", "two · seed 1"]
+    assert axes(spec) == {"round", "distance (m)", "delay (s)", "importance", "updates"}
+    panel = spec["vconcat"][2]
+    name = (panel if "data" in panel else next(layers(panel)))["data"]["name"]
+    for run, label in zip(runs, keys(spec)["color"], strict=True):
+        drawn = [row["y"] for row in spec["datasets"][name] if row["series"] == label]
+        np.testing.assert_allclose(drawn, [r.true_objective for r in run.rounds], rtol=1e-5)
+    assert draw_comparison(runs, tmp_path / "c.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="not a kind of picture"):
         draw_comparison(runs, tmp_path / "c.txt")
     with pytest.raises(InputError, match="cannot write"):
@@ -118,9 +207,28 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
         draw_run(tmp_path)
 
 
-@pytest.mark.slow
-def test_pyplot_is_never_imported() -> None:
-    code = "import sys, mission.figures.run; sys.exit('matplotlib.pyplot' in sys.modules)"
+def test_an_engine_that_dies_is_one_error_and_leaves_the_old_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As V8 does where it finds no memory: it ends its process, which is not ours."""
+    chart = line_chart("t", [Series("a", "#000000", [1, 2], [1, 2])], x="x (m)", y="y (m)")
+    (files := save_all({"a.png": chart}, tmp_path))[0].write_bytes(b"old")
+    dying = tmp_path / "engine.py"
+    dying.write_text(
+        "import os, sys\nsys.stdin.read()\n"
+        "print('# Fatal process out of memory', file=sys.stderr, flush=True)\nos.abort()\n"
+    )
+    monkeypatch.setattr(render, "_ENGINE", dying)
+    with pytest.raises(AerofedError, match="ended with code -6: Fatal process out of memory"):
+        save_all({"a.png": chart}, tmp_path)
+    assert files[0].read_bytes() == b"old"
+
+
+def test_nothing_that_draws_is_loaded_before_something_is_drawn() -> None:
+    code = (
+        "import sys, mission.cli, mission.run.session, mission.planflight.fly\n"
+        "sys.exit(bool({'altair', 'vl_convert', 'matplotlib.pyplot', 'jinja2'} & {*sys.modules}))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -133,3 +241,43 @@ def test_compare_draws_where_it_is_told(tmp_path: Path, capsys: pytest.CaptureFi
     assert ET.parse(target).getroot().tag.endswith("svg")
     assert call(["compare", str(made.log), "--figure", str(tmp_path / "no.xyz")]) == 2
     assert "not a kind of picture" in capsys.readouterr().err
+
+
+def test_every_error_rate_and_every_update_is_on_its_chart(tmp_path: Path) -> None:
+    made = fly(tmp_path, rounds=2)
+    run = load_run(tmp_path)
+    comparison = compare_run(run)
+    objective, rates, participation = map(described, radio_charts(run.data, comparison))
+    assert axes(objective) == {"round", "importance"}
+    drawn = rows(rates, "kind", "per")
+    for device in comparison.devices:
+        mine = {row["kind"]: row["per"] for row in drawn if row["device"] == device.device}
+        if device.scheduled:
+            assert mine["true"] == pytest.approx(device.true_per, rel=1e-5)
+            assert mine["planned"] == pytest.approx(device.plan_per, rel=1e-5)
+    assert len(rows(participation, "update")) == len(made.uplinks)
+    assert axes(participation) == {"round", "device"}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(-500, 500), st.floats(-500, 500)), min_size=2, max_size=60))
+def test_thinning_stays_within_its_tolerance(points: list[tuple[float, float]]) -> None:
+    path = np.array(points)
+    kept = thin(path, 5.0)
+    np.testing.assert_array_equal(kept[[0, -1]], path[[0, -1]])
+    dense = np.vstack([np.linspace(a, b, 2001) for a, b in itertools.pairwise(kept)])
+    for point in path:
+        assert np.linalg.norm(dense - point, axis=1).min() < 5.0 + 0.5
+
+
+def test_a_straight_track_thins_to_its_ends() -> None:
+    line = np.column_stack((np.linspace(0, 100, 500), np.zeros(500)))
+    assert len(thin(line, 0.1)) == 2
+
+
+@given(st.integers(1, 500), st.integers(1, 3))
+def test_labels_of_whole_numbers_are_few_and_round(count: int, first: int) -> None:
+    found = some(range(first, first + count))
+    assert found[0] == first
+    assert len(found) <= 14
+    assert found == sorted(set(found))

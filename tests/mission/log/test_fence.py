@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pymap3d
 import pytest
+from described import charts, described, keys, rows
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_flight import AREA, fly
@@ -82,6 +83,9 @@ def test_log_scene_map_kml_report_and_figure_have_it(tmp_path: Path) -> None:
     kml = ET.parse(export_kml(made.log, tmp_path / "a.kml")).getroot()
     assert "no entry" in [node.text for node in kml.iter("{http://www.opengis.net/kml/2.2}name")]
     page = write_report(made.log).read_text(encoding="utf-8")
-    assert page.count('<path class="fence"') == page.count('<path class="fence out"') == 1
-    legend = overview(load_run(made.log).data).legends[0]
-    assert {"fence", "no entry"} <= {text.get_text() for text in legend.get_texts()}
+    shown = next(spec for title, spec in charts(page).items() if title.startswith("round 1"))
+    kinds = {row["kind"] for row in rows(shown, "kind", "part")}
+    assert {"fence", "no entry"} <= kinds
+    assert keys(described(overview(load_run(made.log).data, "run")))["stroke"] == [
+        "fence", "no entry",
+    ]  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from described import charts, rows
 from mcap.reader import make_reader
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
@@ -217,12 +218,8 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     assert (data["true_x_m"].min(), data["true_x_m"].max()) == pytest.approx((150, 200), abs=4)
     assert call(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    for words in (
-        "<title>rally point 0</title>",
-        "<title>rally point 1</title>",
-        "triangles: rally points",
-    ):
-        assert words in page
+    places = rows(charts(page)["Planned and flown; numbers: items of the plan"], "item", "kind")
+    assert [row["kind"] for row in places].count("rally point") == 2
 
 
 @pytest.mark.parametrize(
@@ -314,7 +311,7 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
         seen.append(summary(out)["status"])
         raise DamagedLogError(out / "flight.mcap", "no room", 3)
 
-    monkeypatch.setattr("mission.planflight.fly.draw_flight", fail)
+    monkeypatch.setattr("mission.figures.flight.draw_flight", fail)
     plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
     assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 2
     assert "no room" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
-from mission.planner.certified import CertifiedPlanner
+from mission.planner.certified import FEW_STEPS, CertifiedPlanner
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import SqpPlanner
 
@@ -38,8 +38,14 @@ def problem(case):
 def test_plans_and_bounds_are_those_of_the_first_implementation(case):
     given = problem(case)
     plan = CertifiedPlanner(max_nodes=500).plan(given)
-    assert plan.value == pytest.approx(case["certified"], rel=1e-9)
-    assert plan.upper_bound == pytest.approx(case["upper_bound"], rel=1e-9)
-    assert plan.nodes == case["nodes"]
+    enough_places = case["devices"] <= case["steps"] * case["per_step"]
+    if case["steps"] > FEW_STEPS and enough_places:
+        assert plan.value == pytest.approx(case["certified"], rel=1e-9)
+        assert plan.upper_bound == pytest.approx(case["upper_bound"], rel=1e-9)
+        assert plan.nodes == case["nodes"]
+    else:  # another search, or a bound that was not one: places were given up for good
+        assert plan.value >= case["certified"] * (1.0 - 1e-9)
+    if case["steps"] <= FEW_STEPS:
+        assert plan.gap <= 0.01 + 1e-9
     assert CertifiedPlanner(max_nodes=0).plan(given).value == pytest.approx(case["first"], rel=1e-9)
     assert SqpPlanner().plan(given).value == pytest.approx(case["sqp"], rel=1e-9)

@@ -1,0 +1,238 @@
+"""Charts that every picture is made of: lines with their intervals, bars, and rows of dots."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import altair as alt
+import numpy as np
+
+from mission.figures.style import (
+    BAD,
+    HEIGHT,
+    INK,
+    SOFT,
+    WIDTH,
+    keys,
+    line_keys,
+    named,
+    table,
+)
+
+Values: TypeAlias = Sequence[float] | np.ndarray[Any, np.dtype[np.float64]]
+
+LayerChart: TypeAlias = alt.LayerChart
+_MARKED = 25  # points of a line that are few enough to be marked
+_DASHED = [5, 4]
+_ROW = 34.0  # of a strategy among the intervals
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a chart; NaN leaves a gap. Its interval, where it has one, is an area."""
+
+    label: str
+    colour: str
+    x: Values
+    y: Values
+    dashed: bool = False
+    low: Values | None = None
+    high: Values | None = None
+
+
+def line_chart(
+    title: str,
+    series: Sequence[Series],
+    *,
+    x: str,
+    y: str,
+    note: str = "",
+    most: float = math.inf,
+    whole_x: bool = False,
+    gate: str = "",
+    marks: Series | None = None,
+    height: float = HEIGHT,
+) -> LayerChart:
+    """Lines over a common axis; `x` and `y` are its titles, with units.
+
+    The vertical axis begins at zero where nothing is negative, and ends at `most` at the latest.
+    `gate` names a line at 1; `marks` are single points to be seen.
+    """
+    data = table(series=_labels(series, "x"), x=_joined(series, "x"), y=_joined(series, "y"))
+    names = [item.label for item in series]
+    drawn = [*series, *([] if marks is None else [marks])]
+    values = [edge for item in drawn for edge in (item.y, item.low, item.high) if edge is not None]
+    shown = np.concatenate([[1.0] if gate else [], *values])
+    scale_x = alt.Scale(zero=False, nice=False, padding=8)
+    across = alt.X(
+        "x:Q",
+        title=x,
+        scale=scale_x,
+        axis=_whole(series) if whole_x else alt.Axis(),
+    )
+    up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
+    dashes = named(names, [_DASHED if item.dashed else [1, 0] for item in series])
+    key = line_keys(names)
+    look = alt.Color("series:O", scale=named(names, [item.colour for item in series]), legend=key)
+    base = alt.Chart(data).encode(x=across, y=up, color=look)
+    few = max((len(item.x) for item in series), default=0) <= _MARKED
+    tip = [
+        alt.Tooltip("series:O", title=" "),
+        alt.Tooltip("x:Q", title=x, format=".5~g"),
+        alt.Tooltip("y:Q", title=y, format=".4~g"),
+    ]
+    layers: list[alt.Chart] = [
+        *_bands(series, across),
+        base.mark_line(strokeWidth=2).encode(
+            strokeDash=alt.StrokeDash("series:O", scale=dashes, legend=key)
+        ),
+        # A line of many points has none to see, but each tells its values.
+        base.mark_point(filled=True, size=32 if few else 60, opacity=1 if few else 0).encode(
+            tooltip=tip
+        ),
+    ]
+    if gate:
+        at = alt.Chart(table(y=[1.0], name=[gate]))
+        layers += [
+            at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
+            at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11).encode(
+                x=alt.value("width"), y="y:Q", text="name:N"
+            ),
+        ]
+    if marks is not None and len(marks.x):
+        found = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
+        layers.append(
+            found.mark_point(filled=True, color=marks.colour, size=40, opacity=1).encode(
+                x=across, y=up, tooltip=tip
+            )
+        )
+    return finished(layers, title=title, note=note, height=height)
+
+
+def finished(
+    layers: Sequence[alt.Chart],
+    *,
+    title: str,
+    note: str = "",
+    width: float = WIDTH,
+    height: float = HEIGHT,
+) -> LayerChart:
+    """Layers as a chart with its title and a line that says how to read it."""
+    words = alt.TitleParams(title, subtitle=note) if note else alt.TitleParams(title)
+    chart = alt.LayerChart(layer=list(layers))
+    return chart.properties(width=width, height=height, title=words)
+
+
+def bar_chart(
+    title: str, bars: Sequence[Series], *, x: str, y: str, note: str = "", height: float = HEIGHT
+) -> LayerChart:
+    """Bars from zero at whole numbers, the later ones before the earlier."""
+    names = [item.label for item in bars]
+    data = table(series=_labels(bars, "x"), x=_joined(bars, "x"), y=_joined(bars, "y"))
+    numbers = some(sorted({int(at) for item in bars for at in item.x}))
+    marks = (
+        alt.Chart(data)
+        .mark_bar(width={"band": 0.75}, tooltip=True)
+        .encode(
+            x=alt.X("x:O", title=x, axis=alt.Axis(values=numbers, labelAngle=0)),
+            y=alt.Y("y:Q", title=y, stack=None, axis=alt.Axis(tickMinStep=1)),
+            color=alt.Color(
+                "series:N", scale=named(names, [item.colour for item in bars]), legend=keys(names)
+            ),
+        )
+    )
+    return finished([marks], title=title, note=note, height=height)
+
+
+@dataclass(frozen=True)
+class DotRow:
+    """A row of a dot chart: a mean, what it is the mean of, and its interval where it has one."""
+
+    label: str
+    colour: str
+    values: tuple[float, ...]  # one a seed
+    mean: float
+    ends: tuple[float, float] | None  # of the interval
+
+
+def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) -> LayerChart:
+    """A row a strategy: every seed as a ring, the mean as a dot, its interval as a bar."""
+    order = [row.label for row in rows]
+    values = [value for row in rows for value in row.values]
+    span = max(values) - min(values) or 2.0
+    ends = [(row.label, *row.ends) for row in rows if row.ends is not None]
+    # Intervals of few seeds are long: no wider than three times what the seeds reach.
+    low = max(min([low for _, low, _ in ends], default=-math.inf), min(values) - span)
+    high = min(max([high for _, _, high in ends], default=math.inf), max(values) + span)
+    low, high = min(low, *values), max(high, *values)
+    if zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    air = 0.05 * (high - low)
+    scale = alt.Scale(domain=[low - air, high + air], nice=False, clamp=True)
+    y = alt.Y("row:N", title=None, sort=order, axis=alt.Axis(
+        labelLimit=0, domain=False, ticks=False, labelColor=INK,
+    ))  # fmt: skip
+    x_axis = alt.X("x:Q", title=x, scale=scale, axis=alt.Axis(grid=True))
+    colour = alt.Color("row:N", scale=named(order, [row.colour for row in rows]), legend=None)
+    tip = [alt.Tooltip("row:N", title=" "), alt.Tooltip("x:Q", title=x, format=".4~g")]
+    seeds = table(row=[row.label for row in rows for _ in row.values], x=values)
+    means = table(row=order, x=[row.mean for row in rows])
+    layers = [
+        alt.Chart(seeds).mark_point(filled=False, size=45).encode(x_axis, y, colour, tooltip=tip),
+        alt.Chart(means).mark_point(filled=True, size=60, opacity=1).encode(
+            x_axis, y, colour, tooltip=tip
+        ),
+    ]  # fmt: skip
+    bar = ""
+    if ends:
+        labels, lows, highs = zip(*ends, strict=True)
+        data = table(row=labels, x=lows, high=highs)
+        bar = ", bar: its 95 % interval"
+        layers.insert(0, alt.Chart(data).mark_rule(strokeWidth=5, opacity=0.35).encode(
+            x_axis, y, colour, x2="high"
+        ))  # fmt: skip
+    if zero:
+        layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
+    note = f"dot: mean{bar}, rings: seeds"
+    return finished(layers, title=title, note=note, height=_ROW * len(rows))
+
+
+def _bands(series: Sequence[Series], across: alt.X) -> list[alt.Chart]:
+    """Each of its own colour, without a scale: their key would be as pale as they are."""
+    return [
+        alt.Chart(table(x=item.x, low=item.low, high=item.high))
+        .mark_area(fill=item.colour, opacity=0.15, clip=True)
+        .encode(x=across, y=alt.Y("low:Q"), y2="high:Q")
+        for item in series
+        if item.low is not None and item.high is not None
+    ]
+
+
+def _labels(series: Sequence[Series], name: str) -> list[str]:
+    return [item.label for item in series for _ in getattr(item, name)]
+
+
+def _joined(series: Sequence[Series], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.concatenate([np.asarray(getattr(item, name), dtype=np.float64) for item in series])
+
+
+def _reach(values: np.ndarray[Any, np.dtype[np.float64]], most: float) -> list[float]:
+    """A range with a little air, from zero where no value is negative."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    low = min(low, 0.0)
+    air = 0.06 * (high - low) or 0.5
+    return [low and low - air, min(high + air, most)]
+
+
+def _whole(series: Sequence[Series]) -> alt.Axis:
+    """Labels at whole numbers only."""
+    return alt.Axis(values=some(sorted({int(at) for item in series for at in item.x})), format="d")
+
+
+def some(numbers: Sequence[int], most: int = 12) -> list[int]:
+    """About so many of some whole numbers, round ones, and the first."""
+    steps = (factor * 10**power for power in range(9) for factor in (1, 2, 5))
+    step = next(step for step in steps if len(numbers) <= step * most)
+    return [n for index, n in enumerate(numbers) if n % step == 0 or index == 0]

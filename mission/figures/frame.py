@@ -1,0 +1,183 @@
+"""The ground of every map: axes in metres, and the lines on it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import altair as alt
+import numpy as np
+import pyarrow as pa
+
+from mission.analysis.load import extent, flown
+from mission.figures.style import (
+    BAND,
+    FENCE,
+    FLOWN,
+    GRID,
+    PAPER,
+    PLANNED,
+    SOFT,
+    line_keys,
+    named,
+    table,
+)
+from mission.log.values import FlightData, Floats, PlanRecord
+
+Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
+
+TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
+_MARGIN = 0.04
+# Colour, width and dashes of each kind of line, in the order in which they lie.
+_LINES: Mapping[str, tuple[str, float, list[int]]] = {
+    "fence": (FENCE, 1.4, [7, 2, 1, 2]),
+    "no entry": (FENCE, 1.4, [1, 0]),
+    "planned": (BAND, 5.0, [1, 0]),
+    "flown": (FLOWN, 1.6, [1, 0]),
+    "after the last place": (FLOWN, 1.1, [2, 3]),
+}
+
+
+def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
+    """The fence, and the planned and the flown path of every plan."""
+    lines: Lines = []
+    for zone in run.fence:
+        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
+        lines.append(("fence" if zone.keep_in else "no entry", 0, closed))
+    lines += [("planned", plan.round, plan.waypoints_m) for plan in plans]
+    records = {record.round: record for record in run.rounds}
+    lines += [
+        ("flown", plan.round, thin(flown(run, records[plan.round]).pos_m[:, :2], TOLERANCE_M))
+        for plan in plans
+        if plan.round in records
+    ]
+    return lines
+
+
+class Frame:
+    """Axes in metres, alike in both directions, around everything planned and flown."""
+
+    def __init__(self, run: FlightData, width: float, *, chosen: int | None = None) -> None:
+        low, high = extent(run, margin=_MARGIN)
+        self.width, self.height = width, width * float((high - low)[1] / (high - low)[0])
+        self._low, self._high, self._chosen = low, high, chosen
+
+    def x(self, field: str = "x:Q") -> alt.X:
+        """East."""
+        domain = [float(self._low[0]), float(self._high[0])]
+        return alt.X(field, title="east (m)", scale=alt.Scale(domain=domain, nice=False))
+
+    def y(self, field: str = "y:Q") -> alt.Y:
+        """North."""
+        domain = [float(self._low[1]), float(self._high[1])]
+        scale = alt.Scale(domain=domain, nice=False)
+        return alt.Y(field, title="north (m)", scale=scale, axis=alt.Axis(grid=False))
+
+    def chart(self, data: pa.Table) -> alt.Chart:
+        """A layer at `x` and `y`, of the chosen `round` where one is chosen (0 is of all)."""
+        made = alt.Chart(data).encode(self.x(), self.y())
+        if self._chosen is None:
+            return made
+        chosen: alt.Chart = made.transform_filter("datum.round == 0 || datum.round == shown")
+        return chosen
+
+    def ground(self, run: FlightData) -> list[alt.Chart]:
+        """The area's edge, and home."""
+        width, height = run.area.size_m
+        area = table(round=[0], x=[0.0], y=[0.0], x2=[width], y2=[height])
+        x, y = run.area.home_m
+        home = self.chart(table(round=[0], x=[x], y=[y]))
+        return [
+            self.chart(area).mark_rect(fill=None, stroke=GRID, strokeWidth=1.4).encode(
+                x2="x2", y2="y2"
+            ),
+            home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
+            _label(home, "home", dy=14),
+        ]  # fmt: skip
+
+    def lines(self, lines: Lines) -> list[alt.Chart]:
+        """Paths by kind, in their own looks; of other rounds than the chosen one faintly."""
+        kinds = [kind for kind in _LINES if any(kind == line[0] for line in lines)]
+        if not kinds:
+            return []
+        styles = [_LINES[kind] for kind in kinds]
+        colours, widths, dashes = (list(look) for look in zip(*styles, strict=True))
+        key = line_keys(kinds)
+        made = alt.Chart(line_table(lines)).mark_line(clip=True).encode(
+            self.x(), self.y(), order="step:Q", detail="part:N",
+            stroke=alt.Stroke("kind:O", scale=named(kinds, colours), legend=key),
+            strokeWidth=alt.StrokeWidth("kind:O", scale=named(kinds, widths), legend=key),
+            strokeDash=alt.StrokeDash("kind:O", scale=named(kinds, dashes), legend=key),
+        )  # fmt: skip
+        if self._chosen is None:
+            return [made]
+        here = "datum.round == 0 || datum.round == shown"
+        return [
+            made.transform_filter(f"{here} || (everything && datum.kind == 'flown')").encode(
+                opacity=alt.condition(here, alt.value(1), alt.value(0.25))
+            )
+        ]
+
+    def waypoints(self, plans: Sequence[PlanRecord]) -> list[alt.Chart]:
+        """Corners of the plans, and where they start."""
+        data = table(
+            round=[plan.round for plan in plans for _ in plan.waypoints_m],
+            x=np.concatenate([plan.waypoints_m[:, 0] for plan in plans]),
+            y=np.concatenate([plan.waypoints_m[:, 1] for plan in plans]),
+            waypoint=[step for plan in plans for step in range(len(plan.waypoints_m))],
+        )
+        tip = [alt.Tooltip("waypoint:Q"), alt.Tooltip("x:Q", title="east (m)"),
+               alt.Tooltip("y:Q", title="north (m)")]  # fmt: skip
+        look: dict[str, Any] = {"fill": PAPER, "opacity": 1.0, "strokeWidth": 1.3}
+        start = self.chart(data).transform_filter("datum.waypoint == 0")
+        return [
+            self.chart(data).mark_point(size=22, stroke=PLANNED, **look).encode(tooltip=tip),
+            start.mark_point(size=70, shape="diamond", stroke=FLOWN, **look),
+            _label(start, "start", dy=-12),
+        ]
+
+    def finished(self, layers: Sequence[alt.Chart]) -> alt.LayerChart:
+        """The map."""
+        made = alt.LayerChart(layer=list(layers)).properties(width=self.width, height=self.height)
+        if self._chosen is None:
+            return made
+        return made.add_params(
+            alt.param("shown", value=self._chosen), alt.param("everything", value=False)
+        )
+
+
+def _label(places: alt.Chart, text: str, *, dy: int) -> alt.Chart:
+    label: alt.Chart = places.mark_text(text=text, dy=dy, fontSize=10, color=SOFT)
+    return label
+
+
+def line_table(lines: Lines) -> pa.Table:
+    """Paths as rows: `part` tells them apart, `step` orders their points."""
+    return table(
+        kind=[kind for kind, _, points in lines for _ in points],
+        round=[number for _, number, points in lines for _ in points],
+        part=[index for index, (_, _, points) in enumerate(lines) for _ in points],
+        step=[step for _, _, points in lines for step in range(len(points))],
+        x=np.concatenate([points[:, 0] for _, _, points in lines]),
+        y=np.concatenate([points[:, 1] for _, _, points in lines]),
+    )
+
+
+def thin(points: Floats, tolerance: float) -> Floats:
+    """Ramer-Douglas-Peucker: points of a path, enough for the others to lie within `tolerance`."""
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    stack = [(0, len(points) - 1)]
+    while stack:
+        first, last = stack.pop()
+        if last - first < 2:
+            continue
+        between = points[first + 1 : last] - points[first]
+        way = points[last] - points[first]
+        square = float(way @ way)
+        share = np.clip(between @ way / square, 0.0, 1.0) if square else np.zeros(len(between))
+        away = np.linalg.norm(between - share[:, None] * way, axis=1)
+        worst = int(away.argmax())
+        if away[worst] > tolerance:
+            middle = first + 1 + worst
+            keep[middle] = True
+            stack += [(first, middle), (middle, last)]
+    return points[keep]

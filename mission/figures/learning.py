@@ -1,0 +1,127 @@
+"""What a run learnt, and what its radio let through."""
+
+import math
+
+import altair as alt
+
+from mission.analysis.compare import RunComparison
+from mission.base.palette import community_colour
+from mission.figures.charts import Series, bar_chart, finished, line_chart, some
+from mission.figures.style import COOL, GOOD, GRID, PLANNED, SOFT, WARM, keys, named, table
+from mission.log.values import FlightData
+
+_SPREAD = "spread of accuracy over a community's devices; in force for the next round"
+
+
+def learning_charts(run: FlightData) -> list[alt.LayerChart]:
+    """Accuracy and fairness CoV per community, and the updates that arrived, by round.
+
+    Where the log has the untrained models, as round 0, accuracy begins with them.
+    """
+    rounds = [record.round for record in run.rounds]
+    before = {item.community: item for item in run.learning if item.round == 0}
+    first = [0] if before else []
+
+    def by_community(kind: str, unit: float) -> list[Series]:
+        return [
+            Series(
+                name,
+                community_colour(index),
+                [*first, *rounds],
+                [unit * getattr(before[name], kind) for _ in first]
+                + [unit * getattr(record, kind)[name] for record in run.rounds],
+            )
+            for index, name in enumerate(run.rounds[0].accuracy)
+        ]
+
+    accuracy = line_chart(
+        "Validation accuracy", by_community("accuracy", 100.0), x="round", y="accuracy (%)",
+        most=100.0, whole_x=True,
+    )  # fmt: skip
+    cov = line_chart(
+        "Fairness CoV ψ", by_community("cov", 1.0), x="round", y="CoV ψ", note=_SPREAD,
+        whole_x=True,
+    )  # fmt: skip
+    updates = bar_chart(
+        "Updates",
+        [
+            Series("scheduled", GRID, rounds, [record.scheduled for record in run.rounds]),
+            Series("delivered", GOOD, rounds, [record.delivered for record in run.rounds]),
+        ],
+        x="round",
+        y="updates",
+    )
+    return [accuracy, cov, updates]
+
+
+def radio_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerChart]:
+    """Objective, packet error rates and participation."""
+    return [_objective(run), _error_rates(comparison), _participation(run)]
+
+
+def _objective(run: FlightData) -> alt.LayerChart:
+    rounds = [record.round for record in run.rounds]
+    series = [
+        Series("planned", COOL, rounds, [r.plan_objective for r in run.rounds], dashed=True),
+        Series("believed", WARM, rounds, [r.est_objective for r in run.rounds]),
+        Series("true", GOOD, rounds, [r.true_objective for r in run.rounds]),
+    ]
+    bounds = [record.upper_bound for record in run.rounds]
+    if any(math.isfinite(bound) for bound in bounds):
+        series.insert(0, Series("proven bound", SOFT, rounds, bounds, dashed=True))
+    return line_chart(
+        "Objective: importance times success", series, x="round", y="importance", whole_x=True
+    )
+
+
+def _error_rates(comparison: RunComparison) -> alt.LayerChart:
+    """Planned, believed and true PER, a row a device."""
+    devices = [device for device in comparison.devices if device.scheduled]
+    kinds = ("planned", "believed", "true")
+    data = table(
+        kind=[kind for kind in kinds for _ in devices],
+        device=[device.device for device in devices] * len(kinds),
+        community=[device.community for device in devices] * len(kinds),
+        per=[device.plan_per for device in devices]
+        + [device.est_per for device in devices]
+        + [device.true_per for device in devices],
+    )
+    key = keys(kinds)
+    marks = alt.Chart(data).mark_point(filled=True, opacity=0.85, tooltip=True).encode(
+        x=alt.X("per:Q", title="packet error rate (mean)", axis=alt.Axis(format="~g")),
+        y=alt.Y("device:O", title="device"),
+        color=alt.Color("kind:O", scale=named(kinds, [PLANNED, WARM, GOOD]), legend=key),
+        size=alt.Size("kind:O", scale=named(kinds, [110, 55, 22]), legend=key),
+        detail="community:N",
+    )  # fmt: skip
+    height = max(60.0, (16.0 if len(devices) <= 40 else 12.0) * len(devices))
+    return finished([marks], title="Packet error rate by device", height=height)
+
+
+def _participation(run: FlightData) -> alt.LayerChart:
+    """Device by round: delivered, lost, or not scheduled."""
+    names, count = run.devices.communities, len(run.devices.community)
+    rounds = [record.round for record in run.rounds]
+    colours = named(names, [community_colour(index) for index in range(len(names))])
+    data = table(
+        round=[item.round for item in run.uplinks],
+        device=[item.device for item in run.uplinks],
+        community=[item.community for item in run.uplinks],
+        update=["delivered" if item.delivered else "lost" for item in run.uplinks],
+    )
+    x = alt.X("round:O", title="round", scale=alt.Scale(domain=rounds, padding=0.1),
+              axis=alt.Axis(values=some(rounds), labelAngle=0))  # fmt: skip
+    y = alt.Y("device:O", title="device", scale=alt.Scale(domain=list(range(count)), padding=0.1),
+              axis=alt.Axis(values=some(range(count), 40)))  # fmt: skip
+    marks = alt.Chart(data).mark_rect(strokeWidth=1.3, tooltip=True).encode(
+        x, y,
+        fill=alt.Fill("community:N", scale=colours, legend=keys(names)),
+        stroke=alt.Stroke("community:N", scale=colours, legend=keys(names)),
+        fillOpacity=alt.FillOpacity(
+            "update:O", scale=named(["delivered", "lost"], [1.0, 0.0]), legend=None
+        ),
+    )  # fmt: skip
+    return finished(
+        [marks], title="Participation", height=max(60.0, min(14.0 * count, 900.0)),
+        note="filled: delivered, outlined: lost, grey: not scheduled",
+    ).properties(view=alt.ViewBackground(fill=GRID, fillOpacity=0.4))  # fmt: skip

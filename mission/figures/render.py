@@ -1,0 +1,147 @@
+"""Renders descriptions: as picture files, and as parts of a page that needs nothing else."""
+
+import base64
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import altair as alt
+
+from mission.base.errors import AerofedError, InputError
+from mission.base.palette import LIGHT
+from mission.base.run_folder import write_atomically
+from mission.figures.style import CONFIG
+
+Chart: TypeAlias = alt.LayerChart | alt.VConcatChart | alt.HConcatChart | alt.ConcatChart
+
+_ENGINE = Path(__file__).with_name("engine.py")
+_KINDS = ("png", "svg", "pdf")
+_VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+
+
+def stacked(
+    charts: Sequence[alt.LayerChart], *, title: str, about: str, one_key: bool = False
+) -> alt.VConcatChart:
+    """Charts under each other, as one picture; each with keys of its own, or all with one."""
+    own: Any = "shared" if one_key else "independent"
+    picture = alt.vconcat(*charts, spacing=14).properties(title=heading(title, about))
+    scaled: alt.VConcatChart = picture.resolve_scale(
+        color=own, strokeDash=own, stroke=own, fillOpacity=own
+    )
+    return scaled
+
+
+def heading(title: str, about: str | list[str]) -> alt.TitleParams:
+    """A picture's title over what it shows: run, strategy, seed."""
+    return alt.TitleParams(title, subtitle=about, fontSize=15, offset=12)
+
+
+def save(picture: Chart, target: Path) -> None:
+    """Write a picture of the kind that the file's name says; the same one gives the same bytes.
+
+    Raises:
+        InputError: it cannot be written, or it is no kind of picture.
+        AerofedError: it cannot be drawn: no memory.
+    """
+    kind = target.suffix[1:].lower()
+    if kind not in _KINDS:
+        raise InputError(f"{target}: not a kind of picture; use .png, .svg or .pdf")
+    (drawn,) = _drawn([(kind, _described(picture))])
+    write_atomically(target, drawn)
+
+
+def save_all(pictures: Mapping[str, Chart], folder: Path) -> tuple[Path, ...]:
+    """Write pictures (PNG) by name into `folder`, which is made; returns the files.
+
+    Raises:
+        InputError: they cannot be written.
+        AerofedError: they cannot be drawn: no memory.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
+    drawn = _drawn([("png", _described(picture)) for picture in pictures.values()])
+    for name, content in zip(pictures, drawn, strict=True):
+        write_atomically(folder / name, content)
+    return tuple(folder / name for name in pictures)
+
+
+def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, Any]:
+    """A chart for a page: `title` and `note` are the page's to write, `spec` is Vega-Lite.
+
+    Its data are columns, which is shorter; the page makes rows of them.
+
+    It is as wide as its place; a map keeps its shape (`aspect`, height by width).
+    The wheel zooms with the shift key, so that the page scrolls; a drag moves, a double click
+    resets.
+    """
+    spec = _spec(chart)
+    _add_zoom(spec["layer"], ["x", "y"] if is_map else ["x"])
+    title = spec.pop("title")
+    aspect = spec["height"] / spec["width"] if is_map else None
+    # `resize`: another round's numbers may need more room beside the axis.
+    fit = {"type": "fit-x", "contains": "padding", "resize": True}
+    spec |= {"width": "container", "autosize": fit}
+    spec["datasets"] = {
+        name: {key: [row[key] for row in rows] for key in rows[0]}
+        for name, rows in spec["datasets"].items()
+    }
+    spec["description"] = title["text"]
+    note = title.get("subtitle", "")
+    return {"title": title["text"], "note": note, "spec": spec, "aspect": aspect}
+
+
+def _add_zoom(layers: Sequence[dict[str, Any]], channels: Sequence[str]) -> None:
+    """To the first layer that has numbers on its horizontal axis, if there is one."""
+    for layer in layers:
+        if layer.get("encoding", {}).get("x", {}).get("type") == "quantitative":
+            select = {"type": "interval", "encodings": channels, "zoom": "wheel![event.shiftKey]"}
+            layer["params"] = [{"name": "zoom", "select": select, "bind": "scales"}]
+            return
+
+
+@cache
+def libraries() -> str:
+    """The JavaScript of Vega, Vega-Lite and Vega-Embed (BSD-3-Clause), as vl-convert brings it.
+
+    Raises:
+        AerofedError: no memory for it.
+    """
+    (script,) = _drawn([("libraries", "window.vegaEmbed = vegaEmbed;")])
+    return script.decode()
+
+
+def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
+    """See `engine.py`."""
+    if not jobs:
+        return []
+    command = [sys.executable, "-I", str(_ENGINE), _VERSION]
+    done = subprocess.run(
+        command, input=json.dumps(jobs), capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        said = [line.strip("# ") for line in done.stderr.splitlines() if line.strip("# ")]
+        raise AerofedError(
+            f"figures: the engine that draws them ended with code {done.returncode}: "
+            f"{said[0] if said else 'it said nothing'} (it needs about 1 GB of memory and, where "
+            "ulimit -v is set, 70 GB of address space)"
+        )
+    return [base64.b64decode(result) for result in json.loads(done.stdout)]
+
+
+def _described(picture: Chart) -> str:
+    """As Vega-Lite in JSON, in light colours."""
+    text = json.dumps({**_spec(picture), "config": CONFIG})
+    return re.sub(r"var\(--(\w+)\)", lambda found: LIGHT[found[1]], text)
+
+
+def _spec(picture: Chart) -> dict[str, Any]:
+    # What is described here is valid: the tests see to that, and it takes as long as drawing.
+    spec: dict[str, Any] = picture.to_dict(validate=False)
+    return spec

@@ -1,0 +1,197 @@
+"""Bounds of plans with few stops, against solvers that share nothing with them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import differential_evolution, linear_sum_assignment
+from test_certificate import SEEDS, random_problem
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.planner.arrays import instance, relax
+from mission.planner.certified import CertifiedPlanner
+from mission.planner.evaluate import check_plan, path_length
+from mission.planner.native.library import (
+    Effort,
+    Found,
+    search_orders,
+    search_places,
+    square_bound,
+)
+from mission.planner.sqp import SqpPlanner
+
+CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))
+THOROUGH = settings(max_examples=25, deadline=None, derandomize=True)
+
+
+def rewards(problem, places):
+    """(..., N, K) delta f from the places (..., N, 2)."""
+    away = np.linalg.norm(places[..., None, :] - problem.devices_m, axis=-1)
+    return problem.importance * (1.0 - average_per(problem.channel, away))
+
+
+def best_assignment(problem, places):
+    """What the places (N, 2) earn at most, by scipy on K_bar copies of each."""
+    worth = np.repeat(rewards(problem, places), problem.per_step, axis=0)
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    return float(worth[rows, columns].sum())
+
+
+@THOROUGH
+@given(SEEDS, CHANNELS, st.integers(1, 5), st.integers(1, 3), st.floats(0.05, 300.0))
+def test_no_stop_in_a_square_earns_more_than_its_bound(seed, channel, devices, per_step, half):
+    per_step = min(per_step, devices)
+    problem = random_problem(seed, devices=devices, per_step=per_step, preset=channel)
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform(0.0, 800.0, 2)
+    if seed % 2:  # right above a device, where f may have a kink
+        middle = problem.devices_m[0] + rng.uniform(-half, half, 2)
+    places = middle + half * np.clip(rng.normal(0.0, 2.0, (500, 2)), -1.0, 1.0)
+    best = np.sort(rewards(problem, places), axis=-1)[:, -per_step:].sum(axis=-1)
+    devices_c, limits = instance(problem)
+    x, y = middle - problem.start_m
+    bound = square_bound(devices_c, limits, x, y, half)
+    assert best.max() <= bound
+
+
+@pytest.mark.parametrize("away_m", [0.0, 30.0, 60.0, 90.0, 150.0])
+def test_the_bound_of_a_square_is_tight(away_m):
+    problem = random_problem(3, per_step=3)
+    middle = problem.devices_m[0] + away_m
+    half = 4.0
+    grid = np.linspace(-half, half, 41)
+    places = middle + np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    best = np.sort(rewards(problem, places), axis=-1)[:, -3:].sum(axis=-1).max()
+    devices_c, limits = instance(problem)
+    x, y = middle - problem.start_m
+    bound = square_bound(devices_c, limits, x, y, half)
+    assert best <= bound <= 1.005 * best
+
+
+def test_a_place_given_up_by_one_device_is_there_for_another():
+    problem = random_problem(0, devices=9, steps=5, per_step=1, budget=399.0)
+    best = CertifiedPlanner(gap=0.03).plan(problem)
+    for gap in (0.01, 1e-3):
+        plan = CertifiedPlanner(gap=gap, max_nodes=400).plan(problem)
+        assert plan.upper_bound >= best.value
+
+
+@THOROUGH
+@given(SEEDS, CHANNELS, st.integers(1, 5), st.floats(60.0, 900.0))
+def test_one_free_stop_agrees_with_a_grid_and_its_lipschitz_allowance(
+    seed, channel, per_step, budget
+):
+    problem = random_problem(
+        seed, devices=7, steps=2, per_step=per_step, budget=budget, preset=channel
+    )
+    plan = CertifiedPlanner().plan(problem)
+    check_plan(problem, plan)
+    assert plan.gap <= 0.0101
+    spacing = 25.0
+    line = np.arange(-spacing, 800.0 + 2.0 * spacing, spacing)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    away = np.linalg.norm(grid - problem.start_m, axis=1)
+    # What a stop within half a square's diagonal of a grid point may bring a device at most.
+    diagonal = spacing * np.sqrt(0.5)
+    near = np.linalg.norm(grid[:, None] - problem.devices_m, axis=-1)
+    from_r = np.arange(0.0, 2500.0, 1.0)
+    f = 1.0 - average_per(problem.channel, from_r)
+    highest = np.maximum.accumulate(f[::-1])[::-1]
+    index = np.floor(np.maximum(near - diagonal, 0.0)).astype(int)
+    at_start = rewards(problem, problem.start_m[None])[0]
+
+    def with_start(worth):
+        rows = np.repeat(np.stack([at_start, worth]), per_step, axis=0)
+        i, k = linear_sum_assignment(rows, maximize=True)
+        return rows[i, k].sum()
+
+    reached = [with_start(w) for w in rewards(problem, grid[away <= budget])]
+    allowed = [
+        with_start(w) for w in (problem.importance * highest[index])[away <= budget + diagonal]
+    ]
+    assert max(reached, default=0.0) <= plan.upper_bound * (1.0 + 1e-9)
+    assert plan.value <= max(allowed) * (1.0 + 1e-9)
+
+
+@settings(max_examples=6, deadline=None, derandomize=True)
+@given(SEEDS, CHANNELS, st.integers(1, 3))
+def test_two_free_stops_agree_with_differential_evolution(seed, channel, per_step):
+    problem = random_problem(
+        seed, devices=6, steps=3, per_step=per_step, budget=500.0, preset=channel
+    )
+    plan = CertifiedPlanner().plan(problem)
+    check_plan(problem, plan)
+
+    def loss(x):
+        way = np.vstack([problem.start_m, x.reshape(2, 2)])
+        scale = min(1.0, problem.path_budget_m / max(path_length(way), 1e-9))
+        return -best_assignment(problem, problem.start_m + (way - problem.start_m) * scale)
+
+    found = differential_evolution(
+        loss, [(0.0, 800.0)] * 4, rng=1, popsize=12, maxiter=60, polish=False
+    )
+    assert -found.fun <= plan.upper_bound * (1.0 + 1e-9)
+    assert plan.value >= -found.fun * (1.0 - 0.0101)
+    assert plan.gap <= 0.0101
+
+
+@THOROUGH
+@given(SEEDS, CHANNELS, st.integers(2, 5), st.integers(1, 5), st.floats(20.0, 1500.0))
+def test_no_other_plan_lies_above_the_bound(seed, channel, steps, per_step, budget):
+    problem = random_problem(
+        seed, devices=9, steps=steps, per_step=per_step, budget=budget, preset=channel
+    )
+    plan = CertifiedPlanner(max_nodes=400).plan(problem)
+    check_plan(problem, plan)
+    tighter = CertifiedPlanner(gap=1e-3, max_nodes=400).plan(problem)
+    others = [tighter.value, SqpPlanner(starts=20, tries=100).plan(problem).value]
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        way = np.vstack([problem.start_m, problem.devices_m[rng.permutation(9)[: steps - 1]]])
+        scale = min(1.0, budget / max(path_length(way), 1e-9))
+        others.append(best_assignment(problem, problem.start_m + (way - problem.start_m) * scale))
+    assert max(others) <= min(plan.upper_bound, tighter.upper_bound) * (1.0 + 1e-9)
+
+
+@THOROUGH
+@given(SEEDS, CHANNELS, st.integers(2, 5), st.integers(1, 4), st.floats(100.0, 900.0))
+def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, per_step, budget):
+    problem = random_problem(
+        seed, devices=8, steps=steps, per_step=per_step, budget=budget, preset=channel
+    )
+    best = CertifiedPlanner(max_nodes=300).plan(problem).value
+    devices, limits = instance(problem)
+    nowhere = np.zeros((steps, 2)), np.full(8, -1)
+    poor = Found(1e-6 * best, *nowhere, np.inf)  # the bound may not lean on a good plan
+    for nodes in (1, 4, 16, 64):
+        effort = Effort(1e-3, nodes, 1000)
+        by_order = search_orders(devices, limits, relax(problem, devices), plan=poor, effort=effort)
+        by_place = search_places(devices, limits, plan=poor, effort=effort)
+        assert min(by_order.bound, by_place.bound) >= best * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize("channel", ["suburban+10dB", "suburban", "suburban+30dB"])
+@pytest.mark.parametrize("steps", [2, 3, 4])
+def test_few_stops_are_proven_to_one_percent(channel, steps):
+    for seed in range(2):
+        problem = random_problem(seed, steps=steps, preset=channel)
+        plan = CertifiedPlanner().plan(problem)
+        check_plan(problem, plan)
+        assert 0.0 <= plan.gap <= 0.0101
+        assert plan.nodes < 2000
+
+
+def test_hundreds_of_devices_with_few_stops_are_proven_too():
+    problem = random_problem(1, devices=120, steps=3)
+    plan = CertifiedPlanner(gap=0.02).plan(problem)
+    check_plan(problem, plan)
+    assert plan.gap <= 0.0201
+
+
+def test_where_there_is_no_room_for_open_nodes_the_gap_stays_honest():
+    problem = random_problem(2, steps=4)
+    best = CertifiedPlanner(gap=1e-3, max_nodes=3000).plan(problem)
+    for nodes in (1, 5, 20):
+        plan = CertifiedPlanner(max_nodes=nodes).plan(problem)
+        assert plan.nodes <= nodes
+        assert plan.upper_bound >= best.value
