@@ -1,8 +1,11 @@
 """What a run leaves: files, columns and topics, from the schemas of the log."""
 
 import json
+from collections.abc import Iterable
 
+from mission.base.columns import told
 from mission.log import topics
+from mission.log.records import DeviceRecord
 
 HEAD = """# What a run leaves
 
@@ -15,7 +18,7 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples` |
 | `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
 | `uplinks.csv` | a row a scheduled device, see below |
-| `learning.csv` | round (0: untrained), device, community, accuracy, `received_accuracy`, loss |
+| `learning.csv` | a row a device after every round, see below |
 | `flight.mcap` | the flight log, see below |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
@@ -44,6 +47,7 @@ def _body() -> list[str]:
         *("", "## rounds.csv", "", *_fields(topics.ROUNDS)),
         *("", "`accuracy` and `cov` are a column a community: `accuracy_digits`, `cov_digits`."),
         *("", "## uplinks.csv", "", *_fields(topics.UPLINKS)),
+        *("", "## learning.csv", "", *_columns(DeviceRecord)),
         *("", "## flight.mcap", ""),
         "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",
         "zstd chunks, indexes and statistics, `log_time` in simulated nanoseconds. Topics with a",
@@ -63,5 +67,12 @@ def _body() -> list[str]:
 
 def _fields(topic: topics.Topic) -> list[str]:
     described = topics.fields(topic.schema).items()
-    rows = (f"| `{name}` | {item['description']} |" for name, item in described)
-    return ["| column | what |", "|---|---|", *rows]
+    return _table((name, item["description"]) for name, item in described)
+
+
+def _columns(record: type) -> list[str]:
+    return _table(told(record, str))
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
+    return ["| column | what |", "|---|---|", *(f"| `{name}` | {what} |" for name, what in rows)]

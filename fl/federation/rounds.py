@@ -58,12 +58,12 @@ class FederationState:
 class RoundLearning:
     """What one round taught."""
 
-    round: int
-    accuracy: dict[str, float]  # on the images to report on, after the round
+    accuracy: dict[str, float]  # by community, on the images to report on, after the round
     cov: dict[str, float]  # psi in force for the next round
+    loss: dict[str, float]  # mean over the devices that were trained; NaN where none was
     device_accuracy: Floats  # (K,) eps_k(theta) of the new models, on each device's validation set
     received_accuracy: Floats  # (K,) the last eps_k that reached the UAV; NaN: none yet
-    local_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
+    device_loss: Floats  # (K,) mean training loss; NaN where nothing was trained
 
 
 def init(federation: Federation) -> FederationState:
@@ -201,13 +201,21 @@ def _round_learning(
     federation: Federation, after: FederationState, losses: Floats
 ) -> RoundLearning:
     return RoundLearning(
-        round=after.rounds,
         accuracy=accuracy(federation, after),
         cov=dict(zip(federation.names, map(float, after.cov), strict=True)),
+        loss={
+            name: _mean_of_known(losses[federation.members(index)])
+            for index, name in enumerate(federation.names)
+        },
         device_accuracy=after.eps_history[-1],
         received_accuracy=after.eps_received,
-        local_loss=_frozen(losses),
+        device_loss=_frozen(losses),
     )
+
+
+def _mean_of_known(losses: Floats) -> float:
+    known = losses[np.isfinite(losses)]
+    return float(known.mean()) if known.size else np.nan
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base import polyline
+
 Floats = NDArray[np.float64]
 
 _SPACING_M = 0.5
@@ -66,7 +68,7 @@ def closest_approach(track_m: Floats, point_m: Floats) -> float:
 
 
 def _distinct(points: Floats) -> Floats:
-    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
+    moved = polyline.legs(points) > 1e-6
     return points[np.concatenate(([True], moved))]
 
 

@@ -4,13 +4,16 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from mission.analysis.alignment import align
+from mission.analysis.compare import Label
 from mission.analysis.load import LoadedRun
+from mission.base import polyline
 from mission.base.errors import InputError
-from mission.log.records import RoundRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Floats, PlanRecord
 
 KEY = "planned_and_flown"  # of the summary
@@ -25,18 +28,22 @@ class PlannedAndFlown:
     A flight that did not get there is measured as far as it came.
     """
 
-    plan_path_m: float  # horizontal
-    flown_path_m: float
-    plan_duration_s: float  # always at the planned speed
-    flown_duration_s: float
-    cross_track_rms_m: float  # horizontal distance of the true track to the planned line
-    cross_track_max_m: float
-    places: int
-    places_reached: int
-    miss_max_m: float  # horizontal distance to a place on the instant it was passed
-    height_error_max_m: float  # the same, vertically
-    estimate_rms_m: float  # horizontal distance of belief to truth
-    battery_remaining: float  # 0..1 of the capacity at the end of the log
+    plan_path_m: Annotated[float, Label("planned path (m)", 1)]  # horizontal
+    flown_path_m: Annotated[float, Label("flown path (m)", 1)]
+    plan_duration_s: Annotated[float, Label("duration planned (s)", 1)]  # always at planned speed
+    flown_duration_s: Annotated[float, Label("duration flown (s)", 1)]
+    # Horizontal distance of the true track to the planned line.
+    cross_track_rms_m: Annotated[float, Label("cross-track rms (m)", 3)]
+    cross_track_max_m: Annotated[float, Label("cross-track max (m)", 3)]
+    places: Annotated[int, Label("places", 0)]
+    places_reached: Annotated[int, Label("places reached", 0)]
+    # Horizontal distance to a place on the instant it was passed, and vertical.
+    miss_max_m: Annotated[float, Label("place missed by, max (m)", 3)]
+    height_error_max_m: Annotated[float, Label("height error max (m)", 3)]
+    # Horizontal distance of belief to truth.
+    estimate_rms_m: Annotated[float, Label("estimate error rms (m)", 3)]
+    # 0..1 of the capacity at the end of the log.
+    battery_remaining: Annotated[float, Label("battery left (0..1)", 3)]
 
     def lines(self) -> list[str]:
         """The numbers in words, a line each."""
@@ -139,7 +146,7 @@ def plan_flight(run: LoadedRun) -> PlanFlight:
     battery = data.battery.remaining
     numbers = PlannedAndFlown(
         plan_path_m=plan.path_m,
-        flown_path_m=float(np.linalg.norm(np.diff(truth.pos_m[:, :2], axis=0), axis=1).sum()),
+        flown_path_m=polyline.length(truth.pos_m[:, :2]),
         plan_duration_s=float(told["duration_s"]),
         flown_duration_s=(end_ns - plan.t_ns) / NS_PER_S,
         cross_track_rms_m=_rms(cross_m),
@@ -169,22 +176,15 @@ def _last_ns(data: FlightData) -> int:
 
 
 def _as_round(plan: PlanRecord, numbers: PlannedAndFlown) -> RoundRecord:
-    return RoundRecord(
+    return replace(
+        UNKNOWN_ROUND,
         round=plan.round,
         start_t_s=plan.t_ns / NS_PER_S,
         duration_s=numbers.flown_duration_s,
-        plan_objective=_NAN,
-        est_objective=_NAN,
-        true_objective=_NAN,
-        upper_bound=_NAN,
         plan_path_m=numbers.plan_path_m,
         flown_path_m=numbers.flown_path_m,
         budget_used_m=numbers.flown_path_m,
-        scheduled=0,
-        delivered=0,
         battery_remaining=numbers.battery_remaining,
-        accuracy={},
-        cov={},
     )
 
 

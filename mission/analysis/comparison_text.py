@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from rich import box
 from rich.table import Table
 
-from mission.analysis.compare import CORNER_M, Comparison, RunComparison
-from mission.analysis.compare_plan import PlanFlight
+from mission.analysis.compare import Comparison, Label, RunComparison
+from mission.analysis.compare_plan import PlanFlight, PlannedAndFlown
+from mission.analysis.measure import CORNER_M
+from mission.base.columns import told
 
 _Cell = Callable[[Comparison], str]
 
@@ -58,52 +60,6 @@ _RADIO: _Columns = (
     ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
 )
 
-# What two runs are put side by side by: label, value, digits.
-_SIDE_BY_SIDE: tuple[tuple[str, str, int], ...] = (
-    ("planned path (m)", "plan_path_m", 1),
-    ("flown path (m)", "flown_path_m", 1),
-    ("duration (s)", "duration_s", 1),
-    ("cross-track rms (m)", "cross_track_rms_m", 3),
-    ("cross-track max (m)", "cross_track_max_m", 3),
-    ("on straights rms (m)", "straight_rms_m", 3),
-    ("on straights max (m)", "straight_max_m", 3),
-    ("corner cut mean (m)", "corner_cut_mean_m", 3),
-    ("corner cut max (m)", "corner_cut_max_m", 3),
-    ("height error rms (m)", "height_rms_m", 3),
-    ("slot along-track rms (m)", "slot_along_rms_m", 3),
-    ("slot miss rms (m)", "slot_miss_rms_m", 3),
-    ("slot late mean (s)", "slot_late_mean_s", 3),
-    ("slot late max (s)", "slot_late_max_s", 3),
-    ("slots never reached", "slots_missed", 0),
-    ("estimate error rms (m)", "estimate_rms_m", 3),
-    ("estimate error max (m)", "estimate_max_m", 3),
-    ("mean PER planned", "plan_per_mean", 5),
-    ("mean PER believed", "est_per_mean", 5),
-    ("mean PER true", "true_per_mean", 5),
-    ("PER shift max", "per_shift_max", 5),
-    ("objective planned", "plan_objective", 4),
-    ("objective believed", "est_objective", 4),
-    ("objective true", "true_objective", 4),
-    ("scheduled", "scheduled", 0),
-    ("arrivals expected", "expected", 2),
-    ("arrived", "delivered", 0),
-)
-
-_OF_FLIGHTS: tuple[tuple[str, str, int], ...] = (
-    ("planned path (m)", "plan_path_m", 1),
-    ("flown path (m)", "flown_path_m", 1),
-    ("duration planned (s)", "plan_duration_s", 1),
-    ("duration flown (s)", "flown_duration_s", 1),
-    ("cross-track rms (m)", "cross_track_rms_m", 3),
-    ("cross-track max (m)", "cross_track_max_m", 3),
-    ("places", "places", 0),
-    ("places reached", "places_reached", 0),
-    ("place missed by, max (m)", "miss_max_m", 3),
-    ("height error max (m)", "height_error_max_m", 3),
-    ("estimate error rms (m)", "estimate_rms_m", 3),
-    ("battery left (0..1)", "battery_remaining", 3),
-)
-
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
     """One run: the path, the slots and the radio (a row a round, and the total), the devices."""
@@ -137,22 +93,26 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 
     As many tables as it takes for none to be wider than `width` characters.
     """
-    rows = [
-        (label, digits, [float(getattr(item.total, name)) for item in comparisons])
-        for label, name, digits in _SIDE_BY_SIDE
-    ]
     names = [item.name for item in comparisons]
+    rows = _labelled([item.total for item in comparisons])
     return _columns("Runs side by side", "whole run", names, rows, width)
 
 
 def flights_side_by_side(flights: Sequence[PlanFlight], *, width: int) -> tuple[Table, ...]:
     """Several flights of plan files, as `side_by_side`."""
-    rows = [
-        (label, digits, [float(getattr(item.numbers, name)) for item in flights])
-        for label, name, digits in _OF_FLIGHTS
-    ]
     names = [item.run.name for item in flights]
+    rows = _labelled([item.numbers for item in flights])
     return _columns("Flights side by side", "flight", names, rows, width)
+
+
+def _labelled(
+    items: Sequence[Comparison] | Sequence[PlannedAndFlown],
+) -> list[tuple[str, int, list[float]]]:
+    """Label, digits and values of every number that has a label."""
+    return [
+        (label.text, label.digits, [float(getattr(item, name)) for item in items])
+        for name, label in told(type(items[0]), Label)
+    ]
 
 
 def _columns(

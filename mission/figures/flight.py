@@ -9,6 +9,7 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.compare_plan import PlanFlight
 from mission.analysis.load import flown, ground_speed
+from mission.base import polyline
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.frame import TOLERANCE_M, Frame, run_lines, thin
@@ -70,8 +71,7 @@ def profiles(flights: Sequence[PlanFlight]) -> alt.VConcatChart:
 def profile_charts(flights: Sequence[PlanFlight]) -> list[alt.LayerChart]:
     """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
     plan = flights[0].plan
-    legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
-    planned_m = np.column_stack((np.concatenate(([0.0], np.cumsum(legs_m))), plan.height_m))
+    planned_m = np.column_stack((polyline.along(plan.waypoints_m), plan.height_m))
     height = [Series("planned", PLANNED, planned_m[:, 0], planned_m[:, 1], dashed=True)]
     cross, speed, error = [], [], []
     for index, flight in enumerate(flights):

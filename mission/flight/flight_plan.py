@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.area import Area
 from mission.config.models import MissionConfig
 from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
@@ -46,7 +47,7 @@ class FlightPlan:
         """(N,) when each step would be passed, in seconds after the start, by an aircraft that
         is always at its planned speed. Steps that share a hover are spread evenly over it.
         """
-        legs_m = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        legs_m = polyline.legs(self.points_m)
         slot_s: list[float] = []
         clock_s = 0.0
         for stop, leg_m in zip(self.stops, (*legs_m, 0.0), strict=True):

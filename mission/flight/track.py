@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base import polyline
 from sitl.observer import VehicleEvent, VehicleSample
 
 Floats = NDArray[np.float64]
@@ -47,7 +48,7 @@ class Flight:
     @property
     def flown_m(self) -> float:
         """Horizontal length of the true track."""
-        return float(np.linalg.norm(np.diff(self.true_ned_m[:, :2], axis=0), axis=1).sum())
+        return polyline.length(self.true_ned_m[:, :2])
 
     def at(self, t_ns: int) -> Passage:
         """Truth and belief at an instant, linear between samples, clamped to the flight."""

@@ -1,75 +1,107 @@
-"""One round and one uplink as they stand in `rounds.csv` and `uplinks.csv`.
+"""The rows of `rounds.csv`, `uplinks.csv` and `learning.csv`, each column declared here alone.
 
-Field order is column order. Metres, seconds; positions are area coordinates: x east, y north.
+Tables, readers, the log's schemas and the pages follow: field order is column order, the text is
+what people read of the column. Metres, seconds; positions are area coordinates: x east, y north.
+NaN stands where there is no value.
 """
 
+import math
 from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias, get_origin
+
+from mission.base.columns import Column, columns
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a value of the log is written, where its type does not tell."""
+
+    name: str  # see `topics`
+
+
+MAYBE = Kind("maybe")  # a number, null in the log where it is NaN
+NUMBER, NUMBERS, STRINGS = Kind("number"), Kind("numbers"), Kind("strings")
+PAIRS = Kind("pairs")  # a list of lists of numbers
+Maybe: TypeAlias = Annotated[float, MAYBE]
+# A number for each community, and a column each in a table: `accuracy_<name>`.
+ByCommunity: TypeAlias = Annotated[dict[str, float], Kind("by_community")]
 
 
 @dataclass(frozen=True, slots=True)
 class UplinkRecord:
     """One scheduled device of one round: where it was served and what became of its update."""
 
-    round: int  # from 1
-    device: int  # index over all communities
-    community: str
-    step: int  # 0-based time step n of the plan
-    slot_t_s: float  # simulated time of the transmission; NaN where the slot was never reached
-    plan_x_m: float
-    plan_y_m: float
-    est_x_m: float
-    est_y_m: float
-    est_alt_m: float
-    true_x_m: float
-    true_y_m: float
-    true_alt_m: float
-    plan_per: float
-    est_per: float
-    true_per: float  # 1 where the slot was never reached
-    importance: float
-    delivered: bool
+    round: Annotated[int, "round, from 1"]
+    device: Annotated[int, "device, from 0 over all communities"]
+    community: Annotated[str, "name of the device's community"]
+    step: Annotated[int, "time step of the plan, from 0"]
+    slot_t_s: Annotated[Maybe, "simulated time of the transmission; null where never reached"]
+    plan_x_m: Annotated[float, "planned position, east"]
+    plan_y_m: Annotated[float, "planned position, north"]
+    est_x_m: Annotated[Maybe, "believed position, east"]
+    est_y_m: Annotated[Maybe, "believed position, north"]
+    est_alt_m: Annotated[Maybe, "believed height above home"]
+    true_x_m: Annotated[Maybe, "true position, east"]
+    true_y_m: Annotated[Maybe, "true position, north"]
+    true_alt_m: Annotated[Maybe, "true height above home"]
+    plan_per: Annotated[float, "packet error rate at the planned position"]
+    est_per: Annotated[Maybe, "packet error rate at the believed position"]
+    true_per: Annotated[float, "packet error rate at the true position; 1 where never reached"]
+    importance: Annotated[float, "delta of the device in this round"]
+    delivered: Annotated[bool, "the update arrived"]
 
 
 @dataclass(frozen=True, slots=True)
 class RoundRecord:
     """One round: what was planned, what was flown and what was learnt."""
 
-    round: int  # from 1
-    start_t_s: float
-    duration_s: float
-    plan_objective: float
-    est_objective: float
-    true_objective: float
-    upper_bound: float  # NaN where the planner gives none
-    plan_path_m: float
-    flown_path_m: float
-    budget_used_m: float  # metres of L_total spent so far, L_max a round at most
-    scheduled: int
-    delivered: int
-    battery_remaining: float
-    accuracy: dict[str, float]  # per community, after the round; one column each
-    cov: dict[str, float]  # psi per community, in force for the next round
-
-
-@dataclass(frozen=True, slots=True)
-class Learnt:
-    """What one round taught, per community."""
-
-    accuracy: dict[str, float]
-    cov: dict[str, float]  # psi, in force for the next round
-    loss: dict[str, float]  # mean over the trained devices; NaN where none was trained
-    device_accuracy: list[float]  # (K,) of the new models, on each device's validation set
-    received_accuracy: list[float]  # (K,) the last eps_k that the UAV received; NaN: none yet
-    device_loss: list[float]  # (K,) mean local loss; NaN where not trained
+    round: Annotated[int, "round, from 1"]
+    start_t_s: Annotated[float, "simulated time at which the round started"]
+    duration_s: Annotated[float, "simulated seconds from start to end"]
+    plan_objective: Annotated[float, "sum of importance (1 - PER) at the planned positions"]
+    est_objective: Annotated[float, "the same at the believed positions of the transmissions"]
+    true_objective: Annotated[float, "the same at the true positions"]
+    upper_bound: Annotated[Maybe, "proven bound on the plan's objective; null where there is none"]
+    plan_path_m: Annotated[float, "length of the planned path"]
+    flown_path_m: Annotated[float, "length of the flown track"]
+    budget_used_m: Annotated[float, "metres of L_total spent so far"]
+    scheduled: Annotated[int, "devices scheduled"]
+    delivered: Annotated[int, "updates that arrived"]
+    battery_remaining: Annotated[float, "0..1 of the capacity at the end"]
+    accuracy: Annotated[ByCommunity, "accuracy 0..1 after the round, on the images to report on"]
+    cov: Annotated[ByCommunity, "fairness CoV psi in force for the next round"]
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceRecord:
-    """One device after one round, as it stands in `learning.csv`."""
+    """One device after one round."""
 
-    round: int  # 0: the untrained models
-    device: int  # index over all communities
-    community: str
-    accuracy: float  # of its community's new model, on its validation set
-    received_accuracy: float  # eps_k as the UAV last received it; NaN where it never did
-    loss: float  # mean local training loss; NaN where its update did not arrive
+    round: Annotated[int, "round, from 1; 0: the untrained models"]
+    device: Annotated[int, "device, from 0 over all communities"]
+    community: Annotated[str, "name of the device's community"]
+    accuracy: Annotated[float, "of its community's new model, on its validation set"]
+    received_accuracy: Annotated[float, "eps_k as the UAV last received it; nan where it never did"]
+    loss: Annotated[float, "mean local training loss; nan where its update did not arrive"]
+
+
+def is_by_community(column: Column) -> bool:
+    """Whether a column of a record becomes one a community in a table."""
+    return get_origin(column.holds) is dict
+
+
+def flat(record: Any) -> dict[str, Any]:
+    """A record's values by column of its table."""
+    row: dict[str, Any] = {}
+    for column in columns(type(record)):
+        value = getattr(record, column.name)
+        if is_by_community(column):
+            row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
+        else:
+            row[column.name] = value
+    return row
+
+
+_NOTHING: dict[Any, Any] = {float: math.nan, int: 0}
+
+# A round of which nothing is known, for `dataclasses.replace`.
+UNKNOWN_ROUND = RoundRecord(**{c.name: _NOTHING.get(c.holds, {}) for c in columns(RoundRecord)})

@@ -1,44 +1,63 @@
 """`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row, read back with checks.
 
-Plain CSV (comma, "\\n", UTF-8), one header line; numbers in their shortest exact form, so that
-reading gives back the very same float; `nan` where there is no value; `true` and `false`. A
-round's accuracies and CoVs stand in one column a community: `accuracy_<name>`, `cov_<name>`.
-The same records give the same bytes.
+CSV of the dialect of `csv_text` with one header line. A round's accuracies and CoVs stand in one
+column a community: `accuracy_<name>`, `cov_<name>`. The same records give the same bytes.
 """
 
 import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, fields
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self, TypeVar
+from typing import IO, Any, Generic, Self, TypeVar
 
+from mission.base import csv_text
+from mission.base.columns import columns
 from mission.base.errors import InputError
-from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord
+from mission.log.records import (
+    DeviceRecord,
+    RoundRecord,
+    UplinkRecord,
+    flat,
+    is_by_community,
+)
 
-_BY_COMMUNITY = ("accuracy", "cov")
-Record = TypeVar("Record", UplinkRecord, DeviceRecord)
+Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
 
 
 class TableError(InputError):
     """A table cannot be written, or what is in the file is not such a table."""
 
 
-class _Table:
-    """An open CSV file that takes whole rows: what was appended survives the process."""
+class Table(Generic[Record]):
+    """A CSV file of records being written: what was appended survives the process."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(
+        self, path: Path, record: type[Record], *, communities: Sequence[str] = ()
+    ) -> None:
+        """Start the table, replacing a file that is there.
+
+        `communities`: those that the records have numbers of.
+
+        Raises:
+            TableError: the file cannot be written.
+        """
         self.path = path
+        self._header = _header(record, communities)
         try:
             self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
             raise TableError(f"{path}: cannot write the table: {error.strerror}") from None
-        self._append([columns])
+        self._append([self._header])
 
-    def _append(self, rows: Iterable[Sequence[str]]) -> None:
+    def extend(self, records: Iterable[Record]) -> None:
+        """Write a row each and hand them to the operating system."""
+        rows = map(flat, records)
+        self._append([row[name] for name in self._header] for row in rows)
+
+    def _append(self, rows: Iterable[Sequence[Any]]) -> None:
         try:
-            self._file.write("".join(_line(row) for row in rows))
+            self._file.write(csv_text.lines(rows))
             self._file.flush()
         except OSError as error:
             raise TableError(f"{self.path}: cannot write the table: {error.strerror}") from None
@@ -59,138 +78,42 @@ class _Table:
         self.close()
 
 
-class RoundTable(_Table):
-    """`rounds.csv` being written."""
-
-    def __init__(self, path: Path, communities: Sequence[str]) -> None:
-        """Start the table, replacing a file that is there.
-
-        Raises:
-            TableError: the file cannot be written.
-        """
-        self._communities = tuple(communities)
-        super().__init__(path, _round_columns(self._communities))
-
-    def append(self, record: RoundRecord) -> None:
-        """Write one row and hand it to the operating system."""
-        row = []
-        for field in fields(record):
-            value = getattr(record, field.name)
-            if field.name in _BY_COMMUNITY:
-                row += [_text(value[name]) for name in self._communities]
-            else:
-                row.append(_text(value))
-        self._append([row])
-
-
-class UplinkTable(_Table):
-    """`uplinks.csv` being written."""
-
-    def __init__(self, path: Path) -> None:
-        """Start the table, replacing a file that is there; raises TableError if it cannot be."""
-        super().__init__(path, _columns(UplinkRecord))
-
-    def extend(self, records: Iterable[UplinkRecord]) -> None:
-        """Write a round's rows and hand them to the operating system."""
-        names = _columns(UplinkRecord)
-        self._append([_text(getattr(record, name)) for name in names] for record in records)
-
-
-class LearningTable(_Table):
-    """`learning.csv` being written."""
-
-    def __init__(self, path: Path) -> None:
-        """Start the table, replacing a file that is there; raises TableError if it cannot be."""
-        super().__init__(path, _columns(DeviceRecord))
-
-    def extend(self, records: Iterable[DeviceRecord]) -> None:
-        """Write a round's rows and hand them to the operating system."""
-        self._append([_text(value) for value in astuple(record)] for record in records)
-
-
-def read_rounds(path: Path) -> tuple[RoundRecord, ...]:
-    """The records of a `rounds.csv`, equal to those that were written.
+def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
+    """The records of a table, equal to those that were written.
 
     Raises:
         TableError: no such file, other columns, or a value that is not what its column holds.
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
-    _check_header(path, header, _round_columns(communities))
-    records = []
-    for number, row in rows:
-        values: dict[str, Any] = {}
-        cells = iter(zip(header, row, strict=True))
-        for field in fields(RoundRecord):
-            if field.name in _BY_COMMUNITY:
-                values[field.name] = {
-                    name: _parse(path, number, *next(cells), float) for name in communities
-                }
-            else:
-                values[field.name] = _parse(path, number, *next(cells), _KINDS[field.type])
-        records.append(RoundRecord(**values))
-    return tuple(records)
+    _check_header(path, header, _header(record, communities))
+    return tuple(_record(path, record, communities, *row) for row in rows)
 
 
-def read_uplinks(path: Path) -> tuple[UplinkRecord, ...]:
-    """The records of an `uplinks.csv`, equal to those that were written.
-
-    Raises:
-        TableError: no such file, other columns, or a value that is not what its column holds.
-    """
-    return _records(path, UplinkRecord)
-
-
-def read_learning(path: Path) -> tuple[DeviceRecord, ...]:
-    """The records of a `learning.csv`, equal to those that were written.
-
-    Raises:
-        TableError: no such file, other columns, or a value that is not what its column holds.
-    """
-    return _records(path, DeviceRecord)
-
-
-def _records(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    header, rows = _read(path)
-    _check_header(path, header, _columns(record))
-    kinds = [_KINDS[field.type] for field in fields(record)]
-    return tuple(
-        record(
-            **{
-                name: _parse(path, number, name, cell, kind)
-                for name, cell, kind in zip(header, row, kinds, strict=True)
+def _record(
+    path: Path, record: type[Record], communities: Sequence[str], line: int, row: Sequence[str]
+) -> Record:
+    values: dict[str, Any] = {}
+    cells = iter(row)
+    for column in columns(record):
+        name = column.name
+        if is_by_community(column):
+            values[name] = {
+                c: _parse(path, line, f"{name}_{c}", next(cells), float) for c in communities
             }
-        )
-        for number, row in rows
-    )
-
-
-def _round_columns(communities: Sequence[str]) -> tuple[str, ...]:
-    columns: list[str] = []
-    for field in fields(RoundRecord):
-        if field.name in _BY_COMMUNITY:
-            columns += [f"{field.name}_{name}" for name in communities]
         else:
-            columns.append(field.name)
-    return tuple(columns)
+            values[name] = _parse(path, line, name, next(cells), _KINDS[column.holds])
+    return record(**values)
 
 
-def _columns(record: type[UplinkRecord | DeviceRecord]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(record))
-
-
-def _text(value: float | int | bool | str) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(float(value))  # numpy's own floats would say np.float64(...)
-    return str(value)
-
-
-def _line(cells: Sequence[str]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(cells)
-    return out.getvalue()
+def _header(record: type[Any], communities: Sequence[str] = ()) -> tuple[str, ...]:
+    names: list[str] = []
+    for column in columns(record):
+        if is_by_community(column):
+            names += [f"{column.name}_{name}" for name in communities]
+        else:
+            names.append(column.name)
+    return tuple(names)
 
 
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
@@ -243,7 +166,7 @@ def _boolean(text: str) -> bool:
     return {"true": True, "false": False}[text]
 
 
-# Field types as dataclasses give them.
+# By the type of a column.
 _KINDS: Mapping[Any, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _boolean}
 _ALLOWED = {int: "a whole number", float: "a number", _boolean: "true or false"}
 

@@ -10,6 +10,10 @@ from typing import Any
 
 from foxglove import messages as fox
 
+from mission.base.columns import columns
+from mission.log.records import Kind, RoundRecord, UplinkRecord
+from mission.log.values import BatteryTrack, Devices, EventRecord, LearningRecord, PlanRecord
+
 FORMAT_VERSION = "1"
 FRAME = "area"  # x east, y north from the area's south-west corner; z height above home
 BODY_FRAME = "aircraft"  # x forward, y left, z up
@@ -54,6 +58,16 @@ def _json(name: str, title: str, description: str, **properties: tuple[str, str]
     return Topic(name, title, "jsonschema", data, "json", description)
 
 
+def _declared(record: type) -> dict[str, tuple[str, str]]:
+    """The columns of a record that have words, and how they are written."""
+    found: dict[str, tuple[str, str]] = {}
+    for column in columns(record):
+        words, kind = column.find(str), column.find(Kind)
+        if words is not None:
+            found[column.name] = (kind.name if kind else _PLAIN_TYPES[column.holds], words)
+    return found
+
+
 def fields(schema: bytes) -> dict[str, dict[str, Any]]:
     """What one of our JSON schemas says of each field, in the order in which they are written."""
     told = json.loads(schema)
@@ -85,6 +99,7 @@ _TYPES: dict[str, dict[str, Any]] = {
     },
     "by_community": {"type": "object", "additionalProperties": {"type": "number"}},
 }
+_PLAIN_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
 _PLAIN = frozenset({"boolean", "integer", "number", "string", "numbers", "strings"})
 
 TF = _foxglove(
@@ -125,86 +140,37 @@ DEVICES = _json(
     "/devices",
     "aerofed.Devices",
     "The ground devices; written at the start and with every plan",
-    pos_m=("pairs", "x east, y north of each device, area coordinates"),
-    community=("strings", "name of each device's community"),
+    **_declared(Devices),
 )
 PLAN = _json(
     "/plan",
     "aerofed.Plan",
     "A round's plan, at the instant the round starts",
-    round=("integer", "round, from 1"),
-    waypoints_m=("pairs", "(N, 2) path in area coordinates; the first is the start"),
-    schedule=("pairs", "[step, device] of each scheduled transmission, both from 0"),
-    importance=("numbers", "(K,) delta of each device"),
-    value=("number", "expected objective of the plan"),
-    upper_bound=("maybe", "proven bound on the objective; null where there is none"),
-    path_budget_m=("number", "L_max"),
-    speed_mps=("number", "planned ground speed"),
-    altitude_m=("number", "planned height above home; the greatest, where it varies"),
-    height_m=("numbers", "(N,) planned height above home of each waypoint"),
-    ideal_slot_s=("numbers", "(N,) seconds after the start at which a step is passed at speed"),
+    **_declared(PlanRecord),
 )
 ROUNDS = _json(
     "/rounds",
     "aerofed.Round",
     "One round, when it has ended: the row of rounds.csv",
-    round=("integer", "round, from 1"),
-    start_t_s=("number", "simulated time at which the round started"),
-    duration_s=("number", "simulated seconds from start to end"),
-    plan_objective=("number", "sum of importance (1 - PER) at the planned positions"),
-    est_objective=("number", "the same at the believed positions of the transmissions"),
-    true_objective=("number", "the same at the true positions"),
-    upper_bound=("maybe", "proven bound on the plan's objective; null where there is none"),
-    plan_path_m=("number", "length of the planned path"),
-    flown_path_m=("number", "length of the flown track"),
-    budget_used_m=("number", "metres of L_total spent so far"),
-    scheduled=("integer", "devices scheduled"),
-    delivered=("integer", "updates that arrived"),
-    battery_remaining=("number", "0..1 of the capacity at the end"),
-    accuracy=("by_community", "accuracy 0..1 after the round, on the images to report on"),
-    cov=("by_community", "fairness CoV psi in force for the next round"),
+    **_declared(RoundRecord),
 )
 UPLINKS = _json(
     "/uplinks",
     "aerofed.Uplink",
     "One scheduled device of one round, at its transmission: the row of uplinks.csv",
-    round=("integer", "round, from 1"),
-    device=("integer", "device, from 0 over all communities"),
-    community=("string", "name of the device's community"),
-    step=("integer", "time step of the plan, from 0"),
-    slot_t_s=("maybe", "simulated time of the transmission; null where never reached"),
-    plan_x_m=("number", "planned position, east"),
-    plan_y_m=("number", "planned position, north"),
-    est_x_m=("maybe", "believed position, east"),
-    est_y_m=("maybe", "believed position, north"),
-    est_alt_m=("maybe", "believed height above home"),
-    true_x_m=("maybe", "true position, east"),
-    true_y_m=("maybe", "true position, north"),
-    true_alt_m=("maybe", "true height above home"),
-    plan_per=("number", "packet error rate at the planned position"),
-    est_per=("maybe", "packet error rate at the believed position"),
-    true_per=("number", "packet error rate at the true position; 1 where never reached"),
-    importance=("number", "delta of the device in this round"),
-    delivered=("boolean", "the update arrived"),
+    **_declared(UplinkRecord),
 )
 LEARNING = _json(
     "/learning",
     "aerofed.Learning",
     "Accuracy and fairness of one community after a round",
-    round=("integer", "round, from 1; 0: the untrained model"),
-    community=("string", "name of the community"),
-    accuracy=("number", "accuracy 0..1 on the images that it is reported on"),
-    cov=("number", "fairness CoV psi"),
-    loss=("maybe", "mean local loss of the devices that trained; null where nobody did"),
+    **_declared(LearningRecord),
 )
 BATTERY = _json(
     "/battery",
     "aerofed.Battery",
     "The battery",
-    voltage_v=("number", "terminal voltage"),
-    current_a=("number", "current drawn"),
-    consumed_mah=("number", "charge used since the start"),
-    remaining=("number", "0..1 of the capacity"),
+    **_declared(BatteryTrack),
 )
 MODE = _json(
     "/mode",
@@ -217,12 +183,7 @@ EVENTS = _json(
     "/events",
     "aerofed.Event",
     "Something that happened, with truth and belief of that instant",
-    kind=("string", "mode, armed, reached, status, failsafe or fault"),
-    text=("string", "what a person reads"),
-    seq=("maybe", "mission item for `reached`; else null"),
-    severity=("integer", "MAV_SEVERITY, 0 emergency .. 7 debug"),
-    true_m=("numbers", "true x east, y north, height above home"),
-    est_m=("numbers", "believed x east, y north, height above home"),
+    **_declared(EventRecord),
 )
 
 TRUE_WIND = _foxglove(

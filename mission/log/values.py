@@ -1,18 +1,33 @@
-"""What a flight log holds, as values: area coordinates (x east, y north, height above home)."""
+"""What a flight log holds, as values: area coordinates (x east, y north, height above home).
+
+A field with words stands in the log's records, one without (its time) beside them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.area import Area
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import (
+    MAYBE,
+    NUMBER,
+    NUMBERS,
+    PAIRS,
+    STRINGS,
+    Maybe,
+    RoundRecord,
+    UplinkRecord,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+XYZ = tuple[float, float, float]
 
 NS_PER_S = 1_000_000_000
 
@@ -21,8 +36,8 @@ NS_PER_S = 1_000_000_000
 class Devices:
     """The ground devices of all communities, in the order of the federation."""
 
-    pos_m: Floats  # (K, 2) area coordinates
-    community: tuple[str, ...]  # (K,)
+    pos_m: Annotated[Floats, PAIRS, "x east, y north of each device, area coordinates"]  # (K, 2)
+    community: Annotated[tuple[str, ...], STRINGS, "name of each device's community"]  # (K,)
 
     def __post_init__(self) -> None:
         if self.pos_m.shape != (len(self.community), 2):
@@ -67,35 +82,39 @@ class Track:
 class PlanRecord:
     """A round's plan as it stands in the log."""
 
-    round: int
+    round: Annotated[int, "round, from 1"]
     t_ns: int
-    waypoints_m: Floats  # (N, 2)
-    schedule: Bools  # (N, K)
-    importance: Floats  # (K,)
-    value: float
-    upper_bound: float  # NaN where the planner gives none
-    path_budget_m: float
-    speed_mps: float
-    altitude_m: float
-    height_m: Floats  # (N,) of each waypoint; differs from `altitude_m` in plan files only
-    ideal_slot_s: Floats  # (N,) seconds after t_ns at which a step is passed at planned speed
+    waypoints_m: Annotated[Floats, PAIRS, "(N, 2) path in area coordinates; the first is the start"]
+    # (N, K)
+    schedule: Annotated[Bools, PAIRS, "[step, device] of each scheduled transmission, both from 0"]
+    importance: Annotated[Floats, NUMBERS, "(K,) delta of each device"]
+    value: Annotated[float, "expected objective of the plan"]
+    upper_bound: Annotated[Maybe, "proven bound on the objective; null where there is none"]
+    path_budget_m: Annotated[float, "L_max"]
+    speed_mps: Annotated[float, "planned ground speed"]
+    altitude_m: Annotated[float, "planned height above home; the greatest, where it varies"]
+    # Differs from `altitude_m` in plan files only.
+    height_m: Annotated[Floats, NUMBERS, "(N,) planned height above home of each waypoint"]
+    ideal_slot_s: Annotated[
+        Floats, NUMBERS, "(N,) seconds after the start at which a step is passed at speed"
+    ]
 
     @property
     def path_m(self) -> float:
         """Length of the planned polyline."""
-        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+        return polyline.length(self.waypoints_m)
 
 
 @dataclass(frozen=True)
 class LearningRecord:
     """What one community had learnt after a round."""
 
-    round: int
+    round: Annotated[int, "round, from 1; 0: the untrained model"]
     t_ns: int
-    community: str
-    accuracy: float
-    cov: float
-    loss: float  # mean local loss of the devices that trained; NaN where nobody did
+    community: Annotated[str, "name of the community"]
+    accuracy: Annotated[float, "accuracy 0..1 on the images that it is reported on"]
+    cov: Annotated[float, "fairness CoV psi"]
+    loss: Annotated[Maybe, "mean local loss of the devices that trained; null where nobody did"]
 
 
 @dataclass(frozen=True)
@@ -103,12 +122,12 @@ class EventRecord:
     """Something that happened, with truth and belief of that instant."""
 
     t_ns: int
-    kind: str
-    text: str
-    seq: int | None
-    severity: int
-    true_m: tuple[float, float, float]
-    est_m: tuple[float, float, float]
+    kind: Annotated[str, "mode, armed, reached, status, failsafe or fault"]
+    text: Annotated[str, "what a person reads"]
+    seq: Annotated[int | None, MAYBE, "mission item for `reached`; else null"]
+    severity: Annotated[int, "MAV_SEVERITY, 0 emergency .. 7 debug"]
+    true_m: Annotated[XYZ, NUMBERS, "true x east, y north, height above home"]
+    est_m: Annotated[XYZ, NUMBERS, "believed x east, y north, height above home"]
 
 
 @dataclass(frozen=True)
@@ -116,10 +135,10 @@ class BatteryTrack:
     """The battery over time."""
 
     t_ns: Ints  # (n,)
-    voltage_v: Floats
-    current_a: Floats
-    consumed_mah: Floats
-    remaining: Floats  # 0..1
+    voltage_v: Annotated[Floats, NUMBER, "terminal voltage"]
+    current_a: Annotated[Floats, NUMBER, "current drawn"]
+    consumed_mah: Annotated[Floats, NUMBER, "charge used since the start"]
+    remaining: Annotated[Floats, NUMBER, "0..1 of the capacity"]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio.channel import CHANNEL_PRESETS
+from mission.base import polyline
 from mission.base.area import Area
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.config.models import RunConfig
@@ -259,9 +260,8 @@ def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
         path_budget_m=plan.path_m,
         channel=channel,
     )
-    legs_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    speed_mps = float(legs_m.sum()) / ready.path.duration_s
-    slots_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
+    speed_mps = polyline.length(points) / ready.path.duration_s
+    slots_s = (polyline.along(points) / speed_mps).tolist()
     log.plan(
         t_ns,
         1,

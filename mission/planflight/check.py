@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.errors import InputError
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.flying import route
@@ -55,7 +56,7 @@ class PlannedPath:
     @property
     def path_m(self) -> float:
         """Horizontal length."""
-        return float(np.linalg.norm(np.diff(self.points_ned_m[:, :2], axis=0), axis=1).sum())
+        return polyline.length(self.points_ned_m[:, :2])
 
 
 def here_means(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
@@ -211,7 +212,7 @@ def _path(
     last = max(places)
     for stage in stages:
         if isinstance(stage, route.Fly):
-            legs_m = np.linalg.norm(np.diff(stage.path.points_ned_m, axis=0), axis=1)
+            legs_m = polyline.legs(stage.path.points_ned_m)
             duration_s += float((legs_m / stage.path.speeds_mps).sum())
             points += list(stage.path.points_ned_m[1:])
         # A hover at the last waypoint comes after it was reached, where the comparison ends.

@@ -2,8 +2,6 @@
 against flown.
 """
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from mission.analysis.compare_plan import (
     was_flown,
 )
 from mission.analysis.load import load_run
+from mission.base import csv_text
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, FlightError
 from mission.base.interrupts import one_interruption, run_flight
@@ -155,10 +154,13 @@ def _metadata(ready: PreparedPlan) -> dict[str, str]:
 
 
 def _track_csv(data: FlightData) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_COLUMNS)
     rows = np.hstack((data.truth.pos_m, data.belief.pos_m)).tolist()
-    for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True):
-        writer.writerow([repr(t_ns / 1e9), *(f"{value:.3f}" for value in row)])
-    return out.getvalue()
+    return csv_text.lines(
+        [
+            _COLUMNS,
+            *(
+                [t_ns / 1e9, *(f"{value:.3f}" for value in row)]
+                for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True)
+            ),
+        ]
+    )

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio.channel import Channel
+from mission.base import polyline
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -48,7 +49,7 @@ class RoundPlan:
     @property
     def path_m(self) -> float:
         """Length of the planned polyline in metres."""
-        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+        return polyline.length(self.waypoints_m)
 
 
 class Planner(Protocol):

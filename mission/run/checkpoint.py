@@ -7,7 +7,7 @@ was learnt, which would take long to compute again.
 """
 
 import hashlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from fl.errors import CheckpointError
 from fl.federation.checkpoint import from_bytes, to_bytes
-from fl.federation.rounds import Federation, FederationState
+from fl.federation.rounds import Federation, FederationState, RoundLearning
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.log.records import Learnt
 from mission.planner.problem import RoundPlan
 from mission.run.resume import ROUNDS, header, sealed
 from mission.scenario.strategies import Sortie
@@ -31,7 +30,7 @@ class RoundMemory:
 
     importance: NDArray[np.float64]  # (K,)
     sortie: Sortie | None  # None: ideal
-    learnt: Learnt
+    learnt: RoundLearning
     true_objective: float  # flying again must give this very number
 
 
@@ -102,7 +101,10 @@ def _plain(memory: RoundMemory) -> dict[str, Any]:
     return {
         "importance": memory.importance.tolist(),
         "sortie": None if memory.sortie is None else _plain_sortie(memory.sortie),
-        "learnt": asdict(memory.learnt),
+        "learnt": {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in vars(memory.learnt).items()
+        },
         "true_objective": memory.true_objective,
     }
 
@@ -135,6 +137,14 @@ def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
     return RoundMemory(
         np.array(values["importance"], dtype=np.float64),
         sortie,
-        Learnt(**values["learnt"]),
+        _learnt(values["learnt"]),
         values["true_objective"],
     )
+
+
+def _learnt(values: dict[str, Any]) -> RoundLearning:
+    known: dict[str, Any] = {
+        name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
+        for name, value in values.items()
+    }
+    return RoundLearning(**known)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from fl.federation import rounds as learning
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import users_code
-from mission.log.records import Learnt, RoundRecord, UplinkRecord
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
-from mission.run.learning import learn, recorded
+from mission.run.learning import learn
 from mission.run.round_result import Recorder, RoundResult
 from mission.scenario.scenario import Scenario
 
@@ -51,7 +51,7 @@ class Experiment(ABC):
         federation = self.scenario.federation
         # A resumed run has the last round's models, and records the first ones again.
         state = self.state if self.state.rounds == 0 else learning.init(federation)
-        self.recorder.learnt(0, recorded(federation, learning.untrained(federation, state)))
+        self.recorder.learnt(0, learning.untrained(federation, state))
         await self._run()
 
     @abstractmethod
@@ -67,7 +67,7 @@ class Experiment(ABC):
         done = self.totals.rounds_done
         return self.memory[done] if done < len(self.memory) else None
 
-    async def _learn(self, scheduled: Bools, delivered: Bools) -> Learnt:
+    async def _learn(self, scheduled: Bools, delivered: Bools) -> learning.RoundLearning:
         self._show("training")
         with self.stopwatch("learn"), self._users_networks():
             # In a thread, so that heartbeats go on; simulated time stands still.

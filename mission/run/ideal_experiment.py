@@ -1,11 +1,11 @@
 """The experiment without flight: every round, every device is heard."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fl.federation import rounds as learning
-from mission.log.records import RoundRecord
+from mission.log.records import UNKNOWN_ROUND
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 
@@ -36,7 +36,8 @@ class IdealExperiment(Experiment):
         total = float(importance.sum())
         # Nothing is flown, but the ideal must not have more rounds than the budget pays for.
         cost_m = min(mission.path_budget_m, self.totals.left_m(mission))
-        record = RoundRecord(
+        record = replace(
+            UNKNOWN_ROUND,
             round=self.totals.next_round,
             start_t_s=0.0,
             duration_s=0.0,

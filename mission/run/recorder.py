@@ -4,14 +4,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
+from fl.federation.rounds import RoundLearning
 from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
-from mission.log.records import DeviceRecord, Learnt, RoundRecord
-from mission.log.tables import LearningTable, RoundTable, UplinkTable
+from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord
+from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
@@ -29,9 +30,9 @@ class FolderRecorder:
     scenario: Scenario
     folder: RunFolder
     log: FlightLog
-    rounds: RoundTable
-    uplinks: UplinkTable
-    devices: LearningTable
+    rounds: Table[RoundRecord]
+    uplinks: Table[UplinkRecord]
+    devices: Table[DeviceRecord]
     checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
@@ -71,14 +72,14 @@ class FolderRecorder:
         self.learnt(record.round, learnt)
         self.log.round(record)
         self.uplinks.extend(result.uplinks)
-        self.rounds.append(record)
+        self.rounds.extend([record])
         if not result.remembered:
             # Log and tables hold all that the old ones held.
             InterruptedFiles(self.folder).discard()
             self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
 
-    def learnt(self, round_number: int, learnt: Learnt) -> None:
+    def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
         self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.devices.extend(self._devices(round_number, learnt))
@@ -100,12 +101,12 @@ class FolderRecorder:
         self._flown_s, self._wall_s = flown_s, wall_s
         return sim / wall if wall > 0.0 else 0.0
 
-    def _devices(self, round_number: int, learnt: Learnt) -> Iterator[DeviceRecord]:
+    def _devices(self, round_number: int, learnt: RoundLearning) -> Iterator[DeviceRecord]:
         each = zip(
             self.scenario.community_of,
-            learnt.device_accuracy,
-            learnt.received_accuracy,
-            learnt.device_loss,
+            learnt.device_accuracy.tolist(),
+            learnt.received_accuracy.tolist(),
+            learnt.device_loss.tolist(),
             strict=True,
         )
         for device, values in enumerate(each):
@@ -140,9 +141,10 @@ def recording(
                 raw_mavlink=console.log_mavlink,
             )
         )
-        rounds = stack.enter_context(RoundTable(folder.rounds, scenario.federation.names))
-        uplinks = stack.enter_context(UplinkTable(folder.uplinks))
-        learnt = stack.enter_context(LearningTable(folder.learning))
+        names = scenario.federation.names
+        rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
+        uplinks = stack.enter_context(Table(folder.uplinks, UplinkRecord))
+        learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())

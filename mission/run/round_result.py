@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from fl.federation.rounds import FederationState
+from fl.federation.rounds import FederationState, RoundLearning
 from mission.flight.flight_plan import FlightPlan
-from mission.log.records import Learnt, RoundRecord, UplinkRecord
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import RoundMemory
 
@@ -35,7 +35,7 @@ class Recorder(Protocol):
         """A round is about to be flown."""
         ...
 
-    def learnt(self, round_number: int, learnt: Learnt) -> None:
+    def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """What the models know after a round, or, as round 0, untrained."""
         ...
 

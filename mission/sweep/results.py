@@ -1,7 +1,5 @@
 """A sweep's results: one row a run and one row a round, read from the finished runs' folders."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -10,13 +8,13 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 
+from mission.base import csv_text
 from mission.base.errors import InputError
+from mission.base.parquet import parquet
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.tables import read_learning, read_rounds, read_uplinks
+from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
+from mission.log.tables import read_table
 from mission.sweep.grid import Key, Point
 
 Cell: TypeAlias = str | int | float | bool
@@ -54,8 +52,9 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         summary: dict[str, Any] = json.loads(folder.summary.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
-    records, uplinks = read_rounds(folder.rounds), read_uplinks(folder.uplinks)
-    learnt = read_learning(folder.learning)  # a device that trained has a loss
+    records = read_table(folder.rounds, RoundRecord)
+    uplinks = read_table(folder.uplinks, UplinkRecord)
+    learnt = read_table(folder.learning, DeviceRecord)  # a device that trained has a loss
     devices = len(folder.devices.read_text(encoding="utf-8").splitlines()) - 1
     keys = point.keys
     rounds = _round_rows(keys, records, uplinks, devices=devices)
@@ -106,9 +105,12 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> None:
     }
     for name, rows in tables.items():
         columns = list(dict.fromkeys(key for row in rows for key in row))
-        write_atomically(folder / f"{name}.csv", _csv(columns, rows))
+        # Where communities are swept, a run has no value in another's columns.
+        cells = [[row.get(column) for column in columns] for row in rows]
+        write_atomically(folder / f"{name}.csv", csv_text.lines([columns, *cells]))
         if name != "timings":
-            _parquet(folder / f"{name}.parquet", columns, rows)
+            by_column = {column: [row.get(column) for row in rows] for column in columns}
+            write_atomically(folder / f"{name}.parquet", parquet(by_column))
 
 
 def jain(values: Sequence[float]) -> float:
@@ -133,14 +135,9 @@ def _round_rows(
     rows = []
     for record in records:
         served = by_round[record.round]
-        row: Row = dict(keys)
-        for name in record.__slots__:
-            value = getattr(record, name)
-            if isinstance(value, dict):
-                row |= {f"{name}_{community}": float(item) for community, item in value.items()}
-            else:
-                row[name] = value
-        row |= {
+        row: Row = {
+            **keys,
+            **flat(record),
             "end_t_s": record.start_t_s + record.duration_s,
             "participation": _ratio(record.delivered, devices),
             "plan_per": _mean([uplink.plan_per for uplink in served]),
@@ -149,34 +146,6 @@ def _round_rows(
         }
         rows.append(row)
     return tuple(rows)
-
-
-def _csv(columns: Sequence[str], rows: Sequence[Row]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        # Where communities are swept, a run has no value in another's columns.
-        writer.writerow([row.get(column, "") for column in columns])
-    return out.getvalue()
-
-
-def _parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
-    arrays = []
-    for column in columns:
-        values = [row.get(column) for row in rows]
-        kinds = {type(value) for value in values if value is not None}
-        if len(kinds) > 1:  # a setting whose values are of several kinds, or 1 beside 0.5
-            number = kinds <= {int, float}
-            values = [v if v is None else float(v) if number else str(v) for v in values]
-        arrays.append(pa.array(values))
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        pyarrow.parquet.write_table(pa.table(arrays, names=list(columns)), partial)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot write the table: {error}") from None
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base import polyline
 from mission.base.area import Area
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
@@ -205,7 +206,7 @@ class ExternalFlyer(Flyer):
 
     def _believe_speed(self, plan: FlightPlan, flight: Flight) -> None:
         """Plan with what the vehicle reaches, where that is less than its parameters promise."""
-        legs_m = np.linalg.norm(np.diff(plan.points_m, axis=0), axis=1)
+        legs_m = polyline.legs(plan.points_m)
         if legs_m.max(initial=0.0) < plan.speed_mps**2 / _RUN_UP_MPS2:
             return
         reached_mps = _fastest(flight)

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.parquet
-
+from mission.base.parquet import parquet
 from mission.log.export.tables import new_folder, tables
 from mission.log.read.reader import read_log
 
@@ -18,6 +16,5 @@ def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
     found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
     with new_folder(folder) as partial:
         for name, columns in found.items():
-            table = pa.table({key: pa.array(list(column)) for key, column in columns.items()})
-            pyarrow.parquet.write_table(table, partial / f"{name}.parquet", compression="zstd")
+            (partial / f"{name}.parquet").write_bytes(parquet(columns))
     return tuple(folder / f"{name}.parquet" for name in found)

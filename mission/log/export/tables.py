@@ -1,6 +1,5 @@
 """A log as tables, written as CSV, and the files inside it."""
 
-import csv
 import math
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,9 +11,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base import csv_text
 from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
+from mission.log.records import flat
 from mission.log.values import FlightData, Floats, InnovationTrack, PlanRecord
 
 Column: TypeAlias = Sequence[Any] | NDArray[Any]
@@ -43,15 +44,8 @@ def tables(data: FlightData) -> Tables:
             "x_m": data.devices.pos_m[:, 0],
             "y_m": data.devices.pos_m[:, 1],
         },
-        "rounds": _columns(
-            {
-                **{k: v for k, v in asdict(record).items() if k not in ("accuracy", "cov")},
-                **{f"accuracy_{name}": value for name, value in record.accuracy.items()},
-                **{f"cov_{name}": value for name, value in record.cov.items()},
-            }
-            for record in data.rounds
-        ),
-        "uplinks": _columns(asdict(record) for record in data.uplinks),
+        "rounds": _columns(map(flat, data.rounds)),
+        "uplinks": _columns(map(flat, data.uplinks)),
         "learning": _columns(
             {"t_s": r.t_ns / 1e9, **{k: v for k, v in asdict(r).items() if k != "t_ns"}}
             for r in data.learning
@@ -100,11 +94,9 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
     with new_folder(folder) as partial:
         for name, columns in found.items():
-            with (partial / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(columns)
-                rows = (_texts(column) for column in columns.values())
-                writer.writerows(zip(*rows, strict=True))
+            rows = zip(*map(_harmless, columns.values()), strict=True)
+            text = csv_text.lines([columns, *rows])
+            (partial / f"{name}.csv").write_text(text, encoding="utf-8", newline="")
     return tuple(folder / f"{name}.csv" for name in found)
 
 
@@ -188,12 +180,8 @@ def _axes(prefix: str, pos_m: Floats) -> dict[str, Column]:
 _COMPUTED = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
-def _texts(column: Column) -> Iterable[str]:
+def _harmless(column: Column) -> Iterable[Any]:
     values = column.tolist() if isinstance(column, np.ndarray) else column
     for value in values:
-        if isinstance(value, bool):
-            yield "true" if value else "false"
-        elif isinstance(value, str):
-            yield f"'{value}" if value.startswith(_COMPUTED) else value
-        else:
-            yield repr(value) if isinstance(value, float) else str(value)
+        computed = isinstance(value, str) and value.startswith(_COMPUTED)
+        yield f"'{value}" if computed else value

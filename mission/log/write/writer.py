@@ -9,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from mission.base import polyline
 from mission.base.area import Area
 from mission.log import topics
 from mission.log.records import RoundRecord, UplinkRecord
@@ -108,8 +109,7 @@ class FlightLog:
         """
         self._now_ns = t_ns
         if ideal_slot_s is None:
-            legs_m = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
-            ideal_slot_s = (np.concatenate(([0.0], np.cumsum(legs_m))) / speed_mps).tolist()
+            ideal_slot_s = (polyline.along(plan.waypoints_m) / speed_mps).tolist()
         written = PlanRecord(
             round=round_number,
             t_ns=t_ns,

@@ -69,12 +69,12 @@ def test_a_round_is_the_weighted_mean_of_what_plain_torch_trains() -> None:
         loss = train_plainly(
             plain, images, split.labels, batches, learning_rate=0.03, momentum=0.9, mu=0.1
         )
-        assert learnt.local_loss[device] == pytest.approx(loss, rel=1e-4)
+        assert learnt.device_loss[device] == pytest.approx(loss, rel=1e-4)
         p = len(community.shares[device]) / sum(len(s) for s in community.shares)
         total += p * plain.flat()
         weight += p
     np.testing.assert_allclose(after.models[0], total / weight, rtol=1e-3, atol=1e-5)
-    assert np.isnan(learnt.local_loss[[1, 3]]).all()
+    assert np.isnan(learnt.device_loss[[1, 3]]).all()
     assert after.missed.tolist() == [False, True, False, True]
 
 

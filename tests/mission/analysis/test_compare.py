@@ -16,7 +16,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import side_by_side, tables
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.log.values import Devices
 from mission.log.write.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -82,9 +82,11 @@ def uplink(device: int, step: int, slot_s: float, plan, true, true_per: float) -
 
 
 def record(**changes: Any) -> RoundRecord:
-    values = RoundRecord(
-        0, START_S, 30.0, 0.7, 0.65, 0.6, 0.8, 600.0, 601.0, 601.0, 2, 1, 0.9,
-        {"a": 0.5, "b": 0.4}, {"a": 1.0, "b": 1.0},
+    values = dataclasses.replace(
+        UNKNOWN_ROUND, start_t_s=START_S, duration_s=30.0, plan_objective=0.7, est_objective=0.65,
+        true_objective=0.6, upper_bound=0.8, plan_path_m=600.0, flown_path_m=601.0,
+        budget_used_m=601.0, scheduled=2, delivered=1, battery_remaining=0.9,
+        accuracy={"a": 0.5, "b": 0.4}, cov={"a": 1.0, "b": 1.0},
     )  # fmt: skip
     return dataclasses.replace(values, **changes)
 

@@ -14,7 +14,8 @@ from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.log.read.reader import read_log
 from mission.log.read.recover import recover
-from mission.log.tables import read_rounds
+from mission.log.records import RoundRecord
+from mission.log.tables import read_table
 
 NAMES = ("flight.mcap", "rounds.csv", "uplinks.csv", "learning.csv")
 
@@ -86,5 +87,5 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     saved = recover(aside / "flight.mcap", tmp_path / "saved.mcap")
     assert [record.round for record in read_log(saved.target).rounds][:2] == [1, 2]
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
-    assert [record.round for record in read_rounds(out / "rounds.csv")] == [1, 2, 3]
+    assert [record.round for record in read_table(out / "rounds.csv", RoundRecord)] == [1, 2, 3]
     assert not aside.exists()

@@ -26,7 +26,8 @@ from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.render import save, save_all, stacked
 from mission.figures.run import comparison_figure, draw_comparison, draw_run
-from mission.log.tables import RoundTable, UplinkTable
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import Table
 from mission.log.values import LearningRecord
 from mission.log.write.writer import FlightLog
 
@@ -194,8 +195,8 @@ def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
     world = devices(np.random.default_rng(1))
     with (
         FlightLog(tmp_path / "flight.mcap", area=AREA, devices=world),
-        RoundTable(tmp_path / "rounds.csv", world.communities),
-        UplinkTable(tmp_path / "uplinks.csv"),
+        Table(tmp_path / "rounds.csv", RoundRecord, communities=world.communities),
+        Table(tmp_path / "uplinks.csv", UplinkRecord),
     ):
         pass
     assert draw_run(tmp_path) == ()

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics
 from mission.base.area import Area
-from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.tables import RoundTable, UplinkTable
+from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
+from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
@@ -139,8 +139,8 @@ def fly(
     drone = PointMass(rng, 0, np.array([*AREA.home_m, 0.0]), np.zeros(3), np.zeros(3))
     with (
         FlightLog(path, area=AREA, devices=world, fence=fence, mirrors=mirrors) as log,
-        RoundTable(folder / "rounds.csv", world.communities) as round_table,
-        UplinkTable(folder / "uplinks.csv") as uplink_table,
+        Table(folder / "rounds.csv", RoundRecord, communities=world.communities) as round_table,
+        Table(folder / "uplinks.csv", UplinkRecord) as uplink_table,
     ):
         log.metadata("run", {"seed": str(seed)})
         log.attach("config.toml", "application/toml", CONFIG)
@@ -151,7 +151,7 @@ def fly(
         for index in range(1, rounds + 1):
             _round(drone, index, made, log)
             log.round(made.rounds[-1])
-            round_table.append(made.rounds[-1])
+            round_table.extend([made.rounds[-1]])
             uplink_table.extend(u for u in made.uplinks if u.round == index)
     return made
 
@@ -196,7 +196,8 @@ def _round(drone: PointMass, index: int, made: Fixed, log: FlightLog) -> None:
     cov = {"digits": 0.9 * (1 - gain), "colour-shapes": 1.1 - 0.6 * gain}
     log.learning(index, accuracy=accuracy, cov=cov, loss={"digits": 0.4, "colour-shapes": 1.2})
     made.rounds.append(
-        RoundRecord(
+        replace(
+            UNKNOWN_ROUND,
             round=index,
             start_t_s=start_ns / 1e9,
             duration_s=(drone.t_ns - start_ns) / 1e9,

@@ -18,10 +18,11 @@ from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.cli import call
 from mission.commands import log, report
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
-from mission.log.export.tables import _texts
+from mission.log.export.tables import _harmless
 from mission.log.read import framing, inspection
 from mission.log.read.reader import read_log
-from mission.log.tables import read_rounds, read_uplinks
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import read_table
 
 
 @pytest.fixture(scope="module")
@@ -103,10 +104,14 @@ def test_diff_says_where(made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
     assert log.export(made.log, tmp_path / "csv", to="csv") == 0
-    for name, read in (("rounds", read_rounds), ("uplinks", read_uplinks)):
+    records: dict[str, type[RoundRecord | UplinkRecord]] = {
+        "rounds": RoundRecord,
+        "uplinks": UplinkRecord,
+    }
+    for name, record in records.items():
         exported = (tmp_path / "csv" / f"{name}.csv").read_bytes()
         assert exported == (made.log.parent / f"{name}.csv").read_bytes()
-        assert read(tmp_path / "csv" / f"{name}.csv")
+        assert read_table(tmp_path / "csv" / f"{name}.csv", record)
     track = rows(tmp_path / "csv" / "track.csv")
     assert len(track) == len(made.samples)
     data = read_log(made.log)
@@ -221,6 +226,6 @@ def test_report_prints_where_it_is(made: Fixed, capsys: pytest.CaptureFixture[st
 def test_no_cell_is_computed_by_a_spreadsheet() -> None:
     """A status text comes from whoever speaks MAVLink; the table is opened by somebody else."""
     texts = ["=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "plain", "a=b", ""]
-    cells = list(_texts(texts))
+    cells = list(_harmless(texts))
     assert cells == [f"'{t}" for t in texts[:6]] + texts[6:]
-    assert list(_texts([-1.5, -2, True])) == ["-1.5", "-2", "true"]
+    assert list(_harmless([-1.5, -2, True])) == [-1.5, -2, True]

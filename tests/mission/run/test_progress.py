@@ -10,14 +10,15 @@ from unittest.mock import Mock
 from rich.console import Console
 
 from mission.base.stopwatch import Stopwatch
-from mission.log.records import RoundRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.run.progress import LiveTable, PlainLines, Progress, make_progress
 from mission.run.recorder import FolderRecorder
 
 
 def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRecord:
-    return RoundRecord(
-        round=number, start_t_s=60.0, duration_s=70.0 if flown else 0.0, plan_objective=planned,
+    return replace(
+        UNKNOWN_ROUND, round=number, start_t_s=60.0, duration_s=70.0 if flown else 0.0,
+        plan_objective=planned,
         est_objective=1.9, true_objective=1.9, upper_bound=2.0, plan_path_m=800.0,
         flown_path_m=801.0, budget_used_m=801.0, scheduled=12, delivered=9, battery_remaining=0.9,
         accuracy={"digits": 0.125, "colour-shapes": 0.5}, cov={},

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from mission.cli import call
-from mission.log.records import UplinkRecord
-from mission.log.tables import read_rounds, read_uplinks
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.tables import read_table
 
 pytestmark = pytest.mark.slow
 
@@ -38,7 +38,8 @@ def place(uplink: UplinkRecord, who: str) -> tuple[float, float]:
 
 
 def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
-    uplinks, rounds = read_uplinks(run / "uplinks.csv"), read_rounds(run / "rounds.csv")
+    uplinks = read_table(run / "uplinks.csv", UplinkRecord)
+    rounds = read_table(run / "rounds.csv", RoundRecord)
     assert len(rounds) == 3
     for uplink in uplinks:
         assert place(uplink, "true") == pytest.approx(place(uplink, "plan"), abs=0.5)
@@ -53,7 +54,7 @@ def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
 @pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "ideal", "no_cov"])
 def test_every_strategy_does_without_flight(tmp_path: Path, strategy: str) -> None:
     assert play(tmp_path / "run", "--set", f"mission.strategy={strategy}", rounds=2) == 0
-    rounds = read_rounds(tmp_path / "run" / "rounds.csv")
+    rounds = read_table(tmp_path / "run" / "rounds.csv", RoundRecord)
     hover = 5.0 if strategy == "barycenter" else 0.0 if strategy == "ideal" else None
     assert hover is None or {record.duration_s for record in rounds} == {hover}
 

@@ -1,0 +1,103 @@
+"""One round's flight against its plan, sample by sample and slot by slot."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.analysis.alignment import align, closest_approach
+from mission.analysis.load import flown
+from mission.base.errors import InputError
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.values import FlightData, Floats, PlanRecord
+
+# A straight is what lies farther than this along the planned path from every corner.
+CORNER_M = 25.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One round's samples and slots, from which its numbers and the run's are made."""
+
+    record: RoundRecord
+    cross_m: Floats
+    straight: Floats  # cross-track of the samples on straights
+    corner_cut_m: Floats
+    height_m: Floats
+    slot_along_m: Floats
+    slot_miss_m: Floats
+    slot_late_s: Floats
+    slots: int
+    estimate_m: Floats
+    estimate_height_m: Floats
+    plan_per: Floats
+    est_per: Floats
+    true_per: Floats
+    per_shift: Floats  # true - planned
+
+
+def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
+    """Measure a round that was flown; raises InputError where the log has no position of it."""
+    truth = flown(run, record)
+    belief = flown(run, record, track=run.belief)
+    if not len(truth.t_ns):
+        raise InputError(f"round {record.round}: the log has no position in its time")
+    xy = truth.pos_m[:, :2]
+    fit = align(xy, plan.waypoints_m)
+    from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
+    cuts = [
+        closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
+        for at, corner in zip(fit.corners_m, fit.corner_points_m, strict=True)
+        if np.any(np.abs(fit.along_m - at) <= CORNER_M)
+    ]
+    uplinks = [item for item in run.uplinks if item.round == record.round]
+    slots = {item.step: item for item in uplinks}
+    reached = [item for item in slots.values() if math.isfinite(item.slot_t_s)]
+    miss = np.array(
+        [(item.true_x_m - item.plan_x_m, item.true_y_m - item.plan_y_m) for item in reached]
+    ).reshape(-1, 2)
+    heading = np.array([_heading(plan.waypoints_m, item.step) for item in reached]).reshape(-1, 2)
+    error = belief.pos_m - truth.pos_m
+    plan_per = np.array([item.plan_per for item in uplinks])
+    true_per = np.array([item.true_per for item in uplinks])
+    return Measured(
+        record=record,
+        cross_m=fit.cross_m,
+        straight=fit.cross_m[from_corner > CORNER_M],
+        corner_cut_m=np.array(cuts),
+        height_m=truth.pos_m[:, 2] - plan.altitude_m,
+        slot_along_m=(miss * heading).sum(axis=1),
+        slot_miss_m=np.linalg.norm(miss, axis=1),
+        slot_late_s=np.array([_late(item, record, plan) for item in reached]),
+        slots=len(slots),
+        estimate_m=np.linalg.norm(error[:, :2], axis=1),
+        estimate_height_m=error[:, 2],
+        plan_per=plan_per,
+        est_per=np.array([i.est_per for i in uplinks if math.isfinite(i.slot_t_s)]),
+        true_per=true_per,
+        per_shift=true_per - plan_per,
+    )
+
+
+def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
+    return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
+
+
+def _heading(waypoints_m: Floats, step: int) -> Floats:
+    """Unit vector of the path at a waypoint: the mean of the legs in and out; 0 at a hover."""
+    here = waypoints_m[step]
+    apart = np.linalg.norm(waypoints_m - here, axis=1) > 1e-6
+    before, after = np.flatnonzero(apart[:step]), np.flatnonzero(apart[step:])
+    total = np.zeros(2)
+    if len(before):
+        leg = here - waypoints_m[before[-1]]
+        total += leg / np.linalg.norm(leg)
+    if len(after):
+        leg = waypoints_m[step + after[0]] - here
+        total += leg / np.linalg.norm(leg)
+    size = np.linalg.norm(total)
+    # A path that turns right back has no direction of its own there: take the way in.
+    if size < 1e-6 and len(before):
+        leg = here - waypoints_m[before[-1]]
+        return np.asarray(leg / np.linalg.norm(leg))
+    return np.asarray(total / size) if size > 0 else total

@@ -1,0 +1,21 @@
+"""Lengths along a polyline, in the unit of its points."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def legs(points: Floats) -> Floats:
+    """(n - 1,) lengths of the legs between (n, d) points."""
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
+
+
+def length(points: Floats) -> float:
+    """The sum of the legs between (n, d) points."""
+    return float(legs(points).sum())
+
+
+def along(points: Floats) -> Floats:
+    """(n,) lengths of the way from the first of (n, d) points to each."""
+    return np.concatenate(([0.0], np.cumsum(legs(points))))
