@@ -46,8 +46,8 @@ def _outcome(state: SweepState) -> list[str]:
         for label, runs in groups_of(state.results).items()
     ]
     note = (
-        f"First columns: accuracy on the images that it is reported on, {final_rounds(state.results)}. Arrived: "
-        "devices whose update arrived, of the community's devices, or of those scheduled. "
+        "First columns: accuracy on the images that it is reported on, "
+        f"{final_rounds(state.results)}. Arrived: devices whose update arrived, of the community's devices, or of those scheduled. "
         "±: 95 % interval over seeds (Student's t)."
     )
     return [*_table(heads, rows), "", note]
