@@ -235,6 +235,8 @@ class Guidance:
         p, v, m.a[:] = pursue(p, v, to, limits=self._limits, dt_s=self._dt)
         m.v[:] = v
         m.p[:] = [nav.p[i] + min(_LEASH_M, max(-_LEASH_M, p[i] - nav.p[i])) for i in range(3)]
+        if to.drifting:
+            m.p[:2] = nav.p[:2]
         m.spin = 0.0 if math.isnan(to.yaw_rate) else to.yaw_rate
         m.yaw_order = m.yaw if math.isnan(to.yaw) else to.yaw
 

@@ -34,6 +34,7 @@ class Target(NamedTuple):
     speed_mps: float = math.inf  # at most, horizontally
     climb_mps: float = math.inf
     descent_mps: float = math.inf
+    drifting: bool = False  # no place is kept across, only the velocity: the belief of it jumps
 
 
 class Moving(NamedTuple):

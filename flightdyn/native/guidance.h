@@ -173,7 +173,8 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *
         }
     }
     g->sink = nav->v[2];
-    g->knock = -force[2] - g->lift * k->gravity;
+    /* Against what the motors give by now, not against an order that they have yet to follow. */
+    g->knock = -force[2] - g->lagged * k->full * g->effectiveness;
     const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
     return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
            (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0);

@@ -13,6 +13,7 @@ import numpy as np
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import wrap_pi, yaw_of
 from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.pursuit import Target
 from flightdyn.state import Vector
 
 _READY_TIMEOUT_S = 120.0
@@ -164,9 +165,10 @@ class _Landing:
             raise StuckError("the landing does not come to the ground")
         return self._settled.over
 
-    def _sink(self, speed_mps: float) -> None:
+    def _sink(self, speed_mps: float, *, drifting: bool = False) -> None:
         yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
-        self._aircraft.velocity(np.array([0.0, 0.0, speed_mps]), yaw)
+        down = (0.0, 0.0, speed_mps)
+        self._aircraft.pursue(Target(vel=down, yaw=yaw, drifting=drifting))
 
 
 class Descend(_Landing):
@@ -229,12 +231,12 @@ class DescendUnsure(_Landing):
         self._slow_down_m = ground_down_m - landing_height_m
         self._landing_mps = landing_mps
         self._slow = False
-        self._sink(descent_mps)
+        self._sink(descent_mps, drifting=True)
 
     def tick(self) -> bool:
         if not self._slow and float(self._aircraft.belief.pos_ned_m[2]) > self._slow_down_m:
             self._slow = True
-            self._sink(self._landing_mps)
+            self._sink(self._landing_mps, drifting=True)
         return super().tick()
 
 
