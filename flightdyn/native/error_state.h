@@ -1,5 +1,6 @@
 /* What of the error-state filter is done beside filterpy: the blocks of its transition that depend
-   on the flight, and the innovations before they are believed. Equations: `flightdyn.error_model`. */
+   on the flight, and the innovations before they are believed. Equations:
+   `flightdyn.navigation.error_model`. */
 #ifndef ERROR_STATE_H
 #define ERROR_STATE_H
 

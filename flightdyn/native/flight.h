@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-/* Error state, by `flightdyn.error_model`: where its parts begin. */
+/* Error state, by `flightdyn.navigation.error_model`: where its parts begin. */
 enum { POS = 0, VEL = 3, ATT = 6, BG = 9, BA = 12, STATES = 22 };
 
 /* Rows of the measurement: GNSS position and velocity, height, heading. */
@@ -46,7 +46,7 @@ typedef struct {
     double half, start, end; /* s */
 } Trajectory;
 
-/* Of the outer loop, `flightdyn.control`; `full` is the thrust over mass at collective 1. */
+/* Of the outer loop, `flightdyn.guidance.control`; `full` is the thrust over mass at collective 1. */
 typedef struct {
     double dt, gravity, full, slope, idle, position, velocity, integral, integral_limit, lead,
         drag_lag, drag_limit, thrust_lag, motor_lag, most_thrust, yaw_rate;

@@ -1,4 +1,4 @@
-"""The C interface of strapdown navigation (`flight.h`); what it works on lies here.
+"""The C interface of navigation, guidance and outer loop (`flight.h`); what it works on lies here.
 
 The calls take well under a microsecond, so they keep Python's lock.
 """

@@ -75,10 +75,10 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
 
 def _go_deaf(loop: "asyncio.AbstractEventLoop") -> None:
     """Without an instant in which an interruption is heard: the loop sets Python's handler."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     loop.remove_signal_handler(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -89,7 +89,7 @@ def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, Any]:
     fit = {"type": "fit-x", "contains": "padding", "resize": True}
     spec |= {"width": "container", "autosize": fit}
     spec["datasets"] = {
-        name: {key: [row[key] for row in rows] for key in rows[0]}
+        name: {key: [row[key] for row in rows] for key in (rows[0] if rows else {})}
         for name, rows in spec["datasets"].items()
     }
     spec["description"] = title["text"]
@@ -121,15 +121,17 @@ def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
     """See `engine.py`."""
     if not jobs:
         return []
-    command = [sys.executable, "-I", str(_ENGINE), _VERSION]
+    command = [sys.executable, "-P", str(_ENGINE), _VERSION]
     done = subprocess.run(
         command, input=json.dumps(jobs), capture_output=True, text=True, check=False
     )
     if done.returncode:
         said = [line.strip("# ") for line in done.stderr.splitlines() if line.strip("# ")]
+        # V8 says first why it gives up, Python last.
+        why = "it said nothing" if not said else said[-1 if "Traceback" in said[0] else 0]
         raise AerofedError(
             f"figures: the engine that draws them ended with code {done.returncode}: "
-            f"{said[0] if said else 'it said nothing'} (it needs about 1 GB of memory and, where "
+            f"{why} (it needs about 1 GB of memory and, where "
             "ulimit -v is set, 70 GB of address space)"
         )
     return [base64.b64decode(result) for result in json.loads(done.stdout)]

@@ -48,6 +48,9 @@ class Outcome:
         # What a library says that finds no memory for what it loads.
         except (ImportError, OSError) as failure:
             self._consequence(AerofedError(f"figures: {first_line(failure)}"))
+        except Exception:  # a bug: the run is over all the same
+            self.status = "failed"
+            raise
 
     def _consequence(self, failure: AerofedError) -> None:
         if self.error is None:  # otherwise of what went wrong before

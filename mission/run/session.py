@@ -109,7 +109,7 @@ def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | No
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
-                folder.checkpoint, config_toml=folder.config.read_text(), data_dir=data_dir
+                folder.checkpoint, config_toml=folder.config.read_text("utf-8"), data_dir=data_dir
             )
             scenario, flyers = set_up(config, data_dir=data_dir)
             if flyers.no_resume:
@@ -150,13 +150,15 @@ def _fly(
                 summary.ended(outcome, experiment.totals, stopwatch)
     if outcome.status == "finished":
         InterruptedFiles(folder).discard()
-    # The figures read the finished log and tables.
-    with outcome.post_processing(), stopwatch("figures"), console.waiting("drawing figures"):
-        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
+    try:
+        # The figures read the finished log and tables.
+        with outcome.post_processing(), stopwatch("figures"), console.waiting("drawing figures"):
+            from mission.figures.run import draw_run  # with it Altair, which nothing before needs
 
-        draw_run(folder.path)
-    # Last of all: a folder that says "finished" has everything.
-    summary.ended(outcome, experiment.totals, stopwatch)
+            draw_run(folder.path)
+    finally:
+        # Last of all: a folder that says "finished" has everything.
+        summary.ended(outcome, experiment.totals, stopwatch)
     outcome.raise_error(folder.path)
     for line in _closing_lines(experiment, stopwatch):
         console.say(line)

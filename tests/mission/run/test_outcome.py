@@ -66,3 +66,12 @@ def test_an_error_in_other_words_stays_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(SolverError, match=f"OSQP.*no usable solution; .* in {tmp_path}") as raised:
         outcome.raise_error(tmp_path)
     assert (raised.value.exit_code, raised.value.status) == (3, "max_iter")
+
+
+def test_a_bug_in_the_figures_is_a_failure_too() -> None:
+    outcome = Outcome()
+    with outcome.flight():
+        pass
+    with pytest.raises(KeyError), outcome.post_processing():
+        raise KeyError("column")
+    assert outcome.summary == {"status": "failed"}
