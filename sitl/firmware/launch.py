@@ -62,5 +62,7 @@ class Launch:
             (folder / name).write_text(text, encoding="utf-8")
         env = dict(self.env)
         if self.own_scripts:
-            env["PATH"] = f"{folder}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
+            # Its own folder, as the firmware sees it: a path that is relative to us leads it
+            # nowhere.
+            env["PATH"] = f".{os.pathsep}{os.environ.get('PATH', os.defpath)}"
         return FirmwareProcess(self.argv, folder, env, processor=processor)

@@ -5,11 +5,14 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import cast
 
 import pytest
 from patience import until
 
+from sitl.firmware.bridge import Bridge
 from sitl.firmware.errors import FirmwareSilentError
+from sitl.firmware.launch import Launch
 from sitl.firmware.process import FirmwareProcess, check_binary
 
 
@@ -88,3 +91,15 @@ def test_it_ends_with_whoever_started_it_however_that_ends(
     parent.send_signal(number)
     parent.wait()
     until(lambda: not alive(pid))
+
+
+def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    firmware = script(tmp_path / "fw", ". hook.sh")
+    launch = Launch(cast(Bridge, None), (firmware,), {"hook.sh": "echo ours"}, own_scripts=True)
+    process = launch.start(Path("firmware"))
+    until(lambda: bool(process.died))
+    assert process.last_words() == "ours"
+    process.stop()
