@@ -21,6 +21,7 @@ def sweep(
     out: Path | None = None,
     data_dir: Path | None = None,
     set_: Overrides = (),
+    run_figures: bool = True,
     engine: Literal["joblib", "ray"] = "joblib",
     address: str | None = None,
 ) -> int:
@@ -49,6 +50,8 @@ def sweep(
         Folder with the data sets' files, where the configuration's tasks need files.
     set_
         Override any key; values separated by commas are swept: --set channel.extra_gain_db=0,3
+    run_figures
+        Draw every run's own pictures too; they take a third of a run that is not flown.
     engine
         joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
     address
@@ -81,6 +84,7 @@ def sweep(
         grid,
         out or RUNS / f"sweep-{grid.base.name}",
         data_dir=data_dir,
+        run_figures=run_figures,
         engine=engine,
         jobs=jobs,
         address=address,

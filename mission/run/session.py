@@ -31,6 +31,7 @@ from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
+_DRAWING = "drawing figures"
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,13 @@ def fly_session(
     data_dir: Path | None,
     console: RunConsole,
     workers: int | None = None,
+    figures: bool = True,
     stopwatch: Stopwatch | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
-    Up to `workers` devices (default: one a core) train at a time. `stopwatch` may have been
-    counting the set-up already.
+    Up to `workers` devices (default: one a core) train at a time. `figures` says whether its
+    pictures are drawn. `stopwatch` may have been counting the set-up already.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     run keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -83,7 +85,7 @@ def fly_session(
         with stopwatch("setup"):
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
-        return _fly(ready, console, stopwatch, workers=workers)
+        return _fly(ready, console, stopwatch, workers=workers, figures=figures)
 
 
 def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | None = None) -> int:
@@ -126,7 +128,12 @@ def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | No
 
 
 def _fly(
-    ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None = None
+    ready: _Ready,
+    console: RunConsole,
+    stopwatch: Stopwatch,
+    *,
+    workers: int | None = None,
+    figures: bool = True,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
@@ -152,10 +159,11 @@ def _fly(
         InterruptedFiles(folder).discard()
     try:
         # The figures read the finished log and tables.
-        with outcome.post_processing(), stopwatch("figures"), console.waiting("drawing figures"):
-            from mission.figures.run import draw_run  # with it Altair, which nothing before needs
+        if figures:
+            with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
+                from mission.figures.run import draw_run  # with it Altair, needed only here
 
-            draw_run(folder.path)
+                draw_run(folder.path)
     finally:
         # Last of all: a folder that says "finished" has everything.
         summary.ended(outcome, experiment.totals, stopwatch)

@@ -33,6 +33,7 @@ def sweep(
     path: Path,
     *,
     data_dir: Path | None,
+    run_figures: bool,
     engine: EngineName,
     jobs: int | None,
     address: str | None,
@@ -49,7 +50,8 @@ def sweep(
     try:
         ends = _fly(
             grid, folder,
-            data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
+            data_dir=data_dir, run_figures=run_figures,
+            engine=engine, jobs=jobs, address=address, console=console,
         )  # fmt: skip
     except KeyboardInterrupt:
         done = sum(folder.done(run) for run in grid.runs)
@@ -71,6 +73,7 @@ def _fly(
     folder: SweepFolder,
     *,
     data_dir: Path | None,
+    run_figures: bool,
     engine: EngineName,
     jobs: int | None,
     address: str | None,
@@ -86,7 +89,10 @@ def _fly(
         folder.claim(grid, data_dir=data_dir)
         if todo:
             with closing(make_engine(engine, jobs=jobs, address=address)) as workers:
-                ends = _execute(grid, todo, folder, workers, data_dir=data_dir, console=console)
+                ends = _execute(
+                    grid, todo, folder, workers,
+                    data_dir=data_dir, run_figures=run_figures, console=console,
+                )  # fmt: skip
         if any(folder.done(run) for run in grid.runs):
             _report(folder.path, console)
     return ends
@@ -99,6 +105,7 @@ def _execute(
     workers: Engine,
     *,
     data_dir: Path | None,
+    run_figures: bool,
     console: Console,
 ) -> dict[str, RunEnd]:
     before = len(grid.runs) - len(todo)
@@ -107,7 +114,8 @@ def _execute(
     base, here = folder.path.resolve(), Path.cwd()
 
     def order(run: SweepRun) -> RunOrder:
-        return RunOrder(run.name, run.config, SweepFolder(base).run(run).path, data, here)
+        path = SweepFolder(base).run(run).path
+        return RunOrder(run.name, run.config, path, data, here, figures=run_figures)
 
     slots = min(workers.slots, len(todo))
     time_left = TimeLeft(folder, grid.runs, todo=todo, slots=slots)

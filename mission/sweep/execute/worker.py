@@ -28,6 +28,7 @@ class RunOrder:
     folder: Path
     data_dir: Path | None
     working_dir: Path  # the user's own modules are found from here
+    figures: bool = True  # whether its own pictures are drawn
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ def execute(order: RunOrder) -> RunEnd:
             data_dir=order.data_dir,
             console=RunConsole(Console(quiet=True), quiet=True),
             workers=1,
+            figures=order.figures,
         )
     except AerofedError as error:
         return RunEnd(error.exit_code, str(error))

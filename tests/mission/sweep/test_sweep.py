@@ -225,6 +225,15 @@ def test_the_ideal_has_the_rounds_that_the_budget_pays_for(tmp_path: Path) -> No
     assert used == [100.0, 200.0]
 
 
+def test_runs_without_figures_of_their_own_have_the_same_results(
+    swept: Path, tmp_path: Path
+) -> None:
+    assert call_inline(command(tmp_path / "bare", "--no-run-figures")) == 0
+    assert tables(tmp_path / "bare") == tables(swept)
+    assert not list((tmp_path / "bare" / "runs").glob("*/figures"))
+    assert (tmp_path / "bare" / "figures" / "final.png").is_file()
+
+
 class Deadly(Inline):
     """Its workers always die."""
 
