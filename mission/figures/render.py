@@ -25,7 +25,7 @@ _VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 
 
 def stacked(
-    charts: Sequence[alt.LayerChart], *, title: str, about: str, one_key: bool = False
+    charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False
 ) -> alt.VConcatChart:
     """Charts under each other, as one picture; each with keys of its own, or all with one."""
     own: Any = "shared" if one_key else "independent"

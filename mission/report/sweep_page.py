@@ -10,7 +10,8 @@ from mission.base.run_folder import write_atomically
 from mission.figures.render import card
 from mission.report.html import page
 from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
-from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
+from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts, gain_maps
+from mission.sweep.outcome.gain_map import compared
 from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
 from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
 from mission.sweep.results import RunResult
@@ -61,8 +62,9 @@ def sweep_html(state: SweepState) -> str:
         _count(seeds, "seed", "seeds"),
     ]
     done, planned = len(results), state.planned
+    pictures = pictures_of(results)
     curves: dict[str, list[dict[str, Any]]] = {}
-    for picture in pictures_of(results):
+    for picture in pictures:
         cards = [card(chart) for chart in curve_charts(picture)]
         curves.setdefault(_SECTIONS[picture.name], []).extend(cards)
     return page(
@@ -80,11 +82,18 @@ def sweep_html(state: SweepState) -> str:
         finals=[card(final_chart(results, name)) for name in communities],
         method=METHOD,
         gains=[card(chart) for chart in gain_charts(results)],
+        maps=[
+            card(chart)
+            for other in compared(results)
+            for pair in gain_maps(results, other)
+            for chart in pair
+        ],
         gain_table=gain_table(paired_gains(results)),
         curves=curves,
         runs=_runs(results),
         config=json.dumps(state.config, indent=2),
-        footer=f"Aerofed sweep report. Lines: {pictures_of(results)[0].about or 'one seed'}.",
+        footer="Aerofed sweep report. "
+        + (f"Lines: {pictures[0].about or 'one seed'}." if pictures else ""),
     )
 
 

@@ -24,7 +24,12 @@ class SweepFolder:
 
     def run(self, run: Point) -> RunFolder:
         """The folder of one run, as `aerofed run` leaves one."""
-        return RunFolder(self.path / "runs" / run.name)
+        return RunFolder(self.runs / run.name)
+
+    @property
+    def runs(self) -> Path:
+        """Holds the folders of all runs."""
+        return self.path / "runs"
 
     def done(self, run: Point) -> bool:
         """Whether the run's summary, which is written last, says that it was finished."""

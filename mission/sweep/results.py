@@ -1,8 +1,14 @@
 """A sweep's results: one row a run and one row a round, read from the finished runs' folders."""
 
+import csv
+import gzip
+import io
+import itertools
 import json
 import math
+import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -111,6 +117,53 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> None:
         if name != "timings":
             by_column = {column: [row.get(column) for row in rows] for column in columns}
             write_atomically(folder / f"{name}.parquet", parquet(by_column))
+
+
+def read_results(folder: Path, points: Sequence[Point]) -> tuple[RunResult, ...]:
+    """The results that `write_results` left in a folder, where the runs' own folders are gone.
+
+    The tables may be packed by gzip (`rounds.csv.gz`).
+
+    Raises:
+        InputError: a table is missing, damaged, or not about these runs.
+    """
+    by_name = {point.name: point for point in points}
+    runs, rounds, timings = (_read_rows(folder, name) for name in ("runs", "rounds", "timings"))
+    if len(timings) != len(runs) or sum(int(row.get("rounds", -1)) for row in runs) != len(rounds):
+        raise InputError(f"{folder}: runs.csv, rounds.csv and timings.csv are not of the same runs")
+    following, results = iter(rounds), []
+    for row, timing in zip(runs, timings, strict=True):
+        point = by_name.get(str(row.get("run")))
+        if point is None:
+            raise InputError(f"{folder}/runs.csv: {row.get('run')}: no run of this sweep")
+        own = tuple(itertools.islice(following, int(row["rounds"])))
+        wall_s = {
+            name.removesuffix("_s"): float(value)
+            for name, value in timing.items()
+            if name not in point.keys
+        }
+        results.append(RunResult(point, row, own, wall_s))
+    return tuple(results)
+
+
+def _read_rows(folder: Path, name: str) -> list[Row]:
+    plain = folder / f"{name}.csv"
+    packed = plain.with_name(f"{plain.name}.gz")
+    path = packed if packed.is_file() and not plain.is_file() else plain
+    try:
+        raw = gzip.decompress(path.read_bytes()) if path is packed else path.read_bytes()
+        rows = list(csv.DictReader(io.StringIO(raw.decode("utf-8")), strict=True))
+    except (OSError, EOFError, zlib.error, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot read the table: {error}") from None
+    # An empty cell: this run has no such column.
+    return [{key: _number(text) for key, text in row.items() if text} for row in rows]
+
+
+def _number(text: str) -> Cell:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
 
 
 def jain(values: Sequence[float]) -> float:

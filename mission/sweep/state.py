@@ -9,7 +9,7 @@ from typing import Any
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
-from mission.sweep.results import RunResult, read_run
+from mission.sweep.results import RunResult, read_results, read_run
 
 _NAMED = 6  # runs that are missing, in one line
 
@@ -56,12 +56,14 @@ class SweepState:
 
 
 def read_sweep(path: Path) -> SweepState:
-    """What the sweep in `path` has found so far.
+    """What the sweep in `path` has found so far; its tables are enough where its runs are gone.
 
     Raises:
         InputError: not a sweep's folder, or none of its runs is done, or one is damaged.
     """
     manifest, folder = read_manifest(path), SweepFolder(path)
+    if (path / "runs.csv").is_file() and not folder.runs.is_dir():
+        return SweepState(manifest["config"], read_results(path, points_of(manifest)), ())
     results, missing = [], []
     for point in points_of(manifest):
         if folder.done(point):

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
 _POINTS = 200  # of a curve over distance or time
+_TOLD_APART = 14  # curves in one chart, of seven colours
 
 
 def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:
@@ -186,8 +187,11 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     """Everything that is worth a look.
 
     Strategies that fly nothing are left out where distance, time or packet error rates matter.
+    Of more groups than can be told apart there are no curves.
     """
     groups, communities = groups_of(results), communities_of(results)
+    if len(groups) > _TOLD_APART:
+        return ()
     order = tuple(groups)
     flying = {label: runs for label, runs in groups.items() if flies(runs)}
     accuracy = tuple(

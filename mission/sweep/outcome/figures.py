@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import altair as alt
 import numpy as np
 
 from mission.base.palette import community_colour
@@ -17,6 +18,7 @@ from mission.sweep.outcome.curves import (
     pictures_of,
 )
 from mission.sweep.outcome.ends import final_rows, gain_rows
+from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
 from mission.sweep.outcome.gains import METHOD
 from mission.sweep.outcome.view import final_rounds
 from mission.sweep.results import RunResult
@@ -49,6 +51,13 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     if gains:
         title = f"What {METHOD} gains in final accuracy, within a seed"
         pictures["gains.png"] = stacked(gains, title=title, about=about)
+    for other in compared(results):
+        pictures[f"gain-map-{other}.png"] = stacked(
+            [alt.hconcat(*pair, spacing=24).resolve_scale(color="independent")
+             for pair in gain_maps(results, other)],
+            title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
+            about=about,
+        )  # fmt: skip
     return pictures
 
 
@@ -69,6 +78,14 @@ def gain_charts(results: Sequence[RunResult]) -> list[LayerChart]:
         dot_rows(f"{name}: {METHOD} less the other", rows, x="accuracy (points)", zero=True)
         for name in communities_of(results)
         if (rows := gain_rows(results, name))
+    ]
+
+
+def gain_maps(results: Sequence[RunResult], other: str) -> list[tuple[LayerChart, LayerChart]]:
+    """A pair of maps for each community: what the method gains, and whose updates arrive."""
+    return [
+        (gain_map(results, other, name), participation_map(results, other, name))
+        for name in communities_of(results)
     ]
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from mission.sweep.outcome.curves import communities_of
 from mission.sweep.outcome.stats import Interval, interval
 from mission.sweep.outcome.view import percent
-from mission.sweep.results import RunResult
+from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 METHOD = "cov"
 
@@ -24,6 +24,7 @@ class Gain:
     settings: str
     community: str
     differences: tuple[float, ...]  # one a seed
+    after_equal_rounds: tuple[float, ...]  # the same where the shorter run of the two ends
     relative: float  # of the means over seeds; NaN where the other learnt nothing
 
     @property
@@ -45,6 +46,7 @@ class Gain:
 def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
     """Heads and a row for each gain; settings have a column where there are any."""
     where = any(gain.settings for gain in gains)
+    rounds_differ = any(gain.differences != gain.after_equal_rounds for gain in gains)
     heads = [f"{METHOD} against", *(["settings"] if where else []), "community"]
     rows = [
         [
@@ -54,36 +56,57 @@ def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
             percent(gain.interval, signed=True),
             "-" if math.isnan(gain.relative) else f"{100 * gain.relative:+z.1f} %",
             f"{gain.better} of {len(gain.differences)}",
+            *([percent(interval(gain.after_equal_rounds), signed=True)] if rounds_differ else []),
         ]
         for gain in gains
     ]
-    return [*heads, "points", "relative", "seeds better"], rows
+    heads += ["points", "relative", "seeds better"]
+    return [*heads, *(["points after equal rounds"] if rounds_differ else [])], rows
 
 
 def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
     """Every other strategy and setting of which the method has flown a seed too."""
-    by_key = {(r.point.strategy, r.point.where, r.point.seed): r.summary for r in results}
+    by_key = {(r.point.strategy, r.point.where, r.point.seed): r for r in results}
     gains = []
     for other, where in dict.fromkeys((r.point.strategy, r.point.where) for r in results):
         for community in communities_of(results):
-            column = f"final_accuracy_{community}"
             pairs = [
-                (float(by_key[METHOD, where, seed][column]), float(summary[column]))
-                for (strategy, place, seed), summary in by_key.items()
+                (by_key[METHOD, where, seed], run)
+                for (strategy, place, seed), run in by_key.items()
                 if (strategy, place) == (other, where)
                 and (METHOD, where, seed) in by_key
-                and column in summary
+                and f"final_accuracy_{community}" in run.summary
             ]
             if other == METHOD or not pairs:
                 continue
-            mine, theirs = (math.fsum(values) for values in zip(*pairs, strict=True))
+            finals = [tuple(_final(run, community) for run in pair) for pair in pairs]
+            mine, theirs = (math.fsum(values) for values in zip(*finals, strict=True))
             gains.append(
                 Gain(
                     other,
                     where,
                     community,
-                    tuple(a - b for a, b in pairs),
+                    tuple(a - b for a, b in finals),
+                    tuple(_after_equal_rounds(*pair, community) for pair in pairs),
                     mine / theirs - 1.0 if theirs > 0.0 else math.nan,
                 )
             )
     return tuple(gains)
+
+
+def _final(run: RunResult, community: str) -> float:
+    return float(run.summary[f"final_accuracy_{community}"])
+
+
+def _after_equal_rounds(mine: RunResult, other: RunResult, community: str) -> float:
+    """The difference over the last rounds that both runs have.
+
+    Rounds cost what they fly, so that a budget of metres may pay for more rounds of one strategy.
+    """
+    rounds = min(len(mine.rounds), len(other.rounds))
+    if rounds == max(len(mine.rounds), len(other.rounds)):
+        return _final(mine, community) - _final(other, community)
+    a, b = (
+        run.curve(f"accuracy_{community}")[:rounds][-FINAL_ROUNDS:].mean() for run in (mine, other)
+    )
+    return float(a - b)

@@ -1,0 +1,141 @@
+"""Where the method wins over two swept settings: cells worked out by hand, and tables alone."""
+
+import gzip
+import json
+import math
+from pathlib import Path
+
+import pytest
+from described import described, layers
+
+from mission.base.errors import InputError
+from mission.report.sweep_page import sweep_html
+from mission.sweep.grid import Axis, points
+from mission.sweep.outcome.figures import sweep_pictures
+from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
+from mission.sweep.outcome.gains import gain_table, paired_gains
+from mission.sweep.results import Row, RunResult, write_results
+from mission.sweep.state import SweepState, read_sweep
+
+AXES = [Axis("mission.steps", (2, 10)), Axis("channel.extra_gain_db", (-7.0, 0.0))]
+# Of cov less no_cov by seed: mean 4 and interval 2.48, and mean 1 and interval 4.97.
+SURE, OPEN = (0.03, 0.04, 0.05), (-0.01, 0.01, 0.03)
+ROUNDS = 12
+
+
+def results(*, axes: list[Axis] = AXES, longer: int = 0) -> tuple[RunResult, ...]:
+    """`longer`: rounds that cov has more; it learns to 0.9 in them."""
+    found = []
+    for point in points(("cov", "no_cov"), (1, 2, 3), axes):
+        cov = point.strategy == "cov"
+        ahead = (SURE if point.settings[0][1] == 2 else OPEN)[point.seed - 1] if cov else 0.0
+        final = 0.9 if cov and longer else 0.4 + ahead
+        rounds = ROUNDS + longer * cov
+        rows: tuple[Row, ...] = tuple(
+            {**point.keys, "round": k, "budget_used_m": 800.0 * k, "end_t_s": 40.0 * k,
+             "participation": 0.5, "plan_per": 0.1, "true_per": 0.1, "jain_communities": 1.0,
+             "cov_a": 0.5, "accuracy_a": 0.4 + ahead if k <= ROUNDS else 0.9}
+            for k in range(1, rounds + 1)
+        )  # fmt: skip
+        summary: Row = {
+            **point.keys, "run": point.name, "rounds": rounds, "flown_m": 800.0 * rounds,
+            "budget_used_m": 800.0 * rounds, "simulated_s": 40.0 * rounds, "scheduled": 6,
+            "delivered": 5, "delivered_share": 5 / 6, "participation": 0.5, "plan_per": 0.1,
+            "true_per": math.nan, "participation_a": 0.8 if cov else 0.6,
+            "final_accuracy_a": final, "final_cov_a": 0.5, "final_jain_communities": 1.0,
+        }  # fmt: skip
+        found.append(RunResult(point, summary, rows, {"fly": 1.5, "total": 2.0}))
+    return tuple(found)
+
+
+def test_cells_hold_gain_and_interval_and_the_sure_ones_are_bold() -> None:
+    assert compared(results()) == ["no_cov"]
+    chart = described(gain_map(results(), "no_cov", "a"))
+    (rows,) = chart["datasets"].values()
+    assert [(r["down"], r["across"], r["words"], r["sure"]) for r in rows] == [
+        ("2", "-7.0", "+4.0 ± 2.5", "bold"), ("2", "0.0", "+4.0 ± 2.5", "bold"),
+        ("10", "-7.0", "+1.0 ± 5.0", "normal"), ("10", "0.0", "+1.0 ± 5.0", "normal"),
+    ]  # fmt: skip
+    cell = next(iter(layers(chart)))["encoding"]
+    scale = cell["color"]["scale"]
+    assert scale["domain"] == pytest.approx([-4.0, 0.0, 4.0])  # zero has no colour
+    assert cell["y"]["sort"] == ["2", "10"]
+
+
+def test_participation_stands_beside_it() -> None:
+    (rows,) = described(participation_map(results(), "no_cov", "a"))["datasets"].values()
+    assert {row["words"] for row in rows} == {"60 → 80"}
+
+
+def test_a_setting_that_only_one_of_them_has_flown_has_no_cell() -> None:
+    some = [r for r in results() if r.point.strategy == "cov" or r.point.settings[0][1] == 2]
+    for drawn in (gain_map, participation_map):
+        (rows,) = described(drawn(some, "no_cov", "a"))["datasets"].values()
+        assert [row["down"] for row in rows] == ["2", "2"]
+
+
+def test_it_is_drawn_of_two_settings_only_and_stands_in_the_report() -> None:
+    assert "gain-map-no_cov.png" in sweep_pictures("s", results())
+    assert "Where it gains" in sweep_html(SweepState({"name": "s"}, results(), ()))
+    one = results(axes=AXES[:1])
+    assert compared(one) == []
+    assert "gain-map-no_cov.png" not in sweep_pictures("s", one)
+
+
+def test_curves_that_nobody_could_tell_apart_are_left_out() -> None:
+    many = results(axes=[AXES[0], Axis("channel.extra_gain_db", (0, 1, 2, 3))])
+    assert set(sweep_pictures("s", many)) == {"final.png", "gains.png", "gain-map-no_cov.png"}
+    assert "Accuracy by round" not in sweep_html(SweepState({"name": "s"}, many, ()))
+
+
+def test_rounds_that_only_one_run_could_pay_for_are_told_apart() -> None:
+    heads, rows = gain_table(paired_gains(results(longer=20)))
+    assert heads[-1] == "points after equal rounds"
+    sure, open_ = ("+50.0 ± 0.0", "+4.0 ± 2.5"), ("+50.0 ± 0.0", "+1.0 ± 5.0")
+    assert [(row[3], row[-1]) for row in rows] == [sure, sure, open_, open_]
+    heads, _ = gain_table(paired_gains(results()))
+    assert heads[-1] == "seeds better"
+
+
+@pytest.fixture
+def tables(tmp_path: Path) -> Path:
+    """What is left of a sweep whose runs' folders are gone."""
+    axes = {"strategy": ["cov", "no_cov"], "seed": [1, 2, 3]}
+    axes |= {axis.key: list(axis.values) for axis in AXES}
+    manifest = {"format": 1, "config": {"name": "s"}, "data_dir": None, "axes": axes}
+    (tmp_path / "sweep.json").write_text(json.dumps(manifest))
+    write_results(tmp_path, results(longer=3))
+    return tmp_path
+
+
+def test_the_tables_alone_are_a_sweep(tables: Path) -> None:
+    rounds = tables / "rounds.csv"
+    for _ in range(2):
+        state = read_sweep(tables)
+        assert not state.missing
+        assert [r.wall_s for r in state.results] == [r.wall_s for r in results()]
+        assert [r.rounds for r in state.results] == [r.rounds for r in results(longer=3)]
+        for found, written in zip(state.results, results(longer=3), strict=True):
+            assert found.point == written.point
+            assert found.summary == pytest.approx(written.summary, nan_ok=True)
+        if rounds.is_file():
+            rounds.with_name("rounds.csv.gz").write_bytes(gzip.compress(rounds.read_bytes()))
+            rounds.unlink()
+
+
+def test_damaged_tables_are_named(tables: Path) -> None:
+    whole = (tables / "rounds.csv").read_text()
+    (tables / "rounds.csv").write_text("\n".join(whole.splitlines()[:-2]) + "\n")
+    with pytest.raises(InputError, match=r"runs.csv, rounds.csv and timings.csv are not of the sa"):
+        read_sweep(tables)
+    (tables / "rounds.csv").unlink()
+    with pytest.raises(InputError, match=r"rounds.csv: cannot read the table: .*No such file"):
+        read_sweep(tables)
+    (tables / "rounds.csv.gz").write_bytes(gzip.compress(whole.encode())[:-9])
+    with pytest.raises(InputError, match=r"rounds.csv.gz: cannot read the table"):
+        read_sweep(tables)
+    (tables / "rounds.csv").write_text(whole)
+    runs = (tables / "runs.csv").read_text()
+    (tables / "runs.csv").write_text(runs.replace("cov-steps=2", "cov-steps=5"))
+    with pytest.raises(InputError, match=r"steps=5-extra_gain_db=-7.0-seed1: no run of this sweep"):
+        read_sweep(tables)
