@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import altair as alt
 import numpy as np
 
 from mission.base.palette import community_colour
+from mission.figures.cells import beside
 from mission.figures.charts import LayerChart, Series, dot_rows, line_chart
 from mission.figures.render import Chart, save_all, stacked
 from mission.sweep.outcome.curves import (
@@ -53,8 +53,7 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
         pictures["gains.png"] = stacked(gains, title=title, about=about)
     for other in compared(results):
         pictures[f"gain-map-{other}.png"] = stacked(
-            [alt.hconcat(*pair, spacing=24).resolve_scale(color="independent")
-             for pair in gain_maps(results, other)],
+            [beside(pair) for pair in gain_maps(results, other)],
             title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
             about=about,
         )  # fmt: skip

@@ -52,7 +52,7 @@ def test_cells_hold_gain_and_interval_and_the_sure_ones_are_bold() -> None:
     assert compared(results()) == ["no_cov"]
     chart = described(gain_map(results(), "no_cov", "a"))
     (rows,) = chart["datasets"].values()
-    assert [(r["down"], r["across"], r["words"], r["sure"]) for r in rows] == [
+    assert [(r["down"], r["across"], r["words"], r["weight"]) for r in rows] == [
         ("2", "-7.0", "+4.0 ± 2.5", "bold"), ("2", "0.0", "+4.0 ± 2.5", "bold"),
         ("10", "-7.0", "+1.0 ± 5.0", "normal"), ("10", "0.0", "+1.0 ± 5.0", "normal"),
     ]  # fmt: skip
