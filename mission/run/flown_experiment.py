@@ -140,9 +140,16 @@ class FlownExperiment(Experiment):
         if not isinstance(self.strategy, ImportanceStrategy):
             return delta
         of = federation.community_of
-        heard = self.totals.last_heard.copy()
         return self.strategy.importance(
-            RoundInfo(self.totals.next_round, delta, federation.p, state.cov[of], of, heard)
+            RoundInfo(
+                round=self.totals.next_round,
+                delta=delta,
+                p=federation.p,
+                cov=state.cov[of],
+                community_of=of,
+                last_heard=self.totals.last_heard.copy(),
+                accuracy=state.eps_received.copy(),
+            )
         )
 
     async def _sortie(self, problem: RoundProblem, recalled: RoundMemory | None) -> Sortie:

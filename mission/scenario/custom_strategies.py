@@ -40,6 +40,7 @@ class RoundInfo:
     cov: Floats  # (K,) psi of each device's community
     community_of: NDArray[np.int64]  # (K,)
     last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
+    accuracy: Floats  # (K,) eps_k as each device last sent it, 0 to 1; NaN: never heard
 
     @property
     def age_rounds(self) -> NDArray[np.int64]:

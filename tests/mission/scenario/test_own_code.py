@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -46,6 +47,13 @@ class Weighs:
     def sortie(self, round_index, problem):
         return Sortie(Jump().plan(problem))
 
+class Weakest(Weighs):
+    approach_m = None
+    def importance(self, info):
+        return np.where(np.isnan(info.accuracy), 2.0, 1.0 - info.accuracy)
+    def sortie(self, round_index, problem):
+        return Sortie(Stay().plan(problem))
+
 class Fails(Weighs):
     def sortie(self, round_index, problem):
         return self.deeper(problem)
@@ -60,6 +68,7 @@ class PlansNothing:
     def plan(self, problem):
         return None
 
+def weakest(setting): return Weakest(None)
 def fails(setting): return Fails(np.ones(6))
 def wrong_shape(setting): return Weighs(np.ones(3))
 def negative(setting): return Weighs(-np.ones(6))
@@ -131,10 +140,30 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
         assert (cut / name).read_bytes() == (whole / name).read_bytes()
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("own")
+def test_a_strategy_knows_the_accuracies_that_arrived(tmp_path: Path) -> None:
+    out = tmp_path / "weakest"
+    more = ("mission.strategy=own_code:weakest", "mission.flight=none")
+    assert fly(out, *more, rounds=3) == 0
+    received = {
+        (int(row["round"]), int(row["device"])): float(row["received_accuracy"])
+        for row in rows(out / "learning.csv")
+    }
+    weights = set()
+    for uplink in rows(out / "uplinks.csv"):
+        known = received[int(uplink["round"]) - 1, int(uplink["device"])]
+        weight = float(uplink["importance"])
+        assert weight == pytest.approx(2.0 if math.isnan(known) else 1.0 - known, rel=1e-12)
+        weights.add(weight)
+    assert len(weights) > 1
+
+
 def test_age_of_information() -> None:
     info = RoundInfo(
-        7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3])
-    )
+        7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3]),
+        np.full(3, np.nan),
+    )  # fmt: skip
     assert info.age_rounds.tolist() == [7, 1, 4]
 
 
