@@ -48,11 +48,10 @@ class Weighs:
         return Sortie(Jump().plan(problem))
 
 class Weakest(Weighs):
-    approach_m = None
     def importance(self, info):
         return np.where(np.isnan(info.accuracy), 2.0, 1.0 - info.accuracy)
     def sortie(self, round_index, problem):
-        return Sortie(Stay().plan(problem))
+        return Sortie(self.weights.plan(problem))
 
 class Fails(Weighs):
     def sortie(self, round_index, problem):
@@ -68,7 +67,7 @@ class PlansNothing:
     def plan(self, problem):
         return None
 
-def weakest(setting): return Weakest(None)
+def weakest(setting): return Weakest(setting.planner)
 def fails(setting): return Fails(np.ones(6))
 def wrong_shape(setting): return Weighs(np.ones(3))
 def negative(setting): return Weighs(-np.ones(6))
