@@ -5,13 +5,14 @@ from pathlib import Path
 from mission.base.errors import InputError
 
 
-def reproduction(sweep: Path, *, out: Path | None = None) -> int:
+def reproduction(sweep: Path, *, out: Path | None = None, figures: Path | None = None) -> int:
     """A sweep's outcome as Markdown tables, beside what the paper reports.
 
     Final accuracies with 95 % intervals over seeds, participation and packet error rates of every
-    strategy; and what the CoV method gains on each of the others, seed by seed.
+    strategy; and what the CoV method gains on each of the others, seed by seed. Of a sweep whose
+    runs are gone its tables are enough.
 
-    Example: aerofed reproduction paper-sweep --out table.md
+    Example: aerofed reproduction paper-sweep --out table.md --figures pictures
 
     Parameters
     ----------
@@ -19,11 +20,18 @@ def reproduction(sweep: Path, *, out: Path | None = None) -> int:
         The folder of a sweep; it need not be over.
     out
         A new file for the tables. Default: they are printed.
+    figures
+        A folder for the sweep's pictures, which are drawn anew.
     """
     from mission.sweep.outcome.reproduction import reproduction as tables
     from mission.sweep.state import read_sweep
 
-    text = tables(read_sweep(sweep))
+    state = read_sweep(sweep)
+    text = tables(state)
+    if figures is not None:
+        from mission.sweep.outcome.figures import draw_sweep
+
+        draw_sweep(sweep.resolve().name, state.results, figures)
     if out is None:
         print(text, end="")
         return 0

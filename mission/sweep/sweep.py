@@ -170,7 +170,7 @@ def _report(path: Path, console: Console) -> None:
 
     state = read_sweep(path)
     write_results(path, state.results)
-    draw_sweep(path, state.results)
+    draw_sweep(path.name, state.results, path / "figures")
     console.print(final_table(state.results))
     if state.missing:
         _say(console, state.progress)

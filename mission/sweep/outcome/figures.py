@@ -24,13 +24,13 @@ from mission.sweep.outcome.view import final_rounds
 from mission.sweep.results import RunResult
 
 
-def draw_sweep(folder: Path, results: Sequence[RunResult]) -> None:
-    """Draw the sweep's pictures into `folder/figures`.
+def draw_sweep(name: str, results: Sequence[RunResult], folder: Path) -> None:
+    """Draw the pictures of the sweep of that name into `folder`.
 
     Raises:
         InputError: they cannot be written.
     """
-    save_all(sweep_pictures(folder.name, results), folder / "figures")
+    save_all(sweep_pictures(name, results), folder)
 
 
 def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:

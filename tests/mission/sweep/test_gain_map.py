@@ -9,6 +9,7 @@ import pytest
 from described import described, layers
 
 from mission.base.errors import InputError
+from mission.cli import call
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Axis, points
 from mission.sweep.outcome.figures import sweep_pictures
@@ -121,6 +122,14 @@ def test_the_tables_alone_are_a_sweep(tables: Path) -> None:
         if rounds.is_file():
             rounds.with_name("rounds.csv.gz").write_bytes(gzip.compress(rounds.read_bytes()))
             rounds.unlink()
+
+
+def test_one_command_makes_its_figures_and_tables_anew(tables: Path, tmp_path: Path) -> None:
+    drawn, text = tmp_path / "drawn", tmp_path / "table.md"
+    command = ["reproduction", str(tables), "--figures", str(drawn), "--out", str(text)]
+    assert call(command) == 0
+    assert {path.name for path in drawn.iterdir()} >= {"final.png", "gain-map-no_cov.png"}
+    assert "| no_cov | steps = 2, extra_gain_db = -7.0 | a |" in text.read_text()
 
 
 def test_damaged_tables_are_named(tables: Path) -> None:
