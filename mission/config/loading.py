@@ -16,6 +16,7 @@ from mission.base.explain import explain, refusal
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
+from mission.config.world import with_world
 
 
 def builtin_config(name: str) -> Path:
@@ -52,6 +53,7 @@ def load_config(path: Path, overrides: Mapping[str, Any] | None = None) -> RunCo
     except ValidationError as error:
         lines = explain(error, RunConfig, str(path), given=given)
         raise InputError("\n".join(lines)) from None
+    config = with_world(config, path, given=given)
     lines = [refusal(*problem, str(path), given=given) for problem in problems(config)]
     if lines:
         raise InputError("\n".join(lines))

@@ -3,12 +3,14 @@
 Nothing of the vehicle is imported: with its filter it takes longer than planning does.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.config import CommunityConfig
 from fl.errors import LearningInputError
 from fl.federation import rounds as learning
 from fl.radio.channel import Channel, link_budget
@@ -56,16 +58,24 @@ class Scenario:
         )
 
     def devices_csv(self) -> str:
-        """Where every device stands and what it owns: `labels` lists class:samples."""
-        lines = ["device,community,x_m,y_m,samples,p,labels"]
+        """Where every device stands and what it owns: `labels` lists class:samples, `share` is
+        empty where none is configured. `communities.N.positions_file` takes it."""
+        lines = ["device,community,x_m,y_m,samples,p,labels,share"]
         communities = self.federation.communities
         counts = [row for community in communities for row in community.counts]
-        for device, (place, row) in enumerate(zip(self.devices_m, counts, strict=True)):
+        shares = [
+            "" if shared is None else repr(shared)
+            for c in self.config.communities
+            for shared in c.data_shares or (None,) * c.devices
+        ]
+        places = zip(self.devices_m, counts, shares, strict=True)
+        for device, (place, row, share) in enumerate(places):
             owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
             x, y = place.tolist()
             p = float(self.federation.p[device])
             lines.append(
-                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned}"
+                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned},"
+                f"{share}"
             )
         return "\n".join(lines) + "\n"
 
@@ -97,6 +107,22 @@ class Scenario:
         return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
 
 
+def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
+    """(K, 2) where the devices stand: as configured, else where they were drawn."""
+    devices_m, first = drawn_m.copy(), 0
+    for index, community in enumerate(communities):
+        if community.positions_file is not None:
+            raise InputError(
+                f"communities.{index}.positions_file = {community.positions_file!r}: not read yet; "
+                "load_config, or with_world, reads it"
+            )
+        if community.positions_m is not None:
+            devices_m[first : first + community.devices] = community.positions_m
+        first += community.devices
+    devices_m.flags.writeable = False
+    return devices_m
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -106,8 +132,8 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build()
     count = sum(community.devices for community in config.communities)
-    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
-    devices_m.flags.writeable = False
+    drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    devices_m = _placed(config.communities, drawn_m)
     try:
         channel = config.channel.channel(altitude_m=config.mission.altitude_m)
         federation = learning.build(
