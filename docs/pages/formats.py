@@ -15,7 +15,8 @@ x east, y north from the south-west corner; heights are above home. Times are si
 | file | what |
 |---|---|
 | `config.toml` | the resolved configuration; `aerofed run config.toml` flies the same again |
-| `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples`, configured share; `positions_file` takes it |
+| `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples`, \
+configured share; `positions_file` takes it |
 | `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
 | `uplinks.csv` | a row a scheduled device, see below |
 | `learning.csv` | a row a device after every round, see below |

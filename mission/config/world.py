@@ -4,7 +4,7 @@ So a run's own `config.toml` needs no other file, and all that reads a configura
 in area coordinates only.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fl.config import CommunityConfig
 from mission.base.errors import InputError
-from mission.base.explain import refusal
+from mission.base.explain import NOTHING, Given, refusal
 from mission.base.geo_file import Pair, Place, read_places
 from mission.config.models import AreaConfig, RunConfig
 
@@ -25,7 +25,7 @@ _FAR_M = 100_000.0  # apart from each other no mission's places are
 _LARGEST_M = 100_000.0
 
 
-def with_world(config: RunConfig, path: Path, *, given: Collection[str] = ()) -> RunConfig:
+def with_world(config: RunConfig, path: Path, *, given: Given = NOTHING) -> RunConfig:
     """The configuration with its files read; `path` is its own.
 
     Files are found beside it; those named on the command line, keys in `given`, from the working
@@ -51,9 +51,7 @@ def with_world(config: RunConfig, path: Path, *, given: Collection[str] = ()) ->
     return placed
 
 
-def _places_of(
-    config: RunConfig, index: int, path: Path, given: Collection[str]
-) -> tuple[Place, ...]:
+def _places_of(config: RunConfig, index: int, path: Path, given: Given) -> tuple[Place, ...]:
     """The places of one community; a file that names communities holds those of several."""
     community = config.communities[index]
     key = f"communities.{index}.positions_file"

@@ -119,8 +119,13 @@ def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    content = {entry.id: _plan(entry) for entry in plans}
+    content = plans_as_json(plans)
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, Any]:
+    """Plans by the ids of their problems, as a plan file has them."""
+    return {entry.id: _plan(entry) for entry in plans}
 
 
 def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:

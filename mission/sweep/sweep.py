@@ -1,8 +1,9 @@
 """One `aerofed sweep`: the runs that are not done yet, then tables and figures of all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TypeAlias
 
 from rich.console import Console
 
@@ -18,6 +19,8 @@ from mission.sweep.progress import Bar, Lines, SweepProgress
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
 from mission.sweep.timeleft import TimeLeft, duration
+
+Page: TypeAlias = Callable[[Path], object]
 
 
 class RunsFailedError(AerofedError):
@@ -37,8 +40,9 @@ def sweep(
     jobs: int | None,
     address: str | None,
     console: Console,
+    page: Page | None = None,
 ) -> int:
-    """Execute a sweep, or go on with it; returns the exit code.
+    """Execute a sweep, or go on with it; returns the exit code. `page` makes a page of its folder.
 
     Raises:
         InputError: before anything is flown, where it can be found then.
@@ -50,6 +54,7 @@ def sweep(
         ends = _fly(
             grid, folder,
             data_dir=data_dir, engine=engine, jobs=jobs, address=address, console=console,
+            page=page,
         )  # fmt: skip
     except KeyboardInterrupt:
         done = sum(folder.done(run) for run in grid.runs)
@@ -75,6 +80,7 @@ def _fly(
     jobs: int | None,
     address: str | None,
     console: Console,
+    page: Page | None,
 ) -> dict[str, RunEnd]:
     """Everything that is not done yet, then the results; how the runs ended, by name."""
     todo = [run for run in grid.runs if not folder.done(run)]
@@ -88,7 +94,7 @@ def _fly(
             with closing(make_engine(engine, jobs=jobs, address=address)) as workers:
                 ends = _execute(grid, todo, folder, workers, data_dir=data_dir, console=console)
         if any(folder.done(run) for run in grid.runs):
-            _report(folder.path, console)
+            _report(folder.path, console, page)
     return ends
 
 
@@ -155,7 +161,7 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
     return f"{rounds} rounds in {duration(wall_s)}, accuracy {accuracy}"
 
 
-def _report(path: Path, console: Console) -> None:
+def _report(path: Path, console: Console, page: Page | None) -> None:
     # Only now: Altair takes half a second to import.
     from mission.sweep.outcome.figures import draw_sweep
     from mission.sweep.outcome.view import final_table
@@ -166,7 +172,10 @@ def _report(path: Path, console: Console) -> None:
     console.print(final_table(state.results))
     if state.missing:
         _say(console, state.progress)
-    _say(console, f"results in {path}; aerofed report {path} makes a page of them")
+    if page is not None:
+        page(path)
+    made = f"aerofed report {path} makes a page of them"
+    _say(console, f"results in {path}{f'; {made}' if page is None else ': open report.html'}")
 
 
 def _say(console: Console, line: str) -> None:

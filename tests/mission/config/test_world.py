@@ -142,7 +142,7 @@ BAD_TABLES = {
     "": "row 1: the columns are none",
     "x,y\n": "holds no device; it must hold a point a device",
     "lat,lon\n95,7\n": "row 2: lat = 95: must be from -85 to 85 degrees",
-    "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat and lon swapped?",
+    "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat",
     "lat,lon\n43,190\n": "row 2: lon = 190: must be from -180 to 180 degrees",
     "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon swapped?",
     "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m, outside the area: x must be from 0 to",
@@ -205,7 +205,7 @@ def test_wrong_geojson_is_one_line(load, tmp_path: Path, text: str) -> None:
     ],
 )
 def test_what_contradicts_a_file_is_refused(load, tmp_path: Path, more: str, words: str) -> None:
-    with pytest.raises(InputError, match="c.toml|d.geojson") as error:
+    with pytest.raises(InputError, match=r"c\.toml|d\.geojson") as error:
         load(from_file(tmp_path, "d.geojson", points(*TOWN)) + more)
     assert words in str(error.value)
 
