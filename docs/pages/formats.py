@@ -22,6 +22,7 @@ configured share; `positions_file` takes it |
 | `learning.csv` | a row a device after every round, see below |
 | `flight.mcap` | the flight log, see below |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
+| `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
 | `figures/` | `map.png`: all rounds on one map; `rounds.png`: who was served from where, \
 round by round, at most twelve; `learning.png`: accuracy, fairness and updates |

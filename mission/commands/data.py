@@ -37,7 +37,8 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
     from fl.data.fetch import fetch as download
     from fl.errors import FetchError, SettingError
 
-    console, done = _console(), []
+    console = _console()
+    done: list[Path] = []
     with Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from fl.config import CommunityConfig
+from mission.base.airspace import Airspace, crossing
 from mission.base.errors import InputError
-from mission.base.explain import NOTHING, Given, refusal
-from mission.base.geo_file import Pair, Place, read_places
-from mission.config.models import AreaConfig, RunConfig
+from mission.base.explain import NOTHING, Given, explain, refusal
+from mission.base.geo_file import Pair, Place, Ring, read_places, read_rings
+from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
 
 Floats = NDArray[np.float64]
 
@@ -39,16 +41,97 @@ def with_world(config: RunConfig, path: Path, *, given: Given = NOTHING) -> RunC
         for index, community in enumerate(config.communities)
         if community.positions_file is not None
     }
-    if not found and all(community.positions_m is None for community in config.communities):
-        return config
-    area = _area(config, [place for places in found.values() for place in places], str(path))
+    area = config.area
+    if found or any(community.positions_m is not None for community in config.communities):
+        area = _area(config, [place for places in found.values() for place in places], str(path))
     communities = tuple(
         _placed(community, found[index], area) if index in found else community
         for index, community in enumerate(config.communities)
     )
+    area = _with_rings(area, path, given)
     placed = config.model_copy(update={"area": area, "communities": communities})
     _check_inside(placed, found, str(path))
     return placed
+
+
+def check_start(config: RunConfig) -> None:
+    """Refuse a home from which nobody may climb to the mission's altitude.
+
+    Raises:
+        InputError: it lies in an area that must not be flown, outside the fence, or nearer to one
+            than the margin.
+    """
+    area, altitude_m = config.area, config.mission.altitude_m
+    home = np.array([area.home_m], dtype=np.float64)
+    x, y = area.home_m
+    ways_out = "move home (area.home_m, or area.home_lat_deg and home_lon_deg)"
+    for zone in area.no_fly:
+        if zone.from_m - HEIGHT_MARGIN_M >= altitude_m:
+            continue  # overhead
+        space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
+        if not space.free(home)[0]:
+            where = "lies inside" if not space.allows(home)[0] else _nearer(area)
+            raise InputError(
+                f"area.home_m = [{x:g}, {y:g}]: the start {where} the area {zone.name!r}, which "
+                f"must not be flown; {ways_out}"
+            )
+    space = area.build(altitude_m).airspace
+    if not space.free(home)[0]:
+        where = "lies outside" if not space.allows(home)[0] else _nearer(area)
+        raise InputError(
+            f"area.home_m = [{x:g}, {y:g}]: the start {where} the fence (area.fence_m); {ways_out}"
+        )
+
+
+def _nearer(area: AreaConfig) -> str:
+    return f"lies nearer than area.margin_m = {area.margin_m:g} m to"
+
+
+def _with_rings(area: AreaConfig, path: Path, given: Given) -> AreaConfig:
+    """The area with the polygons of its files."""
+    known: dict[str, Any] = {}
+    if area.no_fly_file is not None:
+        rings = _rings(area, "no_fly_file", path, given)
+        zones = tuple(_zone(area, ring, path) for ring in rings)
+        known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
+    if area.fence_file is not None:
+        rings = _rings(area, "fence_file", path, given)
+        if len(rings) > 1:
+            raise InputError(
+                f"{path}: area.fence_file = {area.fence_file!r}: holds {len(rings)} polygons; a "
+                "fence is one"
+            )
+        corners = _corners(area, rings[0], path)
+        if crossing(np.array(corners)):
+            raise InputError(f"{path}: {rings[0].where}: crosses itself, or has no area")
+        known |= {"fence_m": corners, "fence_file": None}
+    return area.model_copy(update=known) if known else area
+
+
+def _rings(area: AreaConfig, name: str, path: Path, given: Given) -> tuple[Ring, ...]:
+    key, file = f"area.{name}", Path(getattr(area, name))
+    try:
+        return read_rings(file if key in given else path.parent / file)
+    except InputError as error:
+        raise InputError(f"{path}: {key}: {error}") from None
+
+
+def _zone(area: AreaConfig, ring: Ring, path: Path) -> NoFlyConfig:
+    known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
+    values = {key: value for key, value in known.items() if value is not None}
+    try:
+        return NoFlyConfig.model_validate(
+            {**values, "polygon_m": _corners(area, ring, path)}, strict=True
+        )
+    except ValidationError as error:
+        raise InputError("\n".join(explain(error, NoFlyConfig, f"{path}: {ring.where}"))) from None
+
+
+def _corners(area: AreaConfig, ring: Ring, path: Path) -> tuple[Pair, ...]:
+    places = [Place(ring.where, corner, geodetic=True) for corner in ring.corners_deg]
+    corners = np.array([_on_ground(place, area) for place in places])
+    _check_near(places, corners - np.array(area.home_m), str(path))
+    return tuple((round(x, 3), round(y, 3)) for x, y in corners.tolist())
 
 
 def _places_of(config: RunConfig, index: int, path: Path, given: Given) -> tuple[Place, ...]:

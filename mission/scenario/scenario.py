@@ -19,6 +19,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.user_code import is_import_path
 from mission.config.models import RunConfig
+from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
@@ -55,6 +56,7 @@ class Scenario:
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
             channel=self.channel,
+            airspace=self.area.airspace,
         )
 
     def devices_csv(self) -> str:
@@ -130,7 +132,8 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     streams = RandomStreams(config.seed)
-    area = config.area.build()
+    area = config.area.build(config.mission.altitude_m)
+    check_start(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
