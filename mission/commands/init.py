@@ -9,7 +9,7 @@ from mission.base.terminal import Terminal
 
 
 def init(
-    name: Literal["quickstart", "paper", "paper-sweep"] = "quickstart",
+    name: Literal["quickstart", "paper", "paper-sweep", "town"] = "quickstart",
     *,
     out: Path = Path(),
 ) -> int:
@@ -21,7 +21,8 @@ def init(
     ----------
     name
         quickstart: two small communities, data that come along; paper: the paper's experiment on
-        MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep.
+        MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; town: devices and areas that
+        must not be flown, out of GeoJSON files.
     out
         Folder for the files; it is made. Nothing that is there is replaced. Default: here.
     """
@@ -46,7 +47,7 @@ def init(
 
 def _next(config: Path) -> str:
     """What to do with a configuration that was written."""
-    if config.name == "quickstart.toml":
+    if config.name in ("quickstart.toml", "town.toml"):
         return f"aerofed run {config}"
     verb = "sweep" if config.name == "paper-sweep.toml" else "run"
     return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

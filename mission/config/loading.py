@@ -19,7 +19,7 @@ from mission.config.overrides import override
 from mission.config.preflight import problems
 from mission.config.world import with_world
 
-SHIPPED = ("quickstart", "paper", "paper-sweep")  # names that stand for a file
+SHIPPED = ("quickstart", "paper", "paper-sweep", "town")  # names that stand for a file
 
 
 def builtin_config(name: str) -> Path:

@@ -124,7 +124,7 @@ class MissionConfig(_Model):
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
-    path_budget_m: float = Field(800.0, ge=1, le=20_000, description="L_max, metres a round")
+    path_budget_m: float = Field(800.0, gt=0, le=20_000, description="L_max, metres a round")
     total_budget_m: float = Field(
         40_000.0,
         gt=0,

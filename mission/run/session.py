@@ -174,17 +174,17 @@ def _fly(
     finally:
         # Last of all: a folder that says "finished" has everything.
         summary.ended(outcome, experiment.totals, stopwatch)
-    if page is not None and experiment.totals.rounds_done:
-        # A page of what the folder is, and so after its summary.
-        status = outcome.status
+    if page is not None and outcome.status == "finished":
+        # It says that the run is finished, and so comes after the summary that does.
         with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
             page(folder.path)
-        if outcome.status != status:
+        if outcome.status != "finished":
             summary.ended(outcome, experiment.totals, stopwatch)
     outcome.raise_error(folder.path)
     for line in _closing_lines(experiment, stopwatch):
         console.say(line)
-    look = "" if page is None else ": open report.html in a browser"
+    finished = outcome.status == "finished" and page is not None
+    look = ": open report.html in a browser" if finished else ""
     console.say(f"results in {folder.path}{look}")
     if outcome.status == "interrupted":
         again = f"; aerofed run --resume {folder.path} goes on"

@@ -169,7 +169,7 @@ MESSAGES = {
     ("world", "--px4", "--wind", "99"): "--wind 99.0: must be a number from 0 to",
     ("run", "--vehicle", "foo"): "--vehicle foo: no address of a vehicle; it must be udpin://",
     ("run", "--set", "seed=-1"): "command line: seed = -1: must be a whole number",
-    ("run", "--set", "mission.path_budget_m=0"): "path_budget_m = 0: must be a number from 1 to",
+    ("run", "--set", "mission.path_budget_m=0"): "path_budget_m = 0: must be a number above 0 and",
     ("run", "paper"): "give their folder by --data-dir FOLDER",
     ("run", "paper", "--data-dir", "."): "get it by: aerofed data fetch . --task cifar10",
     ("data", "check", "nowhere"): "no such folder; aerofed data fetch nowhere makes it",
