@@ -96,7 +96,12 @@ class Airspace:
         """(P,) whether they are allowed, and at the margin from every outline."""
         if self.is_open or not len(points_m):
             return np.ones(len(points_m), dtype=bool)
-        return self.allows(points_m) & self.clear(points_m, points_m)
+        return (self._near(points_m) >= self.margin_m - _SLACK_M) & self.allows(points_m)
+
+    def _near(self, points_m: Floats) -> Floats:
+        """(P,) the distance of each point from the nearest outline."""
+        start, end = self._edges
+        return np.asarray(_to_leg(points_m[:, None], start[None], end[None]).min(axis=1))
 
     def clear(self, from_m: Floats, to_m: Floats) -> Bools:
         """(S,) whether legs (S, 2) -> (S, 2) keep the margin from every outline."""
@@ -187,9 +192,7 @@ class Airspace:
         """(P,) at least how far anybody who is allowed to fly is from each of the points."""
         if self.is_open:
             return np.zeros(len(points_m))
-        start, end = self._edges
-        far = _apart(points_m, points_m, start, end)
-        return np.where(self.allows(points_m), 0.0, far)
+        return np.where(self.allows(points_m), 0.0, self._near(points_m))
 
 
 OPEN = Airspace()

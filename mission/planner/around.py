@@ -2,21 +2,28 @@
 
 What is best without areas is a bound for what can be had with them: its waypoints are free to be
 anywhere, and the way between them is straight. That bound stays true. The plan is the best of the
-planner's own for several budgets, led around; then its waypoints are moved as long as that helps.
+planner's own for several budgets, led around, and of one that is grown device by device along the
+real ways; then the waypoints are moved as long as that helps.
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from fl.radio.channel import average_per
 from mission.base import polyline
-from mission.base.airspace import OPEN
+from mission.base.airspace import OPEN, Airspace, cut
 from mission.planner.evaluate import finish, success
 from mission.planner.problem import Floats, Planner, RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 _SHARES = (0.9, 0.75, 0.55)  # of the budget, where the way around costs the rest
+_TRIED = 2  # paths of either kind that are improved
+_DRAWN = 150  # paths at random: around areas there are many best ones nearby, and one best of all
+_MOST_DEVICES = 40  # that a path is grown towards: the way between any two of them is needed
+_FIRSTS = 12  # devices, each of which one path is grown from
+_FREE_M = 20.0  # of a way that one more device takes: less counts as this
 _STRIDES_M = (80.0, 30.0, 10.0, 3.0, 1.0)
 _ROUNDS = 3  # over all waypoints with one stride, at most
 _GAIN = 1e-6  # of the value: less is no improvement
@@ -43,11 +50,13 @@ class AroundPlanner:
         ideal = self.inner.plan(bare)
         best = finish(problem, ideal.waypoints_m)
         if best.value < ideal.value * (1.0 - _GAIN):
+            others = [best, *(finish(problem, path) for path in grown(problem))]
             for share in _SHARES:
                 shorter = replace(bare, path_budget_m=share * problem.path_budget_m)
-                other = finish(problem, self.inner.plan(shorter).waypoints_m)
-                best = max(best, other, key=_value)
-            best = _moved(problem, best)
+                others.append(finish(problem, self.inner.plan(shorter).waypoints_m))
+            drawn = [finish(problem, path) for path in _drawn(problem)]
+            tried = [*_best(others), *_best(drawn)]
+            best = max((_moved(problem, other) for other in tried), key=_value)
         bound = min(ideal.upper_bound, reach_bound(problem))  # NaN stays, where none is proven
         bound = ideal.upper_bound if np.isnan(ideal.upper_bound) else bound
         return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
@@ -62,6 +71,99 @@ def reach_bound(problem: RoundProblem) -> float:
     near_m = np.maximum(0.0, np.minimum(near_m, from_start))
     worth = np.sort(problem.importance * (1.0 - average_per(problem.channel, near_m)))[::-1]
     return float(worth[: problem.steps * problem.per_step].sum())
+
+
+def _best(plans: list[RoundPlan]) -> list[RoundPlan]:
+    return sorted(plans, key=_value, reverse=True)[:_TRIED]
+
+
+def _drawn(problem: RoundProblem) -> Floats:
+    """(_DRAWN, N, 2) waypoints at random among the devices, the same ones every time."""
+    every = np.vstack((problem.devices_m, problem.start_m))
+    rng = np.random.Generator(np.random.PCG64(0))
+    paths = rng.uniform(every.min(axis=0), every.max(axis=0), (_DRAWN, problem.steps, 2))
+    paths[:, 0] = problem.start_m
+    return paths
+
+
+def grown(problem: RoundProblem) -> list[Floats]:
+    """Paths (N, 2) near devices, one more at a time: the one that gives most a metre.
+
+    A path for each device that it may begin with. What is left of the steps is spread along the
+    way.
+    """
+    space = problem.airspace
+    most = np.argsort(-problem.importance, kind="stable")[:_MOST_DEVICES]
+    places = np.vstack((problem.start_m, space.moved(problem.devices_m[most])))
+    far = _ways_m(space, places)
+    firsts = [i for i in range(1, len(places)) if far[0, i] <= problem.path_budget_m][:_FIRSTS]
+    return [
+        _filled(problem, places[_tour(problem, places, far, first)])
+        for first in firsts
+        if problem.steps > 1
+    ]
+
+
+def _tour(problem: RoundProblem, places: Floats, far: Floats, first: int) -> list[int]:
+    """The places of a path that is grown from the start and a first device."""
+    tour, left_m = [0, first], problem.path_budget_m - float(far[0, first])
+    value = _worth(problem, places[tour])
+    while len(tour) < problem.steps:
+        chosen: tuple[float, int, int, float, float] | None = None
+        for index in range(1, len(places)):
+            if index in tour:
+                continue
+            before, extra_m = _cheapest(far, tour, index)
+            if extra_m > left_m:
+                continue
+            worth = _worth(problem, places[[*tour, index]])
+            rate = (worth - value) / max(extra_m, _FREE_M)
+            if worth > value and (chosen is None or rate > chosen[0]):
+                chosen = (rate, index, before, extra_m, worth)
+        if chosen is None:
+            break
+        _, index, before, extra_m, value = chosen
+        tour.insert(before, index)
+        left_m -= extra_m
+    return tour
+
+
+def _ways_m(space: Airspace, places_m: Floats) -> Floats:
+    """(P, P) lengths of the shortest ways; infinity where there is none."""
+    far = np.zeros((len(places_m), len(places_m)))
+    for i, j in zip(*np.triu_indices(len(places_m), 1), strict=True):
+        try:
+            far[i, j] = far[j, i] = polyline.length(space.way(places_m[i], places_m[j]))
+        except ValueError:
+            far[i, j] = far[j, i] = np.inf
+    return far
+
+
+def _cheapest(far: Floats, tour: list[int], index: int) -> tuple[int, float]:
+    """Where in a tour one more place costs least, and how many metres."""
+    ends = np.array(tour)
+    extra = far[ends, index].copy()
+    extra[:-1] += far[index, ends[1:]] - far[ends[:-1], ends[1:]]
+    best = int(extra.argmin())
+    return best + 1, float(extra[best])
+
+
+def _filled(problem: RoundProblem, waypoints_m: Floats) -> Floats:
+    """(N, 2): while there are too few, one more in the middle of the longest leg."""
+    while len(waypoints_m) < problem.steps:
+        if len(waypoints_m) == 1:
+            return np.repeat(waypoints_m, problem.steps, axis=0)
+        ways = [problem.airspace.way(a, b) for a, b in pairwise(waypoints_m)]
+        longest = int(np.argmax([polyline.length(way) for way in ways]))
+        middle = cut(ways[longest], polyline.length(ways[longest]) / 2.0)[-1]
+        waypoints_m = np.insert(waypoints_m, longest + 1, middle, axis=0)
+    return waypoints_m
+
+
+def _worth(problem: RoundProblem, waypoints_m: Floats) -> float:
+    """What the best schedule from waypoints is worth."""
+    worth = success(problem, waypoints_m) * problem.importance
+    return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
 
 
 def _value(plan: RoundPlan) -> float:
@@ -101,8 +203,7 @@ def _best_move(problem: RoundProblem, plan: RoundPlan, n: int, stride_m: float) 
 
 def _no_better(problem: RoundProblem, plan: RoundPlan, waypoints_m: Floats) -> bool:
     """Whether waypoints cannot beat a plan, even where the way between them is straight."""
-    worth = success(problem, waypoints_m) * problem.importance
-    value = float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
+    value = _worth(problem, waypoints_m)
     if value > plan.value * (1.0 + _GAIN):
         return False
     longer = polyline.length(waypoints_m) >= plan.path_m - _SHORTER_M

@@ -82,10 +82,12 @@ def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tu
             way = space.way(waypoints[n - 1], waypoints[n])
         except ValueError:
             way = waypoints[[n - 1, n - 1]]
-        way = cut(way, left_m)
-        waypoints[n] = way[-1]
+        way_m = polyline.length(way)
+        if way_m > left_m:
+            way = cut(way, left_m)
+            waypoints[n] = way[-1]
         via.append(way[1:-1])
-        left_m = max(0.0, left_m - polyline.length(way))
+        left_m = max(0.0, left_m - way_m)
     return waypoints, tuple(via)
 
 
@@ -163,6 +165,10 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
     away = float(np.hypot(*(plan.waypoints_m[0] - problem.start_m)))
     if away > LENGTH_TOLERANCE_M:
         raise InfeasiblePlanError(f"the first waypoint lies {away:.4f} m from the start")
+    if plan.via_m and len(plan.via_m) != problem.steps - 1:
+        raise InfeasiblePlanError(
+            f"corners between {len(plan.via_m)} pairs of waypoints: must be {problem.steps - 1}"
+        )
     over = plan.path_m - problem.path_budget_m
     if over > LENGTH_TOLERANCE_M:
         raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its budget")
@@ -179,10 +185,6 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
 
 
 def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:
-    if plan.via_m and len(plan.via_m) != problem.steps - 1:
-        raise InfeasiblePlanError(
-            f"corners between {len(plan.via_m)} pairs of waypoints: must be {problem.steps - 1}"
-        )
     space, route = problem.airspace, plan.route_m
     free = space.free(route)
     # From a start that is not free it must first get out.

@@ -338,7 +338,10 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         ({"labels_per_device": 2, "coverage": True}, "community digits: coverage"),
         ({"devices": 900, "partition": "dirichlet"}, "community digits: dirichlet_alpha"),
         ({"network": "resnet"}, "network 'resnet': it is 'lenet', 'mcmahan' or"),
-        ({"task": "npz", "data_file": "x.npz"}, "npz: needs files: give their folder by --data-dir"),
+        (
+            {"task": "npz", "data_file": "x.npz"},
+            "npz: needs files: give their folder by --data-dir",
+        ),
         ({"task": "mnist"}, "mnist: needs files: give their folder by --data-dir"),
     ],
 )
