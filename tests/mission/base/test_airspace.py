@@ -1,6 +1,7 @@
 """Ways around areas: shortest, at the margin, within the fence."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_every_way_keeps_the_margin_and_no_corner_of_it_can_be_left_out(place) -
     space = Airspace((SQUARE, ELL), FENCE, 12.0)
     a, b = space.moved(np.array(place).reshape(2, 2))
     way = space.way(a, b)
-    dense = np.vstack([np.linspace(p, q, 200) for p, q in zip(way[:-1], way[1:], strict=True)])
+    dense = np.vstack([np.linspace(p, q, 200) for p, q in pairwise(way)])
     assert space.free(dense).all()
     for ring in (SQUARE, ELL):
         assert _distance(dense, ring) >= 12.0 - 1e-5
@@ -68,7 +69,7 @@ def test_every_way_keeps_the_margin_and_no_corner_of_it_can_be_left_out(place) -
 def _distance(points: np.ndarray, ring: np.ndarray) -> float:
     """Of the nearest of many points on the outline: another way than the product's."""
     closed = np.vstack((ring, ring[:1]))
-    edge = np.vstack([np.linspace(p, q, 400) for p, q in zip(closed[:-1], closed[1:], strict=True)])
+    edge = np.vstack([np.linspace(p, q, 400) for p, q in pairwise(closed)])
     return float(min(np.hypot(*(edge - point).T).min() for point in points)) + 0.0
 
 

@@ -237,3 +237,132 @@ def test_a_configuration_whose_file_nobody_read_is_no_scenario() -> None:
     community = {"name": "a", "task": "digits", "positions_file": "d.csv"}
     with pytest.raises(InputError, match="not read yet"):
         build_scenario(RunConfig(communities=(community,)), data_dir=None)
+
+
+def zones(*polygons: Any) -> str:
+    """GeoJSON of (properties, ((lat, lon), ...)) each."""
+    return json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "properties": properties,
+                    "geometry": {
+                        "type": "Polygon",
+                        "coordinates": [[[lon, lat] for lat, lon in (*corners, corners[0])]],
+                    },
+                }
+                for properties, corners in polygons
+            ],
+        }
+    )
+
+
+SCHOOL = ((43.581, 7.121), (43.581, 7.123), (43.583, 7.123), (43.583, 7.121))
+AREA = "[area]\nhome_lat_deg = 43.580\nhome_lon_deg = 7.127\n"
+
+
+def test_areas_out_of_a_file_lie_where_they_are_on_the_globe(load, tmp_path: Path) -> None:
+    properties = {"name": "School", "from_m": 0.0, "to_m": 90, "colour": "red"}
+    (tmp_path / "z.geojson").write_text(zones((properties, SCHOOL)))
+    text = from_file(tmp_path, "d.geojson", points(*TOWN)) + AREA
+    config = load(text + 'no_fly_file = "z.geojson"\nfence_file = "z.geojson"\n')
+    zone = config.area.no_fly[0]
+    assert (zone.name, zone.from_m, zone.to_m) == ("School", 0, 90)
+    for (lat, lon), (x, y) in zip(SCHOOL, zone.polygon_m, strict=True):
+        east, north, _ = pymap3d.geodetic2enu(lat, lon, 130.0, 43.580, 7.127, 130.0)
+        home = config.area.home_m
+        assert (x, y) == pytest.approx((home[0] + east, home[1] + north), abs=1e-3)
+    assert config.area.fence_m == zone.polygon_m
+    assert load(config.to_toml()) == config
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "counts"),
+    [(0, None, True), (0, 54, False), (0, 56, True), (64, None, True), (66, None, False)],
+)
+def test_an_area_counts_at_its_heights(load, low: float, high: float | None, counts: bool) -> None:
+    heights = f"from_m = {low}\n" + ("" if high is None else f"to_m = {high}\n")
+    text = BASE + "[[area.no_fly]]\npolygon_m = [[10,10],[90,10],[90,90]]\n" + heights
+    config = load(text)
+    assert bool(config.area.build(60.0).airspace.keep_out) is counts
+    assert config.area.build().airspace.is_open, "where nothing is flown"
+
+
+@pytest.mark.parametrize(
+    ("area", "words"),
+    [
+        (
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[300,300],[500,300],[500,500]]",
+            "the start lies nearer than area.margin_m = 15 m to the area 'school', which must not",
+        ),
+        (
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[0,0],[800,0],[800,800],[0,800]]",
+            "area.home_m = [400, 400]: the start lies inside the area 'school', which must not",
+        ),
+        (
+            "[[area.no_fly]]\nname = 'low'\nto_m = 30\npolygon_m = [[300,300],[500,300],[500,500]]",
+            "the start lies nearer than area.margin_m = 15 m to the area 'low'",
+        ),
+        ("[area]\nfence_m = [[0,0],[100,0],[100,100]]", "the start lies outside the fence"),
+        ("[area]\nfence_m = [[0,0],[405,0],[405,800],[0,800]]", "nearer than area.margin_m = 15 m"),
+    ],
+)
+def test_a_start_from_which_nobody_may_climb_is_refused(load, area: str, words: str) -> None:
+    with pytest.raises(InputError) as error:
+        build_scenario(load(BASE + area + "\n"), data_dir=None)
+    assert words in str(error.value)
+    assert "move home" in str(error.value)
+
+
+def test_a_start_below_an_area_overhead_is_fine(load) -> None:
+    zone = "[[area.no_fly]]\nfrom_m = 100\npolygon_m = [[300,300],[500,300],[500,500],[300,500]]\n"
+    assert build_scenario(load(BASE + zone), data_dir=None).area.airspace.is_open
+
+
+BAD_AREAS = {
+    "no_fly = [{polygon_m = [[0,0],[1,1]]}]": "area.no_fly.0.polygon_m",
+    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0],[0,9]]}]": "crosses itself, or has no area",
+    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0]], to_m = 0}]": "to_m = 0 must be above from_m = 0",
+    "fence_m = [[0,0],[9,9],[9,0],[0,9]]": "fence_m crosses itself",
+    "fence_m = [[0,0],[9,9],[9,0]]\nfence_file = 'x'": "fence_m and fence_file: one of them",
+    "margin_m = 1": "margin_m = 1: must be a number from 5 to 500",
+    "no_fly_file = 'none.geojson'": "none.geojson: cannot be read",
+}
+
+
+@pytest.mark.parametrize("keys", BAD_AREAS)
+def test_wrong_areas_in_the_configuration_are_refused(load, keys: str) -> None:
+    with pytest.raises(InputError) as error:
+        load(BASE + "[area]\n" + keys + "\n")
+    assert BAD_AREAS[keys] in str(error.value)
+
+
+FAR = tuple((lon, lat) for lat, lon in SCHOOL)
+BAD_RINGS = {
+    points(*TOWN): "features[0]: geometry is 'Point': must be 'Polygon' or 'MultiPolygon'",
+    zones(({}, FAR)): "100 km at most are allowed; are lat and lon swapped?",
+    zones(({}, SCHOOL[:2])): "a ring of 3 positions: there must be 4 at least",
+    zones(({"from_m": "low"}, SCHOOL)): "features[0]: from_m = 'low': must be a number",
+    zones(({"to_m": -5}, SCHOOL)): "to_m = -5 must be above from_m = 0",
+    zones(({}, (SCHOOL[0], SCHOOL[2], SCHOOL[1], SCHOOL[3]))): "crosses itself",
+    '{"type": "FeatureCollection", "features": []}': "holds no area",
+}
+
+
+@pytest.mark.parametrize("text", BAD_RINGS)
+def test_wrong_areas_in_a_file_are_one_line(load, tmp_path: Path, text: str) -> None:
+    (tmp_path / "z.geojson").write_text(text)
+    world = from_file(tmp_path, "d.geojson", points(*TOWN)) + AREA
+    with pytest.raises(InputError) as error:
+        load(world + 'no_fly_file = "z.geojson"\n')
+    assert BAD_RINGS[text] in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "z.geojson" in str(error.value)
+
+
+def test_a_fence_is_one_polygon(load, tmp_path: Path) -> None:
+    (tmp_path / "z.geojson").write_text(zones(({}, SCHOOL), ({}, SCHOOL)))
+    with pytest.raises(InputError, match="holds 2 polygons; a fence is one"):
+        load(BASE + AREA + 'fence_file = "z.geojson"\n')
