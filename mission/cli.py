@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from typing import Literal
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
@@ -57,7 +58,19 @@ data = App(name="data", help=helps.DATA)
 data.command("mission.commands.data:fetch", name="fetch", help=helps.DATA_FETCH)
 data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)
 app.command(data)
-app.command("mission.commands.completion:completion", name="completion", help=helps.COMPLETION)
+
+
+@app.command(help=helps.COMPLETION)
+def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
+    """Print what makes a shell complete commands and options on Tab.
+
+    Parameters
+    ----------
+    shell
+        bash, zsh or fish.
+    """
+    print(app.generate_completion(shell=shell), end="")
+    return 0
 
 
 def main(tokens: Sequence[str] | None = None) -> None:

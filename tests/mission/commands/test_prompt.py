@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,9 +189,9 @@ def test_messages_say_the_way_out(tokens, tmp_path: Path, monkeypatch, capsys) -
     assert MESSAGES[tokens] in refused(capsys, *tokens)
 
 
-def npz(path: Path, **changes: object) -> None:
+def npz(path: Path, **changes: Any) -> None:
     images = np.zeros((60, 8, 8), dtype=np.uint8)
-    arrays = {"images": images, "labels": np.arange(60) % 3, **changes}
+    arrays: dict[str, Any] = {"images": images, "labels": np.arange(60) % 3, **changes}
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
 
 
