@@ -10,7 +10,10 @@ from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 
+USUAL_DEVICES = 6  # of a community that says nothing of them
+
 Positive = Annotated[float, Field(gt=0.0)]
+Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Unheard = Literal["left-out", "zero"]
 Missed = Literal["lost-too", "unscheduled"]
 Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
@@ -102,7 +105,32 @@ class CommunityConfig(_Frozen):
         None,
         description="for task = 'npz': the file's name in the data folder, or its absolute path",
     )
-    devices: int = Field(6, ge=1, le=1000, description="number of devices")
+    positions_m: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="x, y of each device in area coordinates; without it and positions_file they "
+        "are drawn from the seed",
+    )
+    positions_file: str | None = Field(
+        None,
+        description="where the devices stand: a CSV file with columns x, y or lat, lon, a run's "
+        "devices.csv, or GeoJSON points; columns or properties community (of a file for several) "
+        "and share count too. Beside the configuration, or an absolute path",
+    )
+    data_shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="how much data each device has against the others of its community; without "
+        "it all have alike",
+    )
+    devices: int = Field(
+        default_factory=lambda known: len(known.get("positions_m") or ()) or USUAL_DEVICES,
+        ge=1,
+        le=1000,
+        description="number of devices; as many as there are positions, where these are given",
+    )
     partition: Literal["labels", "dirichlet", "iid"] = Field(
         "labels", description="how samples are spread over the devices"
     )
@@ -122,17 +150,40 @@ class CommunityConfig(_Frozen):
     )
 
     @model_validator(mode="after")
+    def _as_many_as_devices(self) -> Self:
+        if self.positions_m is not None and self.positions_file is not None:
+            raise ValueError("positions_m and positions_file: one of them, not both")
+        for name, values in (("positions_m", self.positions_m), ("data_shares", self.data_shares)):
+            # Of a file it is not known yet how many it holds.
+            if values is None or (self.positions_file is not None and name == "data_shares"):
+                continue
+            if len(values) != self.devices:
+                raise ValueError(
+                    f"{name} has {len(values)} entries for {self.devices} devices; there must be "
+                    "one for each"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _sizes_with_convnet_only(self) -> Self:
         if (self.network == "convnet") != (self.convnet is not None):
             raise ValueError(
-                "the table convnet belongs to network = 'convnet', which needs it; it may be empty"
+                "network = 'convnet' needs the table convnet, which may be empty"
+                if self.network == "convnet"
+                else f"the table convnet is for network = 'convnet' only; network = "
+                f"'{self.network}' has sizes of its own: leave it out"
             )
         return self
 
     @model_validator(mode="after")
     def _file_with_npz_only(self) -> Self:
         if (self.task == "npz") != (self.data_file is not None):
-            raise ValueError("data_file belongs to task = 'npz', which needs it")
+            raise ValueError(
+                "task = 'npz' needs data_file, the name of its .npz file"
+                if self.task == "npz"
+                else f"data_file is for task = 'npz' only; task = '{self.task}' has files of its "
+                "own: leave data_file out"
+            )
         if self.data_file is not None and ".." in PurePath(self.data_file).parts:
             raise ValueError(
                 "data_file stays in the data folder; a file elsewhere is given by its absolute path"

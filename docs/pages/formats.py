@@ -47,13 +47,15 @@ and [learning](learning.md#fairness-and-importance) the formulas.
 | `config.toml` | the whole configuration, defaults included; `aerofed run config.toml` flies the \
 same again |
 | `devices.csv` | a row for each device: community, position, samples, share of the data (p_k), \
-and how many samples of which class it has (`class:samples`) |
+and how many samples of which class it has (`class:samples`), configured share; `positions_file` \
+takes it |
 | `rounds.csv` | a row for each round |
 | `uplinks.csv` | a row for each scheduled device of each round |
 | `learning.csv` | a row for each device after every round |
 | `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
+| `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
 | `figures/map.png` | all rounds on one map |
 | `figures/rounds.png` | who was served from where, round by round, at most twelve rounds |
 | `figures/learning.png` | accuracy, fairness and updates |
@@ -70,7 +72,7 @@ tables until the new ones have caught up |
 | `figures/map.png` | the planned and the flown path |
 | `figures/profile.png` | height, distance from the path, speed, error of the estimate |
 
-`aerofed report` adds `report.html` to either.
+`aerofed report` adds `report.html`.
 """
 
 

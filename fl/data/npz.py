@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fl.data.bounded import LARGEST_BYTES
 from fl.data.dataset import Dataset, Pixels, Provenance, SourceFile, Split, checked, hold_out
 from fl.data.official import md5
-from fl.errors import DataDamagedError, DataMissingError, first_line
+from fl.errors import DataDamagedError, DataLayoutError, DataMissingError, first_line
 
 LAYOUTS = (
     ("x_train", "y_train", "x_test", "y_test"),
@@ -46,10 +46,10 @@ def load(name: str, data_dir: Path) -> Dataset:
         with np.load(path, allow_pickle=False) as archive:
             layout = next((keys for keys in LAYOUTS if set(keys) <= set(archive.files)), None)
             if layout is None:
-                raise DataDamagedError(
+                raise DataLayoutError(
                     path,
-                    f"holds {', '.join(archive.files) or 'nothing'}; wanted"
-                    f" {' or '.join('(' + ', '.join(keys) + ')' for keys in LAYOUTS)}",
+                    f"holds the arrays {', '.join(archive.files) or '(none)'}; wanted are"
+                    f" {', or '.join(', '.join(keys) for keys in LAYOUTS)}",
                 )
             arrays = [archive[key] for key in layout]
         content_md5 = md5(path.read_bytes())
@@ -70,9 +70,7 @@ def load(name: str, data_dir: Path) -> Dataset:
     if len(splits) == 1:
         only = splits[0]
         if len(only.images) != len(only.labels):
-            raise DataDamagedError(
-                path, f"{len(only.images)} images, but {len(only.labels)} labels"
-            )
+            raise DataLayoutError(path, f"{len(only.images)} images, but {len(only.labels)} labels")
         splits = list(hold_out(only.images, only.labels, share=HELD_OUT, seed=0))
     provenance = Provenance(str(path), False, (SourceFile(path.name, content_md5, False),))
     classes = 1 + max(int(split.labels.max(initial=0)) for split in splits)
@@ -83,7 +81,7 @@ def _images(array: NDArray[Any], key: str, path: Path) -> Pixels:
     if array.ndim == 3:
         array = array[..., np.newaxis]
     if array.ndim != 4 or array.shape[3] not in (1, 3, 4):
-        raise DataDamagedError(
+        raise DataLayoutError(
             path,
             f"{key} is {array.shape}; wanted (n, height, width) or"
             " (n, height, width, channels) with 1, 3 or 4 channels",
@@ -92,20 +90,20 @@ def _images(array: NDArray[Any], key: str, path: Path) -> Pixels:
         return np.ascontiguousarray(array)
     if array.dtype.kind == "f":
         if not np.all((array >= 0.0) & (array <= 1.0)):
-            raise DataDamagedError(path, f"{key} holds floats outside [0, 1]")
+            raise DataLayoutError(path, f"{key} holds floats outside [0, 1]")
         return np.ascontiguousarray(array, dtype=np.float32)
-    raise DataDamagedError(path, f"{key} is of type {array.dtype}; wanted bytes or floats")
+    raise DataLayoutError(path, f"{key} is of type {array.dtype}; wanted bytes or floats")
 
 
 def _labels(array: NDArray[Any], key: str, path: Path) -> NDArray[np.int64]:
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise DataDamagedError(
+        raise DataLayoutError(
             path, f"{key} is {array.dtype} {array.shape}; wanted integers (n,) or (n, 1)"
         )
     if len(array) and int(array.max()) >= MOST_CLASSES:
-        raise DataDamagedError(
+        raise DataLayoutError(
             path, f"{key} holds a label {array.max()}; at most {MOST_CLASSES - 1}"
         )
     return array.astype(np.int64)

@@ -164,6 +164,7 @@ def _community(
     test_share: float | None,
 ) -> Community:
     labels, classes = dataset.labels, dataset.classes
+    weights = None if config.data_shares is None else np.array(config.data_shares)
     try:
         if config.partition == "labels":
             owns = partition.draw_owners(
@@ -173,7 +174,7 @@ def _community(
                 coverage=config.coverage,
                 rng=rng,
             )
-            shares = partition.by_labels(labels, owns, rng=rng)
+            shares = partition.by_labels(labels, owns, rng=rng, weights=weights)
         elif config.partition == "dirichlet":
             shares = partition.by_dirichlet(
                 labels,
@@ -181,9 +182,10 @@ def _community(
                 classes=classes,
                 alpha=config.dirichlet_alpha,
                 rng=rng,
+                weights=weights,
             )
         else:
-            shares = partition.iid(len(labels), devices=config.devices, rng=rng)
+            shares = partition.iid(len(labels), devices=config.devices, rng=rng, weights=weights)
     except SettingError as error:
         raise SettingError(
             f"community {config.name}: {error.key}", error.value, error.allowed

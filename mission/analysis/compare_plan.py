@@ -140,7 +140,7 @@ def plan_flight(run: LoadedRun) -> PlanFlight:
     last = passed.get(max(places_m))
     end_ns = last.t_ns if last is not None else _last_ns(data)
     truth, belief = (track.between(plan.t_ns, end_ns) for track in (data.truth, data.belief))
-    cross_m = align(truth.pos_m[:, :2], plan.waypoints_m).cross_m
+    cross_m = align(truth.pos_m[:, :2], plan.route_m).cross_m
     error_m = np.linalg.norm((belief.pos_m - truth.pos_m)[:, :2], axis=1)
     misses_m = [np.array(event.true_m) - places_m[seq] for seq, event in passed.items()]
     battery = data.battery.remaining

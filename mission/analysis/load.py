@@ -133,7 +133,7 @@ def extent(run: FlightData, *, margin: float) -> tuple[Floats, Floats]:
     """
     size = np.array(run.area.size_m)
     points = [np.zeros((1, 2)), size[None], run.truth.pos_m[:, :2]]
-    points += [plan.waypoints_m for plan in run.plans]
+    points += [plan.route_m for plan in run.plans]
     points += [
         zone.outline_m
         for zone in run.fence

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown
@@ -43,7 +44,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     if not len(truth.t_ns):
         raise InputError(f"round {record.round}: the log has no position in its time")
     xy = truth.pos_m[:, :2]
-    fit = align(xy, plan.waypoints_m)
+    fit = align(xy, plan.route_m)
     from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
     cuts = [
         closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
@@ -56,7 +57,10 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     miss = np.array(
         [(item.true_x_m - item.plan_x_m, item.true_y_m - item.plan_y_m) for item in reached]
     ).reshape(-1, 2)
-    heading = np.array([_heading(plan.waypoints_m, item.step) for item in reached]).reshape(-1, 2)
+    at = route_index(plan)
+    heading = np.array([_heading(plan.route_m, int(at[item.step])) for item in reached]).reshape(
+        -1, 2
+    )
     error = belief.pos_m - truth.pos_m
     plan_per = np.array([item.plan_per for item in uplinks])
     true_per = np.array([item.true_per for item in uplinks])
@@ -81,6 +85,16 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
     return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
+
+
+def route_index(plan: PlanRecord) -> NDArray[np.int64]:
+    """(N,) which points of the route are the waypoints, in their order."""
+    found: list[int] = []
+    for waypoint in plan.waypoints_m:
+        first = found[-1] + 1 if found else 0
+        same = (plan.route_m[first:] == waypoint).all(axis=1)
+        found.append(first + int(same.argmax()))
+    return np.array(found)
 
 
 def _heading(waypoints_m: Floats, step: int) -> Floats:

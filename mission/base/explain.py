@@ -1,8 +1,9 @@
 """What is wrong with a configuration, a line a key: where it stands, its value, what it may be."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Mapping
 from difflib import get_close_matches
+from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -14,6 +15,8 @@ _LONG = 60  # characters of a value that are shown
 _TABLE = "a table"
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
+Given: TypeAlias = Mapping[str, str]  # keys of the command line -> the options that set them
+NOTHING: Given = MappingProxyType({})
 
 
 def explain(
@@ -22,11 +25,12 @@ def explain(
     source: str,
     *,
     notation: Notation = "TOML",
-    given: Collection[str] = (),
+    given: Given = NOTHING,
 ) -> list[str]:
     """A line for each wrong key of what was read from `source`, a file or a place in one.
 
-    Keys in `given` were set on the command line and are not blamed on the file.
+    Keys in `given` were set on the command line and are not blamed on the file; each has the
+    option that set it, or nothing for `--set`.
     """
     items = error.errors()
     # Pydantic counts the elements of a list without those that it refuses.
@@ -41,8 +45,10 @@ def explain(
     return list(dict.fromkeys(lines))
 
 
-def refusal(name: str, value: Any, reason: str, source: str, *, given: Collection[str] = ()) -> str:
+def refusal(name: str, value: Any, reason: str, source: str, *, given: Given = NOTHING) -> str:
     """The line about one key and its value."""
+    if option := given.get(name):
+        return f"{option} {value}: {reason}"
     return f"{_blamed(name, source, given)}: {name} = {shown(value)}: {reason}"
 
 
@@ -52,9 +58,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 
-def _line(
-    item: ErrorDetails, root: Key, notation: Notation, source: str, given: Collection[str]
-) -> str:
+def _line(item: ErrorDetails, root: Key, notation: Notation, source: str, given: Given) -> str:
     kind, key, value = item["type"], locate(root, item["loc"]), item["input"]
     if kind == "missing" and isinstance(item["loc"][-1], int):
         # A list that is too short; its input is what the element is missing from.
@@ -78,10 +82,12 @@ def _line(
             reason = f"must be {words}{_choice(value, key)}"
             if notation == "TOML":
                 reason += _heading(value, key)
+    if option := given.get(name):
+        return f"{option} {value}: {reason}"
     return f"{_blamed(name, source, given)}: {name or 'configuration'}{equals}: {reason}"
 
 
-def _blamed(name: str, source: str, given: Collection[str]) -> str:
+def _blamed(name: str, source: str, given: Given) -> str:
     """Where a wrong key comes from: the command line, if it or something in it was set there."""
     mine = any(f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in given)
     return "command line" if mine else source

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fl.errors import USERS_MISTAKES, LearningError, first_line
+from fl.errors import USERS_MISTAKES, LearningError, first_line, kind_of
 from mission.base.errors import AerofedError, InputError, UsersCodeError
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
@@ -63,7 +63,7 @@ def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...])
     missing = [member for member in members if not hasattr(made, member)]
     if missing:
         raise InputError(
-            f"{key} = {path!r}: gives a {type(made).__name__} without {', '.join(missing)}; "
+            f"{key} = {path!r}: gives {kind_of(made)} without {', '.join(missing)}; "
             f"needed: {', '.join(members)}"
         )
     return made
@@ -100,6 +100,6 @@ def _imported(path: str, *, key: str) -> Callable[..., Any]:
     except USERS_MISTAKES as error:
         raise InputError(f"{key} = {path!r}: cannot be imported: {first_line(error)}") from error
     if not callable(found):
-        raise InputError(f"{key} = {path!r}: is a {type(found).__name__}, not callable")
+        raise InputError(f"{key} = {path!r}: is {kind_of(found)}, not callable")
     made: Callable[..., Any] = found
     return made

@@ -3,8 +3,9 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
 from rich.console import Console
 
 from mission.base.errors import InputError
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def compare(
     run: Path,
     *others: Path,
-    as_json: bool = False,
+    as_json: Annotated[bool, Parameter(name=("--json", "--as-json"), negative=())] = False,
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:

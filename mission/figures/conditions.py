@@ -55,7 +55,7 @@ def along_chart(run: FlightData) -> alt.LayerChart:
     """Cross-track error along the path; of several rounds the parameter `shown` chooses one."""
     plans = {plan.round: plan for plan in run.plans}
     fits = {
-        record.round: align(flown(run, record).pos_m[:, :2], plans[record.round].waypoints_m)
+        record.round: align(flown(run, record).pos_m[:, :2], plans[record.round].route_m)
         for record in run.rounds
         if record.round in plans
     }

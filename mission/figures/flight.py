@@ -71,7 +71,7 @@ def profiles(flights: Sequence[PlanFlight]) -> alt.VConcatChart:
 def profile_charts(flights: Sequence[PlanFlight]) -> list[alt.LayerChart]:
     """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
     plan = flights[0].plan
-    planned_m = np.column_stack((polyline.along(plan.waypoints_m), plan.height_m))
+    planned_m = np.column_stack((polyline.along(plan.route_m), plan.route_height_m))
     height = [Series("planned", PLANNED, planned_m[:, 0], planned_m[:, 1], dashed=True)]
     cross, speed, error = [], [], []
     for index, flight in enumerate(flights):
@@ -79,7 +79,7 @@ def profile_charts(flights: Sequence[PlanFlight]) -> list[alt.LayerChart]:
         name, colour = ("flown", FLOWN) if alone else (flight.about, community_colour(index))
         track = flown(flight.data, flight.record)
         belief = flown(flight.data, flight.record, track=flight.data.belief)
-        fit = align(track.pos_m[:, :2], flight.plan.waypoints_m)
+        fit = align(track.pos_m[:, :2], flight.plan.route_m)
         away_m = belief.pos_m - track.pos_m
         t_s = (track.t_ns - track.t_ns[0]) / NS_PER_S
         height.append(_thinned(name, colour, fit.along_m, track.pos_m[:, 2]))

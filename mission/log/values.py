@@ -98,11 +98,21 @@ class PlanRecord:
     ideal_slot_s: Annotated[
         Floats, NUMBERS, "(N,) seconds after the start at which a step is passed at speed"
     ]
+    route_m: Annotated[
+        Floats, PAIRS, "(P, 2) path as it is flown: waypoints, and corners around areas"
+    ]
+
+    @property
+    def route_height_m(self) -> Floats:
+        """(P,) planned height above home of each point of the route."""
+        if len(self.route_m) == len(self.height_m):
+            return self.height_m
+        return np.full(len(self.route_m), self.altitude_m)  # around areas only rounds fly
 
     @property
     def path_m(self) -> float:
         """Length of the planned polyline."""
-        return polyline.length(self.waypoints_m)
+        return polyline.length(self.route_m)
 
 
 @dataclass(frozen=True)

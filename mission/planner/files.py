@@ -1,8 +1,8 @@
 """Planning problems and plans as JSON files.
 
 A problem file is a list of objects; the keys are those of `ProblemEntry`. A plan file maps each
-problem's id to its waypoints (N, 2), schedule (N, K) of 0 and 1, value, upper bound and gap
-(null where the method proves none), nodes and seconds.
+problem's id to its waypoints (N, 2), the route that is flown (P, 2), schedule (N, K) of 0 and 1,
+value, upper bound and gap (null where the method proves none), nodes and seconds.
 """
 
 import json
@@ -119,8 +119,13 @@ def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    content = {entry.id: _plan(entry) for entry in plans}
+    content = plans_as_json(plans)
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, Any]:
+    """Plans by the ids of their problems, as a plan file has them."""
+    return {entry.id: _plan(entry) for entry in plans}
 
 
 def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:
@@ -168,6 +173,7 @@ def _plan(entry: NamedPlan) -> dict[str, Any]:
     proven = bool(np.isfinite(plan.upper_bound))
     return {
         "waypoints": plan.waypoints_m.tolist(),
+        "route": plan.route_m.tolist(),
         "schedule": plan.schedule.astype(int).tolist(),
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,

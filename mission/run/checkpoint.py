@@ -113,6 +113,7 @@ def _plain_sortie(sortie: Sortie) -> dict[str, Any]:
     plan = sortie.plan
     return {
         "waypoints_m": plan.waypoints_m.tolist(),
+        "via_m": [corners.tolist() for corners in plan.via_m],
         "schedule": np.argwhere(plan.schedule).tolist(),
         "value": float(plan.value),
         "upper_bound": float(plan.upper_bound),
@@ -130,7 +131,14 @@ def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
         for step, device in plan["schedule"]:
             schedule[step, device] = True
         sortie = Sortie(
-            RoundPlan(waypoints, schedule, plan["value"], plan["upper_bound"], plan["nodes"]),
+            RoundPlan(
+                waypoints,
+                schedule,
+                plan["value"],
+                plan["upper_bound"],
+                plan["nodes"],
+                tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
+            ),
             hold_s=plan["hold_s"],
             cost_m=plan["cost_m"],
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fl.federation import rounds as learning
 from mission.base.errors import FlightError, LinkLostError
+from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.open import Flyers
@@ -64,6 +65,8 @@ class FlownExperiment(Experiment):
         self._stage = "take-off"
         self.recorder.phase("take-off")
         with self.stopwatch("fly"):
+            if fence := fence_items(self.scenario.area):
+                await flyer.set_fence(fence)
             await flyer.take_off()
             if self.strategy.approach_m is not None:
                 await flyer.go_to(self.strategy.approach_m)
@@ -132,6 +135,7 @@ class FlownExperiment(Experiment):
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
             channel=scenario.channel,
+            airspace=scenario.area.airspace,
         )
 
     def _importance(self) -> Floats:

@@ -1,11 +1,12 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
@@ -29,6 +30,8 @@ from mission.run.resume import data_dir_of, read_checkpoint
 from mission.run.setup import set_up
 from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
+
+Page: TypeAlias = Callable[[Path], object]  # makes a page of a run's folder, in it
 
 _SETTING_UP = "setting up"
 _DRAWING = "drawing figures"
@@ -56,11 +59,13 @@ def fly_session(
     workers: int | None = None,
     figures: bool = True,
     stopwatch: Stopwatch | None = None,
+    page: Page | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
     Up to `workers` devices (default: one a core) train at a time. `figures` says whether its
-    pictures are drawn. `stopwatch` may have been counting the set-up already.
+    pictures are drawn. `stopwatch` may have been counting the set-up already. `page` makes a
+    page of the folder, last of all.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     run keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -85,10 +90,16 @@ def fly_session(
         with stopwatch("setup"):
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
-        return _fly(ready, console, stopwatch, workers=workers, figures=figures)
+        return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
-def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | None = None) -> int:
+def resume_session(
+    path: Path,
+    *,
+    console: RunConsole,
+    stopwatch: Stopwatch | None = None,
+    page: Page | None = None,
+) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
@@ -124,7 +135,7 @@ def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | No
             live = live_views(console)
             InterruptedFiles(folder).take()
         ready = _Ready(scenario, flyers, folder, checkpoint, found.state, found.rounds, live)
-        return _fly(ready, console, stopwatch)
+        return _fly(ready, console, stopwatch, page=page)
 
 
 def _fly(
@@ -134,6 +145,7 @@ def _fly(
     *,
     workers: int | None = None,
     figures: bool = True,
+    page: Page | None,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
@@ -167,10 +179,18 @@ def _fly(
     finally:
         # Last of all: a folder that says "finished" has everything.
         summary.ended(outcome, experiment.totals, stopwatch)
+    if page is not None and outcome.status == "finished":
+        # It says that the run is finished, and so comes after the summary that does.
+        with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
+            page(folder.path)
+        if outcome.status != "finished":
+            summary.ended(outcome, experiment.totals, stopwatch)
     outcome.raise_error(folder.path)
     for line in _closing_lines(experiment, stopwatch):
         console.say(line)
-    console.say(f"results in {folder.path}")
+    finished = outcome.status == "finished" and page is not None
+    look = ": open report.html in a browser" if finished else ""
+    console.say(f"results in {folder.path}{look}")
     if outcome.status == "interrupted":
         again = f"; aerofed run --resume {folder.path} goes on"
         console.say(f"interrupted{'' if flyers.no_resume else again}")

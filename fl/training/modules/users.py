@@ -6,7 +6,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from fl.errors import USERS_MISTAKES, NetworkError, first_line
+from fl.errors import USERS_MISTAKES, NetworkError, first_line, kind_of
 
 Factory = Callable[[], nn.Module]
 
@@ -21,7 +21,7 @@ def imported(name: str) -> Factory:
     except USERS_MISTAKES as error:
         raise NetworkError(name, f"cannot be imported: {first_line(error)}") from error
     if not callable(found):
-        raise NetworkError(name, f"is a {type(found).__name__}, not callable")
+        raise NetworkError(name, f"is {kind_of(found)}, not callable")
     factory: Factory = found
     return factory
 
@@ -38,7 +38,7 @@ def built(factory: Factory, name: str) -> nn.Module:
     except USERS_MISTAKES as error:
         raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
     if not isinstance(module, nn.Module):
-        raise NetworkError(name, f"gives a {type(module).__name__}, not a torch.nn.Module")
+        raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
     if next(iter(module.buffers()), None) is not None:
         raise NetworkError(name, "it has buffers (batch normalisation?); use GroupNorm")
     if next(iter(module.parameters()), None) is None:
@@ -60,7 +60,7 @@ def check_answer(module: nn.Module, images: Tensor, *, name: str, classes: int) 
         reason = f"fails on images of {tuple(images.shape)}: {first_line(error)}"
         raise NetworkError(name, reason) from error
     if not isinstance(out, Tensor):
-        raise NetworkError(name, f"gives a {type(out).__name__}, not a torch.Tensor")
+        raise NetworkError(name, f"gives {kind_of(out)}, not a torch.Tensor")
     if tuple(out.shape) != (len(images), classes):
         raise NetworkError(
             name,

@@ -21,11 +21,13 @@ from mission.flight.flyers.contact import Say, located, until, until_ready
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
+from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits, read_limits
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver
 
 Floats = NDArray[np.float64]
@@ -82,6 +84,11 @@ class ExternalFlyer(Flyer):
         await until_ready(self.pilot, self.feed, timeout_s=self._link.ready_timeout_s)
         if self.pilot.armed:
             raise FlightError("the vehicle is armed already: land and disarm it first")
+
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the vehicle a fence; it stays there."""
+        await self.ready()
+        await self.pilot.upload_fence(raw_items(items))
 
     async def take_off(self) -> None:
         """Climb from the ground to the hover above where the vehicle stands.
@@ -146,6 +153,7 @@ class ExternalFlyer(Flyer):
 
     async def land(self) -> None:
         """Return to home and land."""
+        await self.go_home()
         await self.pilot.land()
         await self.seen_down()
 

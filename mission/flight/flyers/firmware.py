@@ -27,6 +27,7 @@ from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
+from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle
@@ -48,6 +49,11 @@ class FirmwareFlyer(ExternalFlyer):
     def t_ns(self) -> int:
         """Simulated time."""
         return self.vehicle.plant.t_ns
+
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the firmware a fence."""
+        with self.vehicle.clock.going():
+            await super().set_fence(items)
 
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""

@@ -11,7 +11,7 @@ import numpy as np
 from flightdyn.plant import Plant
 from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
-from mission.flight.fence_zones import fence_of
+from mission.flight.fence_zones import airspace_zones, fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
@@ -89,8 +89,10 @@ class BuiltInFlyers(Flyers):
         """Wait for nothing: the simulated vehicle is there."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-        return fence_of((), self.vehicle.autopilot.parameters, self.scenario.area)
+        """The configuration's, and what the vehicle's parameters make: a circle about home."""
+        parameters = self.vehicle.autopilot.parameters
+        drawn = airspace_zones(self.scenario.area)
+        return (*drawn, *fence_of((), parameters, self.scenario.area))
 
     def open(
         self,
@@ -140,8 +142,8 @@ class FirmwareFlyers(Flyers):
         """Wait for nothing: the firmware is started with the flight."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """No fence that is known here."""
-        return ()
+        """The configuration's; what the vehicle has besides is not known here."""
+        return airspace_zones(self.scenario.area)
 
     def open(
         self,
@@ -186,8 +188,8 @@ class ExternalFlyers(Flyers):
         run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
     def fence(self) -> tuple[Zone, ...]:
-        """No fence that is known here."""
-        return ()
+        """The configuration's; what the vehicle has besides is not known here."""
+        return airspace_zones(self.scenario.area)
 
     def open(
         self,
@@ -224,8 +226,8 @@ class NoFlyers(Flyers):
         """Wait for nothing."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """No fence."""
-        return ()
+        """The configuration's."""
+        return airspace_zones(self.scenario.area)
 
     def open(
         self,

@@ -17,9 +17,11 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
+from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
 from sitl.errors import LinkError, SitlInputError
 from sitl.links import Link, RawLink, UdpLink
@@ -72,6 +74,11 @@ class SimulatedFlyer(Flyer):
         aircraft = self.vehicle.aircraft
         return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the vehicle a fence; simulated time stands still meanwhile."""
+        await self.pilot.ready()
+        await self.pilot.upload_fence(raw_items(items))
+
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""
         await self.pilot.ready()
@@ -95,6 +102,7 @@ class SimulatedFlyer(Flyer):
 
     async def land(self) -> None:
         """Return to home and land."""
+        await self.go_home()
         await self.pilot.land()
 
     async def refresh(self, reserve: float) -> bool:

@@ -13,6 +13,7 @@ from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
 
 Floats = NDArray[np.float64]
@@ -43,13 +44,17 @@ class UnflownFlyer(Flyer):
         """Where it is, which is where it believes to be."""
         return Passage(self._t_ns, self._ned_m, self._ned_m)
 
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Do nothing: nobody has to be told."""
+
     async def take_off(self) -> None:
         """Be above home at once."""
         self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.mission.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
         """Be above a place at once."""
-        self._ned_m = self.area.to_ned(xy_m, self.mission.altitude_m)
+        allowed_m = self.area.airspace.moved(xy_m[None])[0]
+        self._ned_m = self.area.to_ned(allowed_m, self.mission.altitude_m)
 
     async def land(self) -> None:
         """Do nothing: nothing of a landing is recorded."""

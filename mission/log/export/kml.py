@@ -45,7 +45,7 @@ def export_kml(path: Path, target: Path) -> Path:
             _line(lines, name, "fence", _coordinates(data, closed))
     planned, flown = _folder(document, "planned"), _folder(document, "flown")
     for plan in data.plans:
-        points = np.column_stack((plan.waypoints_m, plan.height_m))
+        points = np.column_stack((plan.route_m, plan.route_height_m))
         _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
     for name, track in _pieces(data):
         _line(flown, name, "flown", _coordinates(data, track.pos_m))

@@ -133,6 +133,8 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
         # Earlier logs have only the one height, which is the same everywhere in a run.
         height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
         ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
+        # Nor do they know of areas to fly around.
+        route_m=np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2),
     )
 
 

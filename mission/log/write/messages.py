@@ -208,6 +208,7 @@ def plan(written: PlanRecord) -> bytes:
             "altitude_m": float(written.altitude_m),
             "height_m": written.height_m.tolist(),
             "ideal_slot_s": written.ideal_slot_s.tolist(),
+            "route_m": written.route_m.tolist(),
         }
     )
 

@@ -117,7 +117,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
     features: list[Mapping[str, Any]] = [
         _feature(
             "LineString",
-            _lonlat(area, plan.waypoints_m, plan.altitude_m),
+            _lonlat(area, plan.route_m, plan.altitude_m),
             {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
         )
     ]

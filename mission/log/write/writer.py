@@ -109,7 +109,7 @@ class FlightLog:
         """
         self._now_ns = t_ns
         if ideal_slot_s is None:
-            ideal_slot_s = (polyline.along(plan.waypoints_m) / speed_mps).tolist()
+            ideal_slot_s = (polyline.along(plan.route_m)[plan.stops_at] / speed_mps).tolist()
         written = PlanRecord(
             round=round_number,
             t_ns=t_ns,
@@ -127,10 +127,11 @@ class FlightLog:
                 else height_m
             ),
             ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+            route_m=plan.route_m,
         )
         self._write(topics.PLAN, t_ns, messages.plan(written))
         stamp = messages.timestamp(t_ns)
-        points = np.column_stack((plan.waypoints_m, written.height_m))
+        points = np.column_stack((plan.route_m, written.route_height_m))
         self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)

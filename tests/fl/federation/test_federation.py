@@ -338,8 +338,11 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         ({"labels_per_device": 2, "coverage": True}, "community digits: coverage"),
         ({"devices": 900, "partition": "dirichlet"}, "community digits: dirichlet_alpha"),
         ({"network": "resnet"}, "network 'resnet': it is 'lenet', 'mcmahan' or"),
-        ({"task": "npz", "data_file": "x.npz"}, "no data folder was given"),
-        ({"task": "mnist"}, "mnist: no data folder was given"),
+        (
+            {"task": "npz", "data_file": "x.npz"},
+            "npz: needs files: give their folder by --data-dir",
+        ),
+        ({"task": "mnist"}, "mnist: needs files: give their folder by --data-dir"),
     ],
 )
 def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:
