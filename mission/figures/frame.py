@@ -49,6 +49,10 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
         for plan in plans
         if plan.round in records
     ]
+    if run.plan_file is not None and run.rounds:
+        end_ns = int(flown(run, run.rounds[0]).t_ns[-1])
+        rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
+        lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
     return lines
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mission.base.palette import community_colour
 from mission.figures.frame import Frame, line_table, run_lines
+from mission.figures.places import places
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
@@ -69,7 +70,7 @@ def round_maps(run: FlightData, about: str) -> alt.ConcatChart:
 
 
 def round_map(
-    run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH
+    run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH, about: str = ""
 ) -> alt.LayerChart:
     """A map of one round; of several, of which the parameter `shown` chooses one.
 
@@ -81,11 +82,13 @@ def round_map(
         *frame.ground(run),
         *_links(run, frame, served),
         *frame.lines(run_lines(run, plans)),
-        *frame.waypoints(plans),
+        *(frame.waypoints(plans) if run.plan_file is None else places(frame, run)),
         *_devices(run, frame, [(p.round, p.importance, served[p.round]) for p in plans]),
     ]
     title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
-    return frame.finished(layers).properties(title=alt.TitleParams(title))
+    return frame.finished(layers).properties(
+        title=heading(title, about) if about else alt.TitleParams(title)
+    )
 
 
 def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
@@ -94,6 +97,8 @@ def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
 
 
 def _round_title(run: FlightData, plan: PlanRecord) -> str:
+    if run.plan_file is not None:
+        return "Planned and flown; numbers: items of the plan"
     record = record_of(run, plan)
     if record is None:
         return f"round {plan.round}: planned"
