@@ -23,7 +23,7 @@ class _Frozen(BaseModel):
 class ChannelConfig(_Frozen):
     """A named channel and what to change in it."""
 
-    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio")
+    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio.channel")
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
@@ -196,3 +196,14 @@ class LearningConfig(_Frozen):
         "cpu",
         description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )
+
+    @model_validator(mode="after")
+    def _share_with_test_only(self) -> Self:
+        # The default stands in every configuration that a run has written down.
+        share = type(self).model_fields["test_share"].default
+        if self.report_on == "validation" and self.test_share != share:
+            raise ValueError(
+                "test_share belongs to report_on = 'test'; on 'validation' images no test part is "
+                "held out"
+            )
+        return self

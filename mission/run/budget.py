@@ -26,6 +26,7 @@ class RunTotals:
     delivered: int = 0
     battery_changes: int = 0
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
+    untrained: dict[str, float] = field(default_factory=dict)  # the same, before the first
 
     @classmethod
     def before(cls, devices: int) -> Self:

@@ -53,7 +53,9 @@ class Experiment(ABC):
         federation = self.scenario.federation
         # A resumed run has the last round's models, and records the first ones again.
         state = self.state if self.state.rounds == 0 else learning.init(federation)
-        self.recorder.learnt(0, learning.untrained(federation, state))
+        untrained = learning.untrained(federation, state)
+        self.totals.untrained = dict(untrained.accuracy)
+        self.recorder.learnt(0, untrained)
         await self._run()
 
     def conclude(self, summary: Summary) -> None:

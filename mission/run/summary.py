@@ -41,5 +41,6 @@ def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:
         "delivered": totals.delivered,
         "scheduled": totals.scheduled,
         "accuracy": totals.accuracy,
+        "untrained_accuracy": totals.untrained,
         "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
     }

@@ -28,6 +28,13 @@ def test_overrides_change_the_preset_and_nothing_else() -> None:
     assert channel.a1_per_rad == urban.a1_per_rad
 
 
+def test_a_share_of_a_test_part_that_is_not_held_out_is_refused() -> None:
+    with pytest.raises(ValidationError, match="test_share belongs to report_on = 'test'"):
+        LearningConfig(report_on="validation", test_share=0.3)
+    # As a run writes it down, with every default.
+    assert LearningConfig(report_on="validation", test_share=0.5).report_on == "validation"
+
+
 def test_extra_gain_moves_between_the_named_link_budgets() -> None:
     stronger = ChannelConfig(preset="suburban+10dB", extra_gain_db=10.0).channel()
     expected = average_per(CHANNEL_PRESETS["suburban+20dB"], [100.0, 200.0, 300.0])
