@@ -198,14 +198,7 @@ def _path(
         start=route.Start(np.zeros(3), on_ground=True),
         frame=flight.frame,
         home=flight.home,
-        limits=route.Limits(
-            cruise_mps=p["MPC_XY_CRUISE"],
-            max_speed_mps=p["MPC_XY_VEL_MAX"],
-            climb_mps=p["MPC_Z_VEL_MAX_UP"],
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            takeoff_mps=p["MPC_TKO_SPEED"],
-            acceptance_m=p["NAV_ACC_RAD"],
-        ),
+        limits=route.Limits.of(p),
     )
     points: list[Floats] = [np.zeros(3)]
     duration_s = 0.0

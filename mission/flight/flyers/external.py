@@ -157,21 +157,16 @@ class ExternalFlyer(Flyer):
                 await until(lambda: self.t_ns > landed_ns)
 
     async def refresh(self, reserve: float) -> bool:
-        """Return, land, wait for a charged battery, take off and come back to where it was.
-
-        Raises:
-            FlightError: nobody charged it in time; the vehicle stands at home.
-        """
+        """See `Flyer`; a charged battery has to be waited for, so people are told."""
         self._doubt_battery(reserve)
-        if not self.battery_remaining < reserve:  # an unknown one is not
-            return False
-        self._say(f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one")
-        back = self.area.from_ned(self.here().est_ned_m)
-        await self.land()
+        if self.battery_remaining < reserve:
+            self._say(
+                f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one"
+            )
+        return await super().refresh(reserve)
+
+    async def _change_battery(self, reserve: float) -> None:
         await self._charged(reserve)
-        await self.take_off()
-        await self.go_to(back)
-        return True
 
     async def _charged(self, reserve: float) -> None:
         """Wait for more than what a battery recovers by resting: half of all above the reserve."""

@@ -54,9 +54,13 @@ class UnflownFlyer(Flyer):
     async def land(self) -> None:
         """Do nothing: nothing of a landing is recorded."""
 
-    async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
-        """Change nothing: no charge is used up."""
-        return False
+    @property
+    def battery_remaining(self) -> float:
+        """All of it: no charge is used up."""
+        return FULL.remaining
+
+    async def _change_battery(self, reserve: float) -> None:
+        """Do nothing: it is always full."""
 
     async def upload(self, plan: FlightPlan) -> None:
         """Do nothing: nobody has to be told."""

@@ -18,9 +18,8 @@ def test_defaults_are_the_papers() -> None:
 
 
 def test_overrides_change_the_preset_and_nothing_else() -> None:
-    channel = ChannelConfig(preset="urban", sigma_los=0.4, extra_gain_db=3.0).channel(
-        altitude_m=80.0
-    )
+    changes = {"preset": "urban", "sigma_los": 0.4, "extra_gain_db": 3.0}
+    channel = ChannelConfig.model_validate(changes).channel(altitude_m=80.0)
     urban = CHANNEL_PRESETS["urban"]
     assert channel.sigma_los == 0.4
     assert channel.altitude_m == 80.0
