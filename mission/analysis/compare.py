@@ -14,9 +14,10 @@ import numpy as np
 
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure
+from mission.base.arrays import Floats
 from mission.base.columns import told
 from mission.base.errors import InputError
-from mission.log.values import FlightData, Floats
+from mission.log.values import FlightData
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mission.base import polyline
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
@@ -17,7 +18,7 @@ from mission.log.errors import DamagedLogError
 from mission.log.read.contents import load_damaged
 from mission.log.read.reader import decode, read_log
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, EventRecord, FlightData, Floats, Track
+from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
 _FINISHED = "finished"
 _FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small

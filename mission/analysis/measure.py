@@ -7,9 +7,10 @@ import numpy as np
 
 from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown, reached
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0

@@ -8,12 +8,13 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.load import LoadedRun, flown, ground_speed
 from mission.base import polyline
+from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.frame import thin
 from mission.figures.render import stacked
 from mission.figures.style import COOL, FLOWN, GOOD, PLANNED
-from mission.log.values import NS_PER_S, Floats
+from mission.log.values import NS_PER_S
 
 _TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
 _ALONG = "along the plan (m)"

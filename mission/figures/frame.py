@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mission.analysis.load import extent, flown
+from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
     FENCE,
@@ -20,7 +21,7 @@ from mission.figures.style import (
     named,
     table,
 )
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 

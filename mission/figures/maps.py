@@ -7,6 +7,7 @@ from typing import TypeAlias
 import altair as alt
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.frame import Frame, line_table, run_lines
 from mission.figures.places import places
@@ -24,7 +25,7 @@ from mission.figures.style import (
     table,
 )
 from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0

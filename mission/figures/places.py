@@ -4,9 +4,10 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.load import reached
+from mission.base.arrays import Floats
 from mission.figures.frame import Frame
 from mission.figures.style import FENCE, FLOWN, INK, PAPER, SOFT, keys, named, table
-from mission.log.values import FlightData, Floats, PlanFileRecord
+from mission.log.values import FlightData, PlanFileRecord
 
 _NEAR_M = 1.0  # places closer than this share one label
 _KINDS = {  # colour and shape of what is on the map

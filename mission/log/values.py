@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Bools, Floats, Ints
 from mission.log.records import (
     MAYBE,
     NUMBER,
@@ -25,9 +25,6 @@ from mission.log.records import (
     UplinkRecord,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 XYZ = tuple[float, float, float]
 
 NS_PER_S = 1_000_000_000

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.contact import look_at_vehicle
@@ -27,7 +27,6 @@ from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem
 
-Floats = NDArray[np.float64]
 Say = Callable[[str], None]
 
 _SHORT_M = 20.0  # of its last place, a flight that says it has passed it

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools
 from mission.base.console import RunConsole
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import users_code
@@ -20,8 +18,6 @@ from mission.run.learning import learn
 from mission.run.round_result import Recorder, RoundResult
 from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
@@ -24,9 +24,6 @@ from mission.run.gate import slots, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -23,9 +23,6 @@ from fl.training.modules.alone import OneByOne, images_of, take
 from fl.training.modules.repeatable import own_randomness, repeatable
 from fl.training.modules.users import Factory, built, check_answer
 
-if TYPE_CHECKING:
-    from fl.training.modules.lockstep import Lockstep
-
 logger = logging.getLogger(__name__)
 
 EVALUATION_BATCH = 250
@@ -33,6 +30,22 @@ EVALUATION_BATCH = 250
 MOST_SLOTS = 32
 # Of the way that one trial step goes, alone and in lockstep: sums in another order differ by less.
 TRIAL_TOLERANCE = 1e-3
+
+
+class Training(Protocol):
+    """How the devices of a round are trained."""
+
+    def train(
+        self,
+        split: Split,
+        model: Vector,
+        tasks: Sequence[LocalTask],
+        *,
+        scaling: Scaling,
+        settings: LocalSettings,
+    ) -> list[LocalResult]:
+        """As `fl.training.local.Network.train`, with the module in training mode."""
+        ...
 
 
 class ModuleNetwork:
@@ -65,14 +78,12 @@ class ModuleNetwork:
         images = torch.zeros(2, channels, height, width, device=self._device)
         check_answer(self._module, images, name=name, classes=classes)
         alone = OneByOne(self._module, self._device)
-        self._training: OneByOne | Lockstep = alone
+        self._training: Training = alone
         if lockstep or (lockstep is None and device == "cuda"):
             # Imported here: experimental, and no other path has any of it.
-            from fl.training.modules import lockstep as experimental
+            from fl.training.modules.lockstep import Lockstep
 
-            together = experimental.Lockstep(
-                self._module, self._device, slots=min(devices, MOST_SLOTS)
-            )
+            together = Lockstep(self._module, self._device, slots=min(devices, MOST_SLOTS))
             reason = self._trial(alone, together, image_shape)
             if reason is None:
                 self._training = together
@@ -126,7 +137,7 @@ class ModuleNetwork:
         return correct
 
     def _trial(
-        self, alone: OneByOne, together: "Lockstep", image_shape: tuple[int, int, int]
+        self, alone: Training, together: Training, image_shape: tuple[int, int, int]
     ) -> str | None:
         """Why devices cannot train in lockstep; None where that makes the same of them."""
         rng = np.random.Generator(np.random.PCG64(0))
@@ -136,7 +147,7 @@ class ModuleNetwork:
         settings = LocalSettings(0.01, 0.9, 0.0, batch_size=3, epochs=1)
         start = self.initial(rng)
 
-        def models(training: "OneByOne | Lockstep") -> list[Vector]:
+        def models(training: Training) -> list[Vector]:
             # Batches of three and two, and of three: one is filled up, and one device waits.
             tasks = [
                 LocalTask(samples, np.random.Generator(np.random.PCG64(0)))

@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
 from mission.flight.flight_plan import FlightPlan
@@ -27,8 +27,6 @@ from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver
-
-Floats = NDArray[np.float64]
 
 LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams

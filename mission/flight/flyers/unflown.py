@@ -5,17 +5,15 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.observer import VehicleObserver, VehicleSample
-
-Floats = NDArray[np.float64]
 
 PLANNED_POSITIONS = "nothing is flown: every waypoint is met exactly, at the planned speed"
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])

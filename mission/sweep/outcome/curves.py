@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.base.arrays import Floats
 from mission.sweep.outcome.stats import ENOUGH, band
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
-Floats = NDArray[np.float64]
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
 _POINTS = 200  # of a curve over distance or time
