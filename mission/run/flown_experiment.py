@@ -13,7 +13,7 @@ from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.open import Flyers
+from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
 from mission.log.records import RoundRecord
@@ -40,7 +40,7 @@ class FlownExperiment(Experiment):
     async def _run(self) -> None:
         try:
             async with self.flyers.open(
-                self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
+                Attached(self.observers, self.folder, self.recorder.notice, self.tap)
             ) as flyer:
                 try:
                     await self._rounds(flyer)

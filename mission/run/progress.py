@@ -2,7 +2,6 @@
 
 import time
 from collections import deque
-from typing import Protocol
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.live import Live
@@ -12,46 +11,27 @@ from rich.text import Text
 from mission.log.records import RoundRecord
 
 
-class Progress(Protocol):
-    """Shows a run as it goes."""
+class Progress:
+    """Shows a run as it goes; this one shows nothing."""
 
     def phase(self, name: str) -> None:
         """What is going on now."""
-        ...
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         """A round is over."""
-        ...
 
     def notice(self, text: str) -> None:
         """Something that a person should know."""
-        ...
 
     def close(self) -> None:
         """Leave the terminal as it should stay."""
-        ...
 
 
-class Quiet:
-    """Shows nothing."""
-
-    def notice(self, text: str) -> None: ...
-
-    def phase(self, name: str) -> None: ...
-
-    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None: ...
-
-    def close(self) -> None: ...
-
-
-class PlainLines:
-    """A line a round, for pipes and logs."""
+class PlainLines(Progress):
+    """A line a round, for pipes and logs, where phases would only be noise."""
 
     def __init__(self, console: Console, *, rounds: int, flown: bool) -> None:
         self._console, self._rounds, self._flown = console, rounds, flown
-
-    def phase(self, name: str) -> None:
-        """Phases would only be noise in a file."""
 
     def notice(self, text: str) -> None:
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
@@ -70,10 +50,8 @@ class PlainLines:
             f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}"
         )
 
-    def close(self) -> None: ...
 
-
-class LiveTable:
+class LiveTable(Progress):
     """A table that grows by a row a round; under it what is going on, and for how long."""
 
     ROWS = 12  # of the newest rounds; a terminal has no room for hundreds
@@ -151,6 +129,6 @@ def _change(record: RoundRecord) -> str:
 def make_progress(console: Console, *, rounds: int, flown: bool, quiet: bool) -> Progress:
     """The progress that fits where it goes; at most `rounds` are to come, `flown` or not."""
     if quiet:
-        return Quiet()
+        return Progress()
     kind = LiveTable if console.is_terminal else PlainLines
     return kind(console, rounds=rounds, flown=flown)
