@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 
@@ -23,37 +23,16 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-class ChannelConfig(_Frozen):
-    """A named channel and what to change in it."""
+class _NamedChannel(_Frozen):
+    """A channel by its name."""
 
-    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio")
+    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio.channel")
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
     gate: Literal["average", "instantaneous"] = Field(
         "average",
         description="lose packets with the average PER, or draw segment and shadowing per packet",
-    )
-    alpha_los: Positive | None = Field(None, le=10.0, description="path-loss exponent, LoS")
-    alpha_nlos: Positive | None = Field(None, le=10.0, description="path-loss exponent, NLoS")
-    beta_los_db: float | None = Field(None, ge=-200.0, le=50.0, description="LoS gain at 1 m")
-    beta_nlos_db: float | None = Field(None, ge=-200.0, le=50.0, description="NLoS gain at 1 m")
-    sigma_los: Positive | None = Field(
-        None, le=10.0, description="standard deviation of the natural log of the LoS shadowing"
-    )
-    sigma_nlos: Positive | None = Field(
-        None, le=10.0, description="standard deviation of the natural log of the NLoS shadowing"
-    )
-    a1_per_rad: Positive | None = Field(
-        None, le=1000.0, description="slope of the LoS probability over the elevation"
-    )
-    a2: float | None = Field(None, ge=-100.0, le=100.0, description="offset of the LoS probability")
-    tx_power_db: float | None = Field(None, ge=-200.0, le=100.0, description="transmit power P")
-    noise_db: float | None = Field(
-        None, ge=-300.0, le=100.0, description="noise power N0, in the unit of P"
-    )
-    snr_threshold: Positive | None = Field(
-        None, le=1e6, description="SNR under which a packet is lost, linear (10 = 10 dB)"
     )
 
     @field_validator("preset")
@@ -62,6 +41,16 @@ class ChannelConfig(_Frozen):
         if preset not in CHANNEL_PRESETS:
             raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
         return preset
+
+
+if TYPE_CHECKING:  # that may not know what is made while the program runs
+    _Constants = _NamedChannel
+else:
+    _Constants = constants_model("_Constants", _NamedChannel, optional=True)
+
+
+class ChannelConfig(_Constants):
+    """A named channel and what to change in it."""
 
     def channel(self, *, altitude_m: float | None = None) -> Channel:
         """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
@@ -247,3 +236,14 @@ class LearningConfig(_Frozen):
         "cpu",
         description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )
+
+    @model_validator(mode="after")
+    def _share_with_test_only(self) -> Self:
+        # The default stands in every configuration that a run has written down.
+        share = type(self).model_fields["test_share"].default
+        if self.report_on == "validation" and self.test_share != share:
+            raise ValueError(
+                "test_share belongs to report_on = 'test'; on 'validation' images no test part is "
+                "held out"
+            )
+        return self

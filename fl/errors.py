@@ -103,9 +103,11 @@ class NetworkError(LearningInputError):
 
     network: str
     reason: str
+    community: str = ""  # whose it is, where that is known
 
     def __str__(self) -> str:
-        return f"network {self.network!r}: {self.reason}"
+        whose = f"community {self.community}: " if self.community else ""
+        return f"{whose}network {self.network!r}: {self.reason}"
 
 
 @dataclass(eq=False)

@@ -3,7 +3,7 @@
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out
 from fl.data.load import load
-from fl.errors import SettingError
+from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm, make_algorithm
 from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
@@ -149,9 +149,12 @@ def build(
             loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
         rng = stream(f"fl/{config.name}/partition")
         test_share = learning.test_share if learning.report_on == "test" else None
-        built.append(
-            _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
-        )
+        try:
+            built.append(
+                _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
+            )
+        except NetworkError as error:
+            raise replace(error, community=config.name) from error
     return Federation(tuple(built), learning, make_algorithm(learning), stream)
 
 

@@ -1,16 +1,17 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.analysis.alignment import align, closest_approach
-from mission.analysis.load import flown
+from mission.analysis.load import flown, reached
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
@@ -21,14 +22,15 @@ class Measured:
     """One round's samples and slots, from which its numbers and the run's are made."""
 
     record: RoundRecord
+    plan_duration_s: float
     cross_m: Floats
     straight: Floats  # cross-track of the samples on straights
     corner_cut_m: Floats
-    height_m: Floats
+    height_m: Floats  # error over the track; at the places of a plan file, whose heights vary
     slot_along_m: Floats
     slot_miss_m: Floats
     slot_late_s: Floats
-    slots: int
+    slots: int  # steps with a scheduled device; or the places of a plan file
     estimate_m: Floats
     estimate_height_m: Floats
     plan_per: Floats
@@ -64,8 +66,9 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     error = belief.pos_m - truth.pos_m
     plan_per = np.array([item.plan_per for item in uplinks])
     true_per = np.array([item.true_per for item in uplinks])
-    return Measured(
+    measured = Measured(
         record=record,
+        plan_duration_s=float(plan.ideal_slot_s[-1]),
         cross_m=fit.cross_m,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
@@ -80,6 +83,20 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         est_per=np.array([i.est_per for i in uplinks if math.isfinite(i.slot_t_s)]),
         true_per=true_per,
         per_shift=true_per - plan_per,
+    )
+    return measured if run.plan_file is None else _at_places(measured, run)
+
+
+def _at_places(measured: Measured, run: FlightData) -> Measured:
+    """With the places of the plan file in place of slots."""
+    places_m = run.plan_file.places_m if run.plan_file else {}
+    away_m = [np.array(event.true_m) - places_m[seq] for seq, event in reached(run).items()]
+    miss = np.array(away_m).reshape(-1, 3)
+    return replace(
+        measured,
+        height_m=miss[:, 2],
+        slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
+        slots=len(places_m),
     )
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.compare import RunComparison
 from mission.analysis.load import flown
+from mission.base.arrays import Floats, Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
 from mission.figures.frame import thin
 from mission.figures.style import BAD, COOL, GOOD, GRID, WARM, table
-from mission.log.values import FlightData, Floats, InnovationTrack, Ints, WindTrack
+from mission.log.values import FlightData, InnovationTrack, WindTrack
 
 _POINTS = 400  # of a line over time: more cannot be told apart
 _TOLERANCE = 0.02  # metres that thinning may move a line

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mission.analysis.load import extent, flown
+from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
     FENCE,
@@ -20,7 +21,7 @@ from mission.figures.style import (
     named,
     table,
 )
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
@@ -49,6 +50,10 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
         for plan in plans
         if plan.round in records
     ]
+    if run.plan_file is not None and run.rounds:
+        end_ns = int(flown(run, run.rounds[0]).t_ns[-1])
+        rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
+        lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
     return lines
 
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mission.base.area import Area
-from mission.log.values import Floats, Zone
+from mission.base.arrays import Floats
+from mission.log.values import Zone
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.safety.fence import Circle, Polygon, compile_fence
 from sitl.autopilot.values.enums import Command, Frame, MissionType

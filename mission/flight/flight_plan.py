@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
 from mission.planner.problem import RoundPlan, RoundProblem
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ Where the packet error rate rises from the first metre on, that costs more than 
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.planner.evaluate import objective
-from mission.planner.problem import Floats, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 
 MOST_LOST = 0.01  # of the plan's value, with every corner cut as far as allowed
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest radius

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.errors import CheckpointError
 from fl.federation.checkpoint import from_bytes, to_bytes
 from fl.federation.rounds import Federation, FederationState, RoundLearning
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.planner.problem import RoundPlan
@@ -28,7 +28,7 @@ from mission.scenario.strategies import Sortie
 class RoundMemory:
     """One finished round: what flying it again does not tell."""
 
-    importance: NDArray[np.float64]  # (K,)
+    importance: Floats  # (K,)
     sortie: Sortie | None  # None: ideal
     learnt: RoundLearning
     true_objective: float  # flying again must give this very number

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.open import Flyers
+from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
 from mission.log.records import RoundRecord
@@ -25,9 +25,6 @@ from mission.run.gate import slots, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)
@@ -44,7 +41,7 @@ class FlownExperiment(Experiment):
     async def _run(self) -> None:
         try:
             async with self.flyers.open(
-                self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
+                Attached(self.observers, self.folder, self.recorder.notice, self.tap)
             ) as flyer:
                 try:
                     await self._rounds(flyer)

@@ -1,13 +1,9 @@
 """One round of learning as a run records it."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fl.errors import DivergedError
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools
 from mission.base.errors import TrainingError
-
-Bools = NDArray[np.bool_]
 
 
 def learn(

@@ -1,18 +1,16 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
-from mission.base.errors import INTERRUPTED, InputError
+from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.loading import load_config
@@ -24,17 +22,14 @@ from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.ideal_experiment import IdealExperiment
-from mission.run.outcome import Outcome
+from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
 from mission.run.resume import data_dir_of, read_checkpoint
 from mission.run.setup import set_up
 from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 
-Page: TypeAlias = Callable[[Path], object]  # makes a page of a run's folder, in it
-
 _SETTING_UP = "setting up"
-_DRAWING = "drawing figures"
 
 
 @dataclass(frozen=True)
@@ -145,57 +140,30 @@ def _fly(
     *,
     workers: int | None = None,
     figures: bool = True,
-    page: Page | None,
+    page: Page | None = None,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
+    config = ready.scenario.config
     summary = Summary(
         folder,
-        ready.scenario,
+        name=config.name,
+        strategy=config.mission.strategy,
+        seed=config.seed,
+        resumed_after_round=len(ready.memory) or None,
+        resumable=not flyers.no_resume,
         position_source=flyers.position_source,
-        remembered=len(ready.memory),
+        data=ready.scenario.data_sources(),
     )
-    summary.started()
-    outcome = Outcome()
-    with (
-        one_interruption(),
-        _experiment(ready, console, stopwatch, workers=workers) as experiment,
-    ):
-        try:
-            with outcome.flight():
-                run_flight(experiment.run())
-        finally:
-            if outcome.status != "finished":
-                summary.ended(outcome, experiment.totals, stopwatch)
-    if outcome.status == "finished":
-        InterruptedFiles(folder).discard()
-    try:
-        # The figures read the finished log and tables.
-        if figures:
-            with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
-                from mission.figures.run import draw_run  # with it Altair, needed only here
-
-                draw_run(folder.path)
-    finally:
-        # Last of all: a folder that says "finished" has everything.
-        summary.ended(outcome, experiment.totals, stopwatch)
-    if page is not None and outcome.status == "finished":
-        # It says that the run is finished, and so comes after the summary that does.
-        with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
-            page(folder.path)
-        if outcome.status != "finished":
-            summary.ended(outcome, experiment.totals, stopwatch)
-    outcome.raise_error(folder.path)
-    for line in _closing_lines(experiment, stopwatch):
-        console.say(line)
-    finished = outcome.status == "finished" and page is not None
-    look = ": open report.html in a browser" if finished else ""
-    console.say(f"results in {folder.path}{look}")
-    if outcome.status == "interrupted":
-        again = f"; aerofed run --resume {folder.path} goes on"
-        console.say(f"interrupted{'' if flyers.no_resume else again}")
-        return INTERRUPTED
-    return 0
+    return fly_recorded(
+        _experiment(ready, console, stopwatch, workers=workers),
+        summary,
+        console=console,
+        stopwatch=stopwatch,
+        figures=figures,
+        page=page,
+        goes_on="" if flyers.no_resume else f"; aerofed run --resume {folder.path} goes on",
+    )
 
 
 @contextmanager
@@ -233,20 +201,3 @@ def _experiment(
             memory=ready.memory,
             workers=workers or os.cpu_count() or 1,
         )
-
-
-def _closing_lines(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:
-    shares = ", ".join(f"{name} {wall_s:.1f} s" for name, wall_s in stopwatch.wall_s.items())
-    totals, mission = experiment.totals, experiment.scenario.config.mission
-    done, lines = totals.rounds_done, []
-    if experiment.finished and done < mission.rounds:
-        lines.append(
-            f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
-            f"round {done + 1}"
-        )
-    lines.append(
-        f"{done} round{'' if done == 1 else 's'}, {experiment.flown()}, "
-        f"{totals.delivered}/{totals.scheduled} updates delivered; "
-        f"{stopwatch.total_s:.1f} s ({shares})"
-    )
-    return lines

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.config import CommunityConfig
 from fl.errors import LearningInputError
@@ -16,6 +15,7 @@ from fl.federation import rounds as learning
 from fl.radio.channel import Channel, link_budget
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.user_code import is_import_path
 from mission.config.models import RunConfig
@@ -24,8 +24,6 @@ from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
 from mission.scenario.strategies import Strategy, make_strategy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,31 @@ class Flyer(ABC):
     async def land(self) -> None:
         """Return to home and land."""
 
+    @property
     @abstractmethod
+    def battery_remaining(self) -> float:
+        """Charge of the battery, 0..1; NaN where it is not known."""
+
+    @abstractmethod
+    async def _change_battery(self, reserve: float) -> None:
+        """Have one that is well above `reserve`; the vehicle stands at home."""
+
     async def refresh(self, reserve: float) -> bool:
-        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed."""
+        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed.
+
+        Return, land, change it, take off and come back to where it was.
+
+        Raises:
+            FlightError: nobody changed it in time; the vehicle stands at home.
+        """
+        if not self.battery_remaining < reserve:  # an unknown one is not
+            return False
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        await self._change_battery(reserve)
+        await self.take_off()
+        await self.go_to(back)
+        return True
 
     async def go_to(self, xy_m: Floats) -> None:
         """Fly to a point in area coordinates, or near it where it may not be flown; outside any

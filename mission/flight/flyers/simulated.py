@@ -92,30 +92,23 @@ class SimulatedFlyer(Flyer):
     async def fly(self, plan: FlightPlan) -> Flight:
         """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
-            here = self.here()
-            return Flight.standing(here, self.vehicle.aircraft.battery.remaining)
+            return Flight.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here())
         await self.pilot.fly()
-        return self.recorder.finish(
-            self.here(), self.vehicle.aircraft.battery.remaining, items=stop_items(plan)
-        )
+        return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
 
     async def land(self) -> None:
         """Return to home and land."""
         await self.go_home()
         await self.pilot.land()
 
-    async def refresh(self, reserve: float) -> bool:
-        """Return, land, change the battery, take off and come back to where it was."""
-        aircraft = self.vehicle.aircraft
-        if aircraft.battery.remaining >= reserve:
-            return False
-        back = self.area.from_ned(self.here().est_ned_m)
-        await self.land()
-        aircraft.exchange_battery()
-        await self.take_off()
-        await self.go_to(back)
-        return True
+    @property
+    def battery_remaining(self) -> float:
+        """Charge of the battery, 0..1."""
+        return self.vehicle.aircraft.battery.remaining
+
+    async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
+        self.vehicle.aircraft.exchange_battery()
 
 
 @asynccontextmanager

@@ -5,18 +5,16 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
-
-Floats = NDArray[np.float64]
 
 PLANNED_POSITIONS = "nothing is flown: every waypoint is met exactly, at the planned speed"
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -59,9 +57,13 @@ class UnflownFlyer(Flyer):
     async def land(self) -> None:
         """Do nothing: nothing of a landing is recorded."""
 
-    async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
-        """Change nothing: no charge is used up."""
-        return False
+    @property
+    def battery_remaining(self) -> float:
+        """All of it: no charge is used up."""
+        return FULL.remaining
+
+    async def _change_battery(self, reserve: float) -> None:
+        """Do nothing: it is always full."""
 
     async def upload(self, plan: FlightPlan) -> None:
         """Do nothing: nobody has to be told."""

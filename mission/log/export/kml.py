@@ -6,11 +6,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.base.run_folder import write_atomically
 from mission.log.read.reader import read_log
-from mission.log.values import FlightData, Floats, Track
+from mission.log.values import FlightData, Track
 
 _KML = "http://www.opengis.net/kml/2.2"
 

@@ -8,7 +8,13 @@ import pytest
 from reference_net import train_plainly
 
 from fl.config import CommunityConfig, LearningConfig
-from fl.errors import CheckpointError, DivergedError, LearningInputError, SettingError
+from fl.errors import (
+    CheckpointError,
+    DivergedError,
+    LearningInputError,
+    NetworkError,
+    SettingError,
+)
 from fl.federation import rounds as fed
 from fl.federation.checkpoint import from_bytes, to_bytes
 from fl.training.convnet import ConvNet
@@ -215,6 +221,16 @@ def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) 
         fed.build([few], FAST, data_dir=tmp_path, stream=streams.generator)
     alone = FAST.model_copy(update={"report_on": "validation"})
     fed.build([few], alone, data_dir=tmp_path, stream=streams.generator)
+
+
+def test_a_network_that_does_not_fit_names_its_community(tmp_path: Path) -> None:
+    images = np.zeros((24, 3, 8), np.uint8)
+    np.savez(tmp_path / "few.npz", images=images, labels=np.arange(24) % 2)
+    small = CommunityConfig(
+        name="small", task="npz", data_file="few.npz", devices=2, labels_per_device=1
+    )
+    with pytest.raises(NetworkError, match=r"^community small: network 'lenet': .*too small"):
+        fed.build([small], FAST, data_dir=tmp_path, stream=RandomStreams(1).generator)
 
 
 def test_who_missed_a_round_is_the_papers_text_or_its_equation() -> None:
