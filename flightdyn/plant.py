@@ -49,7 +49,7 @@ class Plant:
             config.faults,
             self.vehicle,
             receiver=None if sensors is None else sensors.receiver,
-            imu=None if sensors is None else sensors.errors,
+            imu=None if sensors is None else sensors.imu,
         )
         self._battery = Battery(config.battery)
         self._gusty = bool(config.wind.gusts or config.faults)
