@@ -78,7 +78,7 @@ _LIBRARY = load(library("flight"))
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
 _READ, _SAMPLE, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.fly
-_PYTHON_AT = ctypes.addressof(_PYTHON)
+PYTHON_AT = ctypes.addressof(_PYTHON)
 # For C: a gauge's reading, and a tick of an aircraft that another brain drives.
 READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
 DRIVE_AT = _TICKS.drive
@@ -101,7 +101,7 @@ class Gauges:
 
     def read_to(self, where: int) -> None:
         """Write the numbers of this instant to an address."""
-        _READ(_PYTHON_AT, self.at, self.count, where)
+        _READ(PYTHON_AT, self.at, self.count, where)
 
     def read(self) -> list[float]:
         """The numbers of this instant."""
@@ -119,7 +119,7 @@ class Imu:
         if gauges.count != AXES:
             raise ValueError(f"an IMU has {AXES} gauges, not {gauges.count}")
         self._gauges, self._draw = gauges, draw
-        self._memory = _Imu(_PYTHON_AT, gauges.at)
+        self._memory = _Imu(PYTHON_AT, gauges.at)
         self.at = ctypes.addressof(self._memory)
         self._errors = np.zeros((0, AXES))
         self._end = 0  # address behind the errors

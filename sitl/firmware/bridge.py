@@ -27,11 +27,11 @@ class Bridge(Protocol):
             LinkError: the port cannot be had.
         """
 
-    def tick(self) -> bool:
-        """Wait for the firmware to ask for it, at most a moment, and step the plant once.
+    def run(self, ticks: int) -> int:
+        """Step the plant so often, each time when the firmware asks for it.
 
         Returns:
-            Whether the plant was stepped.
+            How often; less where the firmware asked for nothing for a moment.
 
         Raises:
             FirmwareError: the firmware speaks another protocol.

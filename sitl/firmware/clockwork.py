@@ -109,14 +109,14 @@ class Clockwork:
 
     def _run_until_stopped(self) -> None:
         bridge, plant = self._bridge, self.plant
-        clock, interval, tick, keep = plant.clock, plant.interval, bridge.tick, self._past.keep
+        clock, interval, run, keep = plant.clock, plant.interval, bridge.run, self._past.keep
         asked_s = paced_s = time.monotonic()
         while not self._stopped:
             if not self._may_run.is_set():
                 bridge.rest()
                 asked_s = paced_s = time.monotonic()
                 continue
-            if tick():
+            if run(interval - clock.tick % interval):
                 if clock.tick % interval == 0:
                     keep()
                     asked_s = time.monotonic()

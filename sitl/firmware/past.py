@@ -1,15 +1,18 @@
 """The truth of the last while, for those who learn of an instant after it is over."""
 
-import struct
+from array import array
 from typing import NamedTuple
+
+import numpy as np
 
 from flightdyn.frames import Triple, frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
 from flightdyn.state import BatteryState, Kinematics, Moment
+from native.loading import address
 
 _KEPT = 4096  # guidance intervals, 80 s
 _BATTERY_EVERY = 5  # of them
-_ROW = struct.Struct("@q15d")  # ns; position, velocity, Euler angles, rates, wind
+_NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
 
 
 class _Truth(NamedTuple):
@@ -37,7 +40,9 @@ class Past:
         self._first = self._last = plant.t_ns // self._interval_ns
         # By interval, modulo their number; a row is in place before it is the newest. Memory that
         # is used again and again stays near the processor, tuples would not.
-        self._rows = bytearray(_KEPT * _ROW.size)
+        self._rows = np.zeros((_KEPT, _NUMBERS))
+        self._rows_at = address(self._rows, np.float64, self._rows.shape, written=True)
+        self._instants = array("q", bytes(8 * _KEPT))  # ns
         self._battery = plant.battery
         self._batteries = [self._battery] * _KEPT
         self.keep()
@@ -46,23 +51,15 @@ class Past:
         """Keep the truth of this instant, at the end of an interval; the battery's every few of
         them, or if told.
         """
-        plant, vehicle = self._plant, self._plant.vehicle
+        plant = self._plant
         t_ns = plant.t_ns
         last = t_ns // self._interval_ns
         if battery or last % _BATTERY_EVERY == 0:
             self._battery = plant.battery
         slot = last % _KEPT
         self._batteries[slot] = self._battery
-        _ROW.pack_into(
-            self._rows,
-            slot * _ROW.size,
-            t_ns,
-            *vehicle.position_ned(),
-            *vehicle.velocity_ned(),
-            *vehicle.euler(),
-            *vehicle.rates(),
-            *vehicle.wind_ned(),
-        )
+        self._instants[slot] = t_ns
+        plant.vehicle.all.read_to(self._rows_at + slot * self._rows.strides[0])
         self._last = last
 
     @property
@@ -83,12 +80,10 @@ class Past:
 
     def _kept(self, interval: int) -> _Truth:
         slot = interval % _KEPT
-        t_ns, n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = _ROW.unpack_from(
-            self._rows, slot * _ROW.size
-        )
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = self._rows[slot].tolist()
         return _Truth(
-            t_ns, (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r), (wn, we, wd),
-            self._batteries[slot],
+            self._instants[slot], (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
+            (wn, we, wd), self._batteries[slot],
         )  # fmt: skip
 
 
