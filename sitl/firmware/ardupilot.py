@@ -20,6 +20,7 @@ from sitl.firmware.native.library import (
     json_send,
     json_wait,
 )
+from sitl.firmware.past import Past
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
@@ -44,6 +45,10 @@ class ArduPilotBridge:
         self._baro_error_m = 0.0
 
     @property
+    def past(self) -> Past:
+        return self._stepped.past
+
+    @property
     def connected(self) -> bool:
         """Whether a firmware has asked for anything."""
         return self._connected
@@ -61,7 +66,9 @@ class ArduPilotBridge:
     def run(self, ticks: int) -> int:
         if not (self._connected or self._connect()):
             return 0
-        ticks = min(ticks, max(self._sensors.due - self.plant.clock.tick, 1))
+        plant = self.plant
+        due = min(self._sensors.due, plant.due)
+        ticks = min(ticks, max(due - plant.clock.tick, 1))
         done = self._stepped.json_run(ticks)
         if done == ticks:
             self._send()

@@ -5,6 +5,7 @@ from typing import Protocol
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from sitl.errors import SitlInputError
+from sitl.firmware.past import Past
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
@@ -15,6 +16,10 @@ class Bridge(Protocol):
     """One firmware's way to be given sensors and to drive motors."""
 
     plant: Plant
+
+    @property
+    def past(self) -> Past:
+        """The truth of the last while."""
 
     @property
     def connected(self) -> bool:
@@ -28,10 +33,10 @@ class Bridge(Protocol):
         """
 
     def run(self, ticks: int) -> int:
-        """Step the plant so often, each time when the firmware asks for it.
+        """Step the plant so often at most, each time when the firmware asks for it.
 
         Returns:
-            How often; less where the firmware asked for nothing for a moment.
+            How often; 0 where the firmware asked for nothing for a moment.
 
         Raises:
             FirmwareError: the firmware speaks another protocol.

@@ -1,6 +1,6 @@
 """The truth of the last while, for those who learn of an instant after it is over."""
 
-from array import array
+import ctypes
 from typing import NamedTuple
 
 import numpy as np
@@ -27,50 +27,54 @@ class _Truth(NamedTuple):
     battery: BatteryState
 
 
+class _Past(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_void_p) for name in ("rows", "instants")) + tuple(
+        (name, ctypes.c_int64) for name in ("count", "interval_ns", "newest")
+    )
+
+
 class Past:
     """The truth at each guidance interval of the plant, the newest 80 s of it.
 
-    One thread keeps; others may ask at any time.
+    One thread keeps, by `keep` in `bridge.c`; others may ask at any time.
     """
 
     def __init__(self, plant: Plant) -> None:
         """Begins with the truth of this instant."""
         self._plant = plant
         self._interval_ns = plant.interval * plant.dt_ns
-        self._first = self._last = plant.t_ns // self._interval_ns
-        # By interval, modulo their number; a row is in place before it is the newest. Memory that
-        # is used again and again stays near the processor, tuples would not.
-        self._rows = np.zeros((_KEPT, _NUMBERS))
-        self._rows_at = address(self._rows, np.float64, self._rows.shape, written=True)
-        self._instants = array("q", bytes(8 * _KEPT))  # ns
-        self._battery = plant.battery
-        self._batteries = [self._battery] * _KEPT
-        self.keep()
+        self._first = plant.t_ns // self._interval_ns
+        self._rows, self._instants = np.zeros((_KEPT, _NUMBERS)), np.zeros(_KEPT, dtype=np.int64)
+        self._memory = _Past(
+            address(self._rows, np.float64, (_KEPT, _NUMBERS), written=True),
+            address(self._instants, np.int64, (_KEPT,), written=True),
+            _KEPT,
+            self._interval_ns,
+            self._first,
+        )
+        self.address = ctypes.addressof(self._memory)
+        slot = self._first % _KEPT
+        self._rows[slot], self._instants[slot] = plant.vehicle.all.read(), plant.t_ns
+        self._batteries = [plant.battery] * (_KEPT // _BATTERY_EVERY + 1)
+        self._battery = 0  # number of the newest
+        self.keep_battery(exchanged=True)
 
-    def keep(self, *, battery: bool = False) -> None:
-        """Keep the truth of this instant, at the end of an interval; the battery's every few of
-        them, or if told.
-        """
-        plant = self._plant
-        t_ns = plant.t_ns
-        last = t_ns // self._interval_ns
-        if battery or last % _BATTERY_EVERY == 0:
-            self._battery = plant.battery
-        slot = last % _KEPT
-        self._batteries[slot] = self._battery
-        self._instants[slot] = t_ns
-        plant.vehicle.all.read_to(self._rows_at + slot * self._rows.strides[0])
-        self._last = last
+    def keep_battery(self, *, exchanged: bool = False) -> None:
+        """Keep the battery's state where it is time to, or if it was exchanged."""
+        number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
+        if rest == 0 or exchanged:
+            self._batteries[number % len(self._batteries)] = self._plant.battery
+            self._battery = number
 
     @property
     def newest(self) -> Moment:
         """The newest truth."""
-        truth = self._kept(self._last)
+        truth = self._kept(self._memory.newest)
         return _between(truth, truth, truth.t_ns)
 
     def at(self, t_ns: int) -> Moment:
         """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
-        last = self._last
+        last = self._memory.newest
         # The oldest may be overwritten at any time.
         first = max(self._first, last - _KEPT + 8)
         index = min(max(t_ns // self._interval_ns, first), last)
@@ -81,9 +85,10 @@ class Past:
     def _kept(self, interval: int) -> _Truth:
         slot = interval % _KEPT
         n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = self._rows[slot].tolist()
+        number = min(interval // _BATTERY_EVERY, self._battery)
         return _Truth(
-            self._instants[slot], (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
-            (wn, we, wd), self._batteries[slot],
+            int(self._instants[slot]), (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
+            (wn, we, wd), self._batteries[number % len(self._batteries)],
         )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from sitl.firmware.native.library import (
     hil_send,
     hil_wait,
 )
+from sitl.firmware.past import Past
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
@@ -52,6 +53,10 @@ class Px4Bridge:
         right, rear left, front left, rear right.
         """
         return tuple(self._hil.motors)
+
+    @property
+    def past(self) -> Past:
+        return self._stepped.past
 
     @property
     def connected(self) -> bool:
@@ -97,7 +102,7 @@ class Px4Bridge:
     def _ticks_to_next(self) -> int:
         """Up to where there is more to be said than what the IMU says."""
         plant, sensors = self.plant, self._sensors
-        ticks = sensors.due - plant.clock.tick
+        ticks = min(sensors.due, plant.due) - plant.clock.tick
         fix_ns = sensors.receiver.due_ns - plant.t_ns
         if fix_ns < ticks * plant.dt_ns:
             ticks = math.ceil(fix_ns / plant.dt_ns)

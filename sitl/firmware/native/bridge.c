@@ -66,15 +66,27 @@ EXPORTED int hil_send(Hil *link, const uint8_t *gps)
     return flush(link);
 }
 
-static int drive(World *world, const double motors[4], double sample[6])
+/* The truth of this instant. A row is whole before it is the newest. */
+static int keep(World *world)
+{
+    Past *past = world->past;
+    const int64_t number = world->t_ns / past->interval_ns, slot = number % past->count;
+    past->instants[slot] = world->t_ns;
+    if (!world->read_gauges(world->interpreter, world->gauges, TRUTHS, past->rows[slot])) return 0;
+    past->newest = number;
+    return 1;
+}
+
+static int step(World *world, const double motors[4], double sample[6])
 {
     world->t_ns += world->dt_ns;
-    return world->drive(world->driven, motors, sample);
+    if (!world->drive(world->driven, motors, sample)) return 0;
+    return world->t_ns % world->past->interval_ns != 0 || keep(world);
 }
 
 EXPORTED int hil_tick(Hil *link)
 {
-    return drive(&link->world, link->motors, link->sensor.sample);
+    return step(&link->world, link->motors, link->sensor.sample);
 }
 
 EXPORTED int hil_run(Hil *link, int64_t ticks)
@@ -127,7 +139,7 @@ EXPORTED int json_run(Json *link, int64_t ticks)
         if (link->came != ORDERED) return (int)done;
         link->answered = link->count;
         link->asked = 0;
-        if (!drive(world, link->motors, link->sample) ||
+        if (!step(world, link->motors, link->sample) ||
             !world->read_gauges(world->interpreter, world->gauges, 9, link->state)) {
             link->came = FAILED;
             return (int)done;

@@ -14,6 +14,15 @@ enum { NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, FAILED };
 
 enum { MOST_FRAME = 280 };
 
+enum { TRUTHS = 15 }; /* numbers of a row */
+
+/* The truth at the end of each interval: by its number, modulo the number of rows. */
+typedef struct {
+    double (*rows)[TRUTHS];
+    int64_t *instants; /* ns */
+    int64_t count, interval_ns, newest;
+} Past;
+
 /* The aircraft, by what the library of `flightdyn` exports; and Python's lock, which stepping it
    takes and waiting must not keep. */
 typedef struct {
@@ -22,8 +31,9 @@ typedef struct {
     void *(*let_go)(void);
     void (*take)(void *);
     void *driven;
-    const void *interpreter, *gauges; /* position, velocity, Euler angles first */
-    int64_t t_ns, dt_ns;              /* of the last tick, of each */
+    const void *interpreter, *gauges; /* (15,) position, velocity, Euler angles first */
+    Past *past;
+    int64_t t_ns, dt_ns; /* of the last tick, of each */
 } World;
 
 typedef struct { /* HIL_SENSOR; SI units but where it has others */

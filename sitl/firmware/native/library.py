@@ -10,6 +10,7 @@ from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of
 from flightdyn.plant import Plant
 from native.building import library
 from native.loading import load
+from sitl.firmware.past import Past
 
 _INT, _LONG, _UNSIGNED, _DOUBLE = ctypes.c_int, ctypes.c_int64, ctypes.c_uint64, ctypes.c_double
 _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
@@ -23,7 +24,7 @@ NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, _FAILED = range(7)
 class _World(ctypes.Structure):
     _fields_ = (
         ("drive", _POINTER), ("read_gauges", _POINTER), ("let_go", _POINTER), ("take", _POINTER),
-        ("driven", _POINTER), ("interpreter", _POINTER), ("gauges", _POINTER),
+        ("driven", _POINTER), ("interpreter", _POINTER), ("gauges", _POINTER), ("past", _POINTER),
         ("t_ns", _LONG), ("dt_ns", _LONG),
     )  # fmt: skip
 
@@ -70,18 +71,18 @@ _json_run = ctypes.PYFUNCTYPE(_INT, _POINTER, _LONG)(("json_run", _LIBRARY))
 
 
 class Stepped:
-    """A plant that is stepped from C, for a structure of a firmware's."""
+    """A plant that is stepped from C, for a structure of a firmware's; its truth is kept."""
 
     def __init__(self, plant: Plant, imu: Imu, link: Hil | Json) -> None:
         """The motors stand still until there is an order."""
         self._plant, self._link = plant, link
-        vehicle = plant.vehicle
+        vehicle, self.past = plant.vehicle, Past(plant)
         vehicle.drive((0.0,) * 4)
         self._driven = Driven(imu, vehicle.set_motors, plant.run)
         lock = of_python("PyEval_SaveThread", "PyEval_RestoreThread")
         link.world = _World(
             DRIVE_AT, READ_AT, *lock, self._driven.at, PYTHON_AT, vehicle.all.at,
-            plant.t_ns, plant.dt_ns,
+            self.past.address, plant.t_ns, plant.dt_ns,
         )  # fmt: skip
         self.at = ctypes.addressof(link)
 
@@ -104,4 +105,5 @@ class Stepped:
     def _count(self, ticks: int) -> int:
         if ticks:
             self._plant.passed(ticks)
+            self.past.keep_battery()
         return ticks

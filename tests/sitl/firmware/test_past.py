@@ -4,32 +4,36 @@ import numpy as np
 import pytest
 from firmware_stand_ins import plant
 
+from flightdyn.plant import Plant
+from sitl.firmware.native.library import Hil, Stepped
 from sitl.firmware.past import Past
 
 INTERVAL_NS = 20_000_000
 
 
+def flown(aircraft: Plant, *motors: float) -> Stepped:
+    """An aircraft that is stepped as a bridge does it, with these motors."""
+    assert aircraft.sensors is not None
+    return Stepped(aircraft, aircraft.sensors.imu, Hil(motors=motors))
+
+
 def falling(intervals: int) -> tuple[Past, list[float]]:
     """A climb at full power, and the heights at the ends of its intervals."""
     aircraft = plant()
-    aircraft.vehicle.drive((0.9,) * 4)
-    past, heights = Past(aircraft), [aircraft.truth.alt_rel_m]
+    link, heights = flown(aircraft, 0.9, 0.9, 0.9, 0.9), [aircraft.truth.alt_rel_m]
     for _ in range(intervals):
         for _ in range(aircraft.interval):
-            aircraft.step()
-        past.keep()
+            link.hil_tick()
         heights.append(aircraft.truth.alt_rel_m)
-    return past, heights
+    return link.past, heights
 
 
 def test_what_was_kept_is_what_was() -> None:
     aircraft = plant()
-    aircraft.vehicle.drive((0.9, 0.8, 0.9, 0.8))
-    past = Past(aircraft)
+    link = flown(aircraft, 0.9, 0.8, 0.9, 0.8)
     for _ in range(50 * aircraft.interval):
-        aircraft.step()
-        if aircraft.clock.tick % aircraft.interval == 0:
-            past.keep()
+        link.hil_tick()
+    past = link.past
     truth, newest = aircraft.truth, past.newest
     for kinematics in (newest.kinematics, past.at(aircraft.t_ns).kinematics):
         assert kinematics.t_ns == truth.t_ns
