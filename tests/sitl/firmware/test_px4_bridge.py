@@ -1,7 +1,10 @@
 """The bridge to PX4, against pymavlink's reading and writing of the same messages."""
 
+import ctypes
 import math
+import socket
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from firmware_stand_ins import Px4StandIn, plant
@@ -12,7 +15,9 @@ from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
 from sitl.errors import LinkError, SitlInputError
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait
 from sitl.firmware.px4 import Px4Bridge
+from sitl.firmware.sockets import give_up_after
 
 
 @pytest.fixture
@@ -169,6 +174,31 @@ def test_px4_that_hangs_up_is_noticed(bridge: Px4Bridge, px4: Px4StandIn) -> Non
     px4.close()
     with pytest.raises(FirmwareRestartedError, match="hung up"):
         tick_often(bridge)
+
+
+def test_what_px4_does_not_take_is_sent_when_it_does() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        give_up_after(ours, 0.02)
+        theirs.setblocking(False)
+        link = Hil(socket=ours.fileno())
+        at, sent = ctypes.addressof(link), 0
+        while link.left == 0:
+            sent += 1
+            link.world.t_ns = 4_000_000 * sent
+            assert hil_send(at, bytes(36)) == (NOTHING if link.left else ORDERED)
+        assert hil_wait(at, True) == NOTHING  # in bounded time
+        assert link.left > 0
+        reader, heard = mav.MAVLink(None), list[Any]()
+        while link.left:
+            heard += reader.parse_buffer(theirs.recv(1 << 20)) or []
+            assert hil_wait(at, True) == NOTHING
+        heard += reader.parse_buffer(theirs.recv(1 << 20)) or []
+        assert [m.time_usec for m in heard if m.get_type() == "HIL_SENSOR"] == [
+            4000 * n for n in range(1, sent + 1)
+        ]
+        theirs.close()
+        assert hil_send(at, None) == GONE
 
 
 def test_a_port_that_is_taken_is_named(bridge: Px4Bridge) -> None:
