@@ -90,7 +90,7 @@ class Gauges:
     def __init__(self, gauges: Sequence[tuple[Getter, float, float]]) -> None:
         """Each is a getter, an offset and a scale: (get() - offset) scale."""
         self.count = len(gauges)
-        self._gauges = (_Gauge * self.count)(*gauges)
+        self._gauges = (_Gauge * self.count)(*(_Gauge(*gauge) for gauge in gauges))
         self.at = ctypes.addressof(self._gauges)
         self._values = (_DOUBLE * self.count)()
 
@@ -195,7 +195,7 @@ class Driven:
     def __init__(self, imu: Imu, setters: Sequence[Setter], run: Callable[[], Any]) -> None:
         """`setters` take the four motors' duty cycles, which are 0 now."""
         self._imu = imu
-        self._memory = _Driven(imu.at, run, (_OBJECT * 4)(*setters))
+        self._memory = _Driven(imu.at, run, tuple(setters))
         self.at = ctypes.addressof(self._memory)
 
     def ready(self, run: Callable[[], Any], ticks: int) -> None:

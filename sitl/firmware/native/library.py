@@ -31,8 +31,9 @@ class _World(ctypes.Structure):
 
 class _HilSensor(ctypes.Structure):
     _fields_ = (
-        ("t_us", _UNSIGNED), ("sample", _SIX), ("field_gauss", _THREE), ("pressure_hpa", _DOUBLE), ("height_m", _DOUBLE),
-        ("temperature_c", _DOUBLE), ("fields", _UNSIGNED),
+        ("t_us", _UNSIGNED), ("sample", _SIX), ("field_gauss", _THREE),
+        ("pressure_hpa", _DOUBLE), ("height_m", _DOUBLE), ("temperature_c", _DOUBLE),
+        ("fields", _UNSIGNED),
     )  # fmt: skip
 
 
