@@ -21,7 +21,6 @@ LIBRARIES = (
     "mavsdk",
     "pymavlink",
     "jsbsim",
-    "filterpy",
     "numpy",
     "scipy",
     "cvxpy",

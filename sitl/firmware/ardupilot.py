@@ -20,7 +20,7 @@ from sitl.firmware.native.library import (
     json_send,
     json_wait,
 )
-from sitl.firmware.past import Past
+from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
@@ -45,8 +45,8 @@ class ArduPilotBridge:
         self._baro_error_m = 0.0
 
     @property
-    def past(self) -> Past:
-        return self._stepped.past
+    def rows(self) -> Rows:
+        return self._stepped.rows
 
     @property
     def connected(self) -> bool:

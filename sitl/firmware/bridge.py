@@ -5,7 +5,7 @@ from typing import Protocol
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from sitl.errors import SitlInputError
-from sitl.firmware.past import Past
+from sitl.firmware.native.rows import Rows
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
@@ -18,7 +18,7 @@ class Bridge(Protocol):
     plant: Plant
 
     @property
-    def past(self) -> Past:
+    def rows(self) -> Rows:
         """The truth of the last while."""
 
     @property

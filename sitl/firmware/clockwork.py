@@ -11,6 +11,7 @@ from flightdyn.plant import Plant
 from flightdyn.state import Moment
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.errors import FirmwareSilentError
+from sitl.firmware.past import Past
 
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 _MOST = 1000  # ticks at once, where there is no pace to keep
@@ -41,7 +42,7 @@ class Clockwork:
         self._speed, self._patience_s = speed, patience_s
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
-        self._past = bridge.past
+        self._past = Past(bridge.plant, bridge.rows)
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
@@ -117,6 +118,7 @@ class Clockwork:
                 continue
             speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
             if ticks := run(_MOST if math.isinf(speed) else plant.interval):
+                self._past.keep_battery()
                 asked_s = time.monotonic()
                 paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
             elif not bridge.connected:

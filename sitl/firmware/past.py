@@ -1,18 +1,14 @@
 """The truth of the last while, for those who learn of an instant after it is over."""
 
-import ctypes
 from typing import NamedTuple
-
-import numpy as np
 
 from flightdyn.frames import Triple, frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
 from flightdyn.state import BatteryState, Kinematics, Moment
-from native.loading import address
+from sitl.firmware.native import rows
+from sitl.firmware.native.rows import Rows
 
-_KEPT = 4096  # guidance intervals, 80 s
-_BATTERY_EVERY = 5  # of them
-_NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
+_BATTERY_EVERY = 5  # guidance intervals
 
 
 class _Truth(NamedTuple):
@@ -27,35 +23,19 @@ class _Truth(NamedTuple):
     battery: BatteryState
 
 
-class _Past(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_void_p) for name in ("rows", "instants")) + tuple(
-        (name, ctypes.c_int64) for name in ("count", "interval_ns", "newest")
-    )
-
-
 class Past:
     """The truth at each guidance interval of the plant, the newest 80 s of it.
 
     One thread keeps, by `keep` in `bridge.c`; others may ask at any time.
     """
 
-    def __init__(self, plant: Plant) -> None:
-        """Begins with the truth of this instant."""
+    def __init__(self, plant: Plant, kept: Rows) -> None:
+        """Begins with the truth of this instant; `kept` is where C keeps it."""
         self._plant = plant
         self._interval_ns = plant.interval * plant.dt_ns
-        self._first = plant.t_ns // self._interval_ns
-        self._rows, self._instants = np.zeros((_KEPT, _NUMBERS)), np.zeros(_KEPT, dtype=np.int64)
-        self._memory = _Past(
-            address(self._rows, np.float64, (_KEPT, _NUMBERS), written=True),
-            address(self._instants, np.int64, (_KEPT,), written=True),
-            _KEPT,
-            self._interval_ns,
-            self._first,
-        )
-        self.address = ctypes.addressof(self._memory)
-        slot = self._first % _KEPT
-        self._rows[slot], self._instants[slot] = plant.vehicle.all.read(), plant.t_ns
-        self._batteries = [plant.battery] * (_KEPT // _BATTERY_EVERY + 1)
+        self._rows = kept
+        self._first = self._rows.newest
+        self._batteries = [plant.battery] * (rows.KEPT // _BATTERY_EVERY + 1)
         self._battery = 0  # number of the newest
         self.keep_battery(exchanged=True)
 
@@ -69,25 +49,25 @@ class Past:
     @property
     def newest(self) -> Moment:
         """The newest truth."""
-        truth = self._kept(self._memory.newest)
+        truth = self._kept(self._rows.newest)
         return _between(truth, truth, truth.t_ns)
 
     def at(self, t_ns: int) -> Moment:
         """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
-        last = self._memory.newest
+        last = self._rows.newest
         # The oldest may be overwritten at any time.
-        first = max(self._first, last - _KEPT + 8)
+        first = max(self._first, last - rows.KEPT + 8)
         index = min(max(t_ns // self._interval_ns, first), last)
         before = self._kept(index)
         after = self._kept(min(index + 1, last))
         return _between(before, after, t_ns)
 
     def _kept(self, interval: int) -> _Truth:
-        slot = interval % _KEPT
-        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = self._rows[slot].tolist()
+        t_ns, numbers = self._rows.of(interval)
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers
         number = min(interval // _BATTERY_EVERY, self._battery)
         return _Truth(
-            int(self._instants[slot]), (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
+            t_ns, (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
             (wn, we, wd), self._batteries[number % len(self._batteries)],
         )  # fmt: skip
 

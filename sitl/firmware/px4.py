@@ -23,7 +23,7 @@ from sitl.firmware.native.library import (
     hil_send,
     hil_wait,
 )
-from sitl.firmware.past import Past
+from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
@@ -55,8 +55,8 @@ class Px4Bridge:
         return tuple(self._hil.motors)
 
     @property
-    def past(self) -> Past:
-        return self._stepped.past
+    def rows(self) -> Rows:
+        return self._stepped.rows
 
     @property
     def connected(self) -> bool:

@@ -26,8 +26,8 @@ from mission.log.write.vehicle import NOTICE, VehicleTopics, Write
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
-# Simulated time that goes to the file at once. What encodes a sample is cold in the processor's caches
-# when it is its turn again: fifty cost little more than ten.
+# Simulated time that goes to the file at once. What encodes a sample is cold in the processor's
+# caches when it is its turn again: fifty cost little more than ten.
 _BLOCK_NS = 5 * NS_PER_S
 _FRAME_S = 0.05  # wall time after which a viewer is shown what is new
 

@@ -10,7 +10,7 @@ from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of
 from flightdyn.plant import Plant
 from native.building import library
 from native.loading import load
-from sitl.firmware.past import Past
+from sitl.firmware.native.rows import Rows
 
 _INT, _LONG, _UNSIGNED, _DOUBLE = ctypes.c_int, ctypes.c_int64, ctypes.c_uint64, ctypes.c_double
 _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
@@ -77,13 +77,13 @@ class Stepped:
     def __init__(self, plant: Plant, imu: Imu, link: Hil | Json) -> None:
         """The motors stand still until there is an order."""
         self._plant, self._link = plant, link
-        vehicle, self.past = plant.vehicle, Past(plant)
+        vehicle, self.rows = plant.vehicle, Rows(plant)
         vehicle.drive((0.0,) * 4)
         self._driven = Driven(imu, vehicle.set_motors, plant.run)
         lock = of_python("PyEval_SaveThread", "PyEval_RestoreThread")
         link.world = _World(
             DRIVE_AT, READ_AT, *lock, self._driven.at, PYTHON_AT, vehicle.all.at,
-            self.past.address, plant.t_ns, plant.dt_ns,
+            self.rows.address, plant.t_ns, plant.dt_ns,
         )  # fmt: skip
         self.at = ctypes.addressof(link)
 
@@ -106,5 +106,4 @@ class Stepped:
     def _count(self, ticks: int) -> int:
         if ticks:
             self._plant.passed(ticks)
-            self.past.keep_battery()
         return ticks
