@@ -7,7 +7,7 @@
 
 EXPORTED const Ticks *ticks(void)
 {
-    static const Ticks TICKS = {read_gauges, sample, fly_ticks, drive_tick};
+    static const Ticks TICKS = {read_gauges, sample, order, fly_ticks, drive_tick};
     return &TICKS;
 }
 

@@ -39,6 +39,15 @@ class Transition:
         FUNCTIONS.transition(*self._at, dt_s)
 
 
+class Step:
+    """Transition and process noise (22, 22) over a time."""
+
+    def __init__(self, transition: Vector, noise: Vector) -> None:
+        """They have to stay where they are. Raises ValueError for other shapes."""
+        self.F, self.Q = transition, noise
+        self.at = tuple(address(matrix, np.float64, _SQUARE) for matrix in (transition, noise))
+
+
 class Kalman:
     """Covariance of the error state, and what a measurement with it tells of the error."""
 
@@ -63,10 +72,9 @@ class Kalman:
         )
         self._x = address(self._error, np.float64, (STATES,), written=True)
 
-    def predict(self, transition: Vector, noise: Vector) -> None:
+    def predict(self, step: "Step") -> None:
         """Bring the covariance over a step: F P F' + Q."""
-        f, q = (address(matrix, np.float64, _SQUARE) for matrix in (transition, noise))
-        FUNCTIONS.predict(self._at, f, q)
+        FUNCTIONS.predict(self._at, *step.at)
 
     def measure(self) -> tuple[list[float], list[float]]:
         """Standard deviations (8) expected of the residual, and the normalised square of the

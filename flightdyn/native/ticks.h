@@ -3,6 +3,8 @@
 #ifndef TICKS_H
 #define TICKS_H
 
+#include <string.h>
+
 #include "interpreter.h"
 
 enum { AXES = 6 }; /* body rates (rad/s), specific force (m/s2) */
@@ -16,9 +18,11 @@ typedef struct {
 } Imu;
 
 typedef struct { /* the inner loops' end, `flightdyn.guidance.inner_loops` */
-    void *set_rates[3], *set_errors[3];
+    const Interpreter *python;
+    void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
     double bias[3];            /* to be taken off the rates */
     double error[3], feed[3];  /* rotation still to be made (rad), rate fed forward (rad/s) */
+    double collective;         /* thrust per rotor (1 = full) */
     double dt;
 } Inner;
 
@@ -33,6 +37,8 @@ typedef struct { /* motors that a brain other than ours drives */
 typedef struct {
     int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
     int (*sample)(Imu *, double values[AXES]);
+    /* Hand on what the outer loop orders: error, feed, collective. */
+    int (*order)(Inner *, const double orders[7]);
     /* Ticks of our own brain's: samples (count, 6). */
     int (*fly)(void *run, int64_t count, Imu *, Inner *, double *samples);
     /* A tick of another brain's. */
@@ -56,8 +62,9 @@ static int sample(Imu *imu, double *values)
 }
 
 /* Believed rates of this tick to the inner loops; the wanted rotation is carried on with them. */
-static int feed(const Interpreter *python, Inner *inner, const double rates[3])
+static int feed(Inner *inner, const double rates[3])
 {
+    const Interpreter *python = inner->python;
     for (int i = 0; i < 3; i++) {
         const double rate = rates[i] - inner->bias[i];
         inner->error[i] -= (rate - inner->feed[i]) * inner->dt;
@@ -67,12 +74,23 @@ static int feed(const Interpreter *python, Inner *inner, const double rates[3])
     return 1;
 }
 
+static int order(Inner *inner, const double orders[7])
+{
+    const Interpreter *python = inner->python;
+    memcpy(inner->error, orders, sizeof(double[7])); /* and feed, and collective */
+    for (int i = 0; i < 3; i++)
+        if (!set(python, inner->set_errors[i], inner->error[i]) ||
+            !set(python, inner->set_feeds[i], inner->feed[i]))
+            return 0;
+    return set(python, inner->set_collective, inner->collective);
+}
+
 static int fly_ticks(void *run, int64_t count, Imu *imu, Inner *inner, double *samples)
 {
     for (int64_t i = 0; i < count; i++) {
         if (!call(imu->python, run)) return 0;
         if (!sample(imu, samples + AXES * i)) return 0;
-        if (!feed(imu->python, inner, imu->rates)) return 0;
+        if (!feed(inner, imu->rates)) return 0;
     }
     return 1;
 }

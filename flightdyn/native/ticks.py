@@ -50,12 +50,11 @@ class _Imu(ctypes.Structure):
     )  # fmt: skip
 
 
-class Inner(ctypes.Structure):
-    """The inner loops' end: who takes rates and errors, and where they are."""
-
+class _Inner(ctypes.Structure):
     _fields_ = (
-        ("set_rates", _OBJECT * 3), ("set_errors", _OBJECT * 3), ("bias", _THREE),
-        ("error", _THREE), ("feed", _THREE), ("dt", _DOUBLE),
+        ("python", _POINTER), ("set_rates", _OBJECT * 3), ("set_errors", _OBJECT * 3),
+        ("set_feeds", _OBJECT * 3), ("set_collective", _OBJECT), ("bias", _THREE),
+        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("dt", _DOUBLE),
     )  # fmt: skip
 
 
@@ -69,6 +68,7 @@ class _Ticks(ctypes.Structure):
     _fields_ = (
         ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
         ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
+        ("order", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
         ("fly", ctypes.PYFUNCTYPE(_OK, _OBJECT, _INT, _POINTER, _POINTER, _POINTER)),
         ("drive", _POINTER),  # called from C
     )
@@ -77,7 +77,7 @@ class _Ticks(ctypes.Structure):
 _LIBRARY = load(library("flight"))
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
-_READ, _SAMPLE, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.fly
+_READ, _SAMPLE, _ORDER, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.order, _TICKS.fly
 PYTHON_AT = ctypes.addressof(_PYTHON)
 # For C: a gauge's reading, and a tick of an aircraft that another brain drives.
 READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
@@ -107,6 +107,34 @@ class Gauges:
         """The numbers of this instant."""
         self.read_to(ctypes.addressof(self._values))
         return self._values[:]
+
+
+class Inner:
+    """The inner loops' end: who takes rates and orders, and where they are."""
+
+    def __init__(
+        self,
+        rates: Sequence[Setter],
+        errors: Sequence[Setter],
+        feeds: Sequence[Setter],
+        collective: Setter,
+        *,
+        dt_s: float,
+    ) -> None:
+        self._memory = _Inner(
+            PYTHON_AT, tuple(rates), tuple(errors), tuple(feeds), collective, dt=dt_s
+        )
+        self.at = ctypes.addressof(self._memory)
+
+    def order(self, orders: int) -> None:
+        """Hand on the numbers at an address: attitude error (rad), rates fed forward (rad/s),
+        collective.
+        """
+        _ORDER(self.at, orders)
+
+    def correct(self, bias: Sequence[float]) -> None:
+        """What to take off the rates from now on (rad/s)."""
+        self._memory.bias[:] = bias
 
 
 class Imu:
@@ -158,7 +186,7 @@ class Imu:
     def fly(self, run: Callable[[], object], ticks: int, inner: Inner, samples: "Samples") -> None:
         """Run ticks; sample each, and hand its rates to the inner loops."""
         self.draw(ticks)
-        _FLY(run, ticks, self.at, ctypes.addressof(inner), samples.room(ticks))
+        _FLY(run, ticks, self.at, inner.at, samples.room(ticks))
 
 
 class Samples:
@@ -166,6 +194,7 @@ class Samples:
 
     def __init__(self, most: int) -> None:
         self._numbers = array("d", bytes(8 * AXES * most))
+        self._at = self._numbers.buffer_info()[0]
         self._most, self.count = most, 0
 
     def room(self, count: int) -> int:
@@ -177,11 +206,16 @@ class Samples:
         before, self.count = self.count, self.count + count
         if self.count > self._most:
             raise ValueError(f"{self.count} samples, {self._most} at most")
-        return self._numbers.buffer_info()[0] + 8 * AXES * before
+        return self._at + 8 * AXES * before
 
     def clear(self) -> None:
         """Forget them."""
         self.count = 0
+
+    @property
+    def at(self) -> int:
+        """Where they lie."""
+        return self._at
 
     @property
     def numbers(self) -> "array[float]":

@@ -26,7 +26,7 @@ from flightdyn.frames import (
     wrap_pi,
 )
 from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
-from flightdyn.native.kalman import Kalman, Transition
+from flightdyn.native.kalman import Kalman, Step, Transition
 from flightdyn.native.library import Increments, Strapdown
 from flightdyn.navigation.airspeed import DragAirspeed
 from flightdyn.navigation.error_model import (
@@ -80,8 +80,7 @@ class Biases(NamedTuple):
 class _Model(NamedTuple):
     """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
 
-    F: Vector
-    Q: Vector
+    step: Step
     keep: float
     transition: Transition
 
@@ -235,7 +234,7 @@ class Estimator:
         """Bring the covariance from the last correction to the horizon."""
         model = self._models.get(self._steps) or self._model(self._steps)
         model.transition.write(self._before, self._gained, self._steps * self._step_s)
-        self._filter.predict(model.F, model.Q)
+        self._filter.predict(model.step)
         b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
         self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
@@ -245,8 +244,7 @@ class Estimator:
         step_s = steps * self._step_s
         F = transition(self._config, step_s=step_s)
         made = self._models[steps] = _Model(
-            F,
-            process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m),
+            Step(F, process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m)),
             gnss_correlation(self._config, step_s=step_s),
             Transition(F),
         )

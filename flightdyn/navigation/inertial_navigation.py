@@ -11,7 +11,7 @@ from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.ticks import Samples
 from flightdyn.navigation.error_model import Alignment
-from flightdyn.navigation.estimator import Estimator
+from flightdyn.navigation.estimator import Biases, Estimator
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
@@ -53,6 +53,7 @@ class InertialNavigation:
         self.gnss: GnssFix | None = None
         self._earth = earth
         self.estimator = self._align()
+        self._corrected: Biases | None = None  # by which the inner loops are
         self.carried = self.estimator.to_now
         self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
 
@@ -103,7 +104,7 @@ class InertialNavigation:
 
     def run(self, ticks: int) -> None:
         """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
-        self.sensors.imu.fly(self._plant.run, ticks, self._inner.memory, self._samples)
+        self.sensors.imu.fly(self._plant.run, ticks, self._inner, self._samples)
 
     def sense(self) -> None:
         """Read the other sensors that are due."""
@@ -122,7 +123,9 @@ class InertialNavigation:
         estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
         self._interval = samples
         self._samples.clear()
-        self._inner.correct(estimator.biases.gyro)
+        if estimator.biases is not self._corrected:
+            self._corrected = estimator.biases
+            self._inner.correct(self._corrected.gyro)
 
     def state(self) -> NavState:
         """Believed state of this tick."""

@@ -337,6 +337,6 @@ class Multirotor:
 
     def kinematics(self, t_ns: int) -> Kinematics:
         """The true state, stamped `t_ns`."""
-        return Kinematics.of(
-            t_ns, *self.position_ned(), *self.velocity_ned(), *self.attitude(), *self.rates()
-        )
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, *_wind = self.all.read()
+        turned = quaternion_from_euler(roll, pitch, wrap_pi(yaw))
+        return Kinematics.of(t_ns, n, e, d, vn, ve, vd, *turned, p, q, r)

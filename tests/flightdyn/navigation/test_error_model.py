@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import quaternion_from_euler, rotation_matrix
-from flightdyn.native.kalman import Kalman, Transition
+from flightdyn.native.kalman import Kalman, Step, Transition
 from flightdyn.navigation.error_model import (
     ATT,
     BA,
@@ -152,7 +152,7 @@ def test_kalman_filter_against_its_textbook_form() -> None:
         H, noise = rng.normal(size=(8, STATES)), rng.normal(size=(8, 8))
         P, Q, R = root @ root.T, cause @ cause.T, noise @ noise.T + np.eye(8)
         kalman = Kalman(P.copy(), H, R)
-        kalman.predict(turn, Q)
+        kalman.predict(Step(turn, Q))
         P = turn @ P @ turn.T + Q
         np.testing.assert_allclose(kalman.P, P, atol=1e-12 * P.max())
         kalman.residual[:] = z = rng.normal(size=8)
