@@ -3,8 +3,7 @@
 #include "control.h"
 #include "error_state.h"
 #include "guidance.h"
-#include "kalman.h"
 #include "levelled.h"
 #include "strapdown.h"
 
-const Flight NAMED(flight) = {integrate, carry, transition, innovate, predict, correct, reference, guide};
+const Flight NAMED(flight) = {integrate, carry, transition, innovate, reference, guide};

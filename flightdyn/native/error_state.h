@@ -1,4 +1,4 @@
-/* The error-state filter on the flight: the blocks of its transition that depend
+/* What of the error-state filter is done beside filterpy: the blocks of its transition that depend
    on the flight, and the innovations before they are believed. Equations:
    `flightdyn.navigation.error_model`. */
 #ifndef ERROR_STATE_H

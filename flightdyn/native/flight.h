@@ -90,15 +90,6 @@ typedef struct {
     void (*innovate)(const double p[STATES][STATES], const double h[ROWS][STATES],
                      const double r[ROWS][ROWS], const double z[ROWS], double std[ROWS],
                      double nis[KINDS]);
-    /* Bring the covariance over a step: F P F' + Q. */
-    void (*predict)(double p[STATES][STATES], const double f[STATES][STATES],
-                    const double q[STATES][STATES]);
-    /* The error (22) that some rows (count,) of the measurement tell of, by their residuals z, and the
-       covariance after them. Returns 0, with nothing changed, where that of the residuals is not
-       positive definite. */
-    int (*correct)(double p[STATES][STATES], const double h[ROWS][STATES],
-                   const double r[ROWS][ROWS], const double z[ROWS], const int64_t *rows,
-                   int64_t count, double x[STATES]);
     /* Position, velocity and acceleration (9) of a trajectory at `t`, the acceleration of `lead`
        later. */
     void (*reference)(const Trajectory *, double t, double lead, double *pva);

@@ -16,6 +16,7 @@ from native.loading import address, functions, load
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
 
+STATES, ROWS, KINDS = 22, 8, 4  # of the filter
 PIECE, GAINS, OUT = 13, 16, 11  # numbers each
 _ORDERS = 7  # of the last: error, feed, collective
 NOTHING, TRACK, TARGET, ATTITUDE = range(4)
@@ -34,18 +35,16 @@ class _Functions(ctypes.Structure):
         ("transition", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("innovate", ctypes.PYFUNCTYPE(
             None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
-        ("predict", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER)),
-        ("correct", ctypes.PYFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _INT, _POINTER)),
         ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
         ("guide", ctypes.PYFUNCTYPE(
             ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
     )  # fmt: skip
 
 
-FUNCTIONS = functions(load(library("flight")), _Functions)
-_INTEGRATE, _CARRY = FUNCTIONS.integrate, FUNCTIONS.carry
-_REFERENCE, _GUIDE = FUNCTIONS.reference, FUNCTIONS.guide
+_FUNCTIONS = functions(load(library("flight")), _Functions)
+_INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
+_TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
+_REFERENCE, _GUIDE = _FUNCTIONS.reference, _FUNCTIONS.guide
 
 
 class Increments:
@@ -153,6 +152,59 @@ class Strapdown:
         """Position down after each of the increments by which it was carried last."""
         downs: list[float] = self._downs.tolist()
         return downs
+
+
+class Transition:
+    """Writes into a transition matrix of the filter."""
+
+    def __init__(self, matrix: _Floats) -> None:
+        """`matrix` (22, 22) has to stay where it is. Raises ValueError for another shape."""
+        self._matrix = matrix
+        self._q, self._gained = np.zeros(4), np.zeros(3)
+        self._at = (
+            address(matrix, np.float64, (STATES, STATES), written=True),
+            address(self._q, np.float64, (4,)),
+            address(self._gained, np.float64, (3,)),
+        )
+
+    def write(self, q: _Quaternion, gained: _Triple, dt_s: float) -> None:
+        """The blocks that depend on the flight: over `dt_s` from the attitude `q` on (body to NED),
+        with the velocity `gained` (NED, m/s) without gravity.
+        """
+        self._q[:] = q
+        self._gained[:] = gained
+        _TRANSITION(*self._at, dt_s)
+
+
+class Innovations:
+    """Measures residuals by what the filter expects of them."""
+
+    def __init__(self, measurement: _Floats, noise: _Floats) -> None:
+        """`measurement` (8, 22) and `noise` (8, 8) have to stay where they are.
+
+        Raises:
+            ValueError: other shapes.
+        """
+        self.residual = np.zeros(ROWS)  # of the measurements; to be filled in
+        self._kept = measurement, noise
+        self._std, self._nis = np.zeros(ROWS), np.zeros(KINDS)
+        self._at = (
+            address(measurement, np.float64, (ROWS, STATES)),
+            address(noise, np.float64, (ROWS, ROWS)),
+            address(self.residual, np.float64, (ROWS,), written=True),
+            address(self._std, np.float64, (ROWS,), written=True),
+            address(self._nis, np.float64, (KINDS,), written=True),
+        )
+
+    def measure(self, covariance: _Floats) -> tuple[list[float], list[float]]:
+        """Standard deviations (8) expected of the residual, and the normalised square of the
+        residual of GNSS position, GNSS velocity, height and heading (4).
+
+        Raises:
+            ValueError: `covariance` is no contiguous array (22, 22).
+        """
+        _INNOVATE(address(covariance, np.float64, (STATES, STATES)), *self._at)
+        return self._std.tolist(), self._nis.tolist()
 
 
 class _Trajectory(ctypes.Structure):

@@ -1,7 +1,7 @@
-"""What the autopilot believes: an error-state INS/GNSS filter.
+"""What the autopilot believes: an error-state INS/GNSS filter. The one home of filterpy.
 
-The nominal state is carried by the IMU outside the filter, which holds the covariance of its error.
-Everything is fused in order at a horizon
+The nominal state is carried by the IMU outside the filter; filterpy's KalmanFilter holds the error
+of it (zero after every correction) and its covariance. Everything is fused in order at a horizon
 that lies in the past by the receiver's delay, and the state of now is the horizon's state carried
 forward by the IMU increments since (the arrangement of PX4's EKF2).
 
@@ -15,6 +15,8 @@ from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
+from scipy.linalg.lapack import dgesv
 
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import (
@@ -26,8 +28,7 @@ from flightdyn.frames import (
     wrap_pi,
 )
 from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
-from flightdyn.native.kalman import Kalman, Step, Transition
-from flightdyn.native.library import Increments, Strapdown
+from flightdyn.native.library import Increments, Innovations, Strapdown, Transition
 from flightdyn.navigation.airspeed import DragAirspeed
 from flightdyn.navigation.error_model import (
     ATT,
@@ -37,6 +38,7 @@ from flightdyn.navigation.error_model import (
     BMAG,
     HEADING,
     POS,
+    STATES,
     VEL,
     Alignment,
     gnss_correlation,
@@ -77,12 +79,24 @@ class Biases(NamedTuple):
     baro: float = 0.0
 
 
+_ONES = [np.eye(rows) for rows in range(9)]
+
+
 class _Model(NamedTuple):
     """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
 
-    step: Step
+    F: Vector
+    Q: Vector
     keep: float
     transition: Transition
+
+
+def _inverse(matrix: Vector) -> Vector:
+    """What numpy computes, without the quarter of an update that its checks take."""
+    _, _, inverse, singular = dgesv(matrix, _ONES[len(matrix)])
+    if singular:
+        raise np.linalg.LinAlgError("singular innovation covariance")
+    return np.asarray(inverse)
 
 
 class Estimator:
@@ -142,15 +156,18 @@ class Estimator:
         # When each kind was last believed; the first fix is where the filter starts.
         self.fused_ns: dict[str, int] = dict.fromkeys(("gnss position", "gnss velocity"), fix.t_ns)
         self._air = DragAirspeed(QUAD_X.drag, pressure_pa=align.pressure_pa)
+        self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
+        self._kf.inv = _inverse
+        self._kf.x = np.zeros((STATES, 1))
         self._models: dict[int, _Model] = {}
         self._pa_per_m = pa_per_m
         self._H = measurement_matrix(config)
         self._R = measurement_noise(config, pa_per_m=pa_per_m)
+        self._innovations = Innovations(self._H, self._R)
         self._baro_var = float(self._R[BARO, BARO])
-        P = initial_covariance(
+        self._kf.P = initial_covariance(
             config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
         )
-        self._filter = Kalman(P, self._H, self._R)
 
     @property
     def biases(self) -> Biases:
@@ -165,11 +182,11 @@ class Estimator:
     @property
     def covariance(self) -> Vector:
         """Covariance (22, 22) of the error state at the horizon; a copy."""
-        return frozen(self._filter.P)
+        return frozen(self._kf.P)
 
     def std(self, part: slice) -> Vector:
         """Standard deviations of one part of the error state."""
-        return np.sqrt(np.diag(self._filter.P)[part])
+        return np.sqrt(np.diag(self._kf.P)[part])
 
     def step(
         self, samples: Sequence[float], t_ns: int, fix: GnssFix | None, *, dt_s: float
@@ -234,7 +251,8 @@ class Estimator:
         """Bring the covariance from the last correction to the horizon."""
         model = self._models.get(self._steps) or self._model(self._steps)
         model.transition.write(self._before, self._gained, self._steps * self._step_s)
-        self._filter.predict(model.step)
+        self._kf.F, self._kf.Q = model.F, model.Q
+        self._kf.predict()
         b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
         self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
@@ -244,7 +262,8 @@ class Estimator:
         step_s = steps * self._step_s
         F = transition(self._config, step_s=step_s)
         made = self._models[steps] = _Model(
-            Step(F, process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m)),
+            F,
+            process_noise(self._config, step_s=step_s, pa_per_m=self._pa_per_m),
             gnss_correlation(self._config, step_s=step_s),
             Transition(F),
         )
@@ -260,7 +279,7 @@ class Estimator:
             return False
         self._corrected_ns = t_ns
         self._predict()
-        z, R = self._filter.residual, self._R
+        z, R = self._innovations.residual, self._R
         rows: list[tuple[str, slice, float]] = []
         if fix is not None:
             self._residual_gnss(z, fix)
@@ -333,7 +352,8 @@ class Estimator:
 
     def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
         """Use the measurements whose innovations are believable, and `extra`, all at once."""
-        stds, squares = self._filter.measure()
+        kf, H, R = self._kf, self._H, self._R
+        stds, squares = self._innovations.measure(kf.P)
         use = list(extra)
         t_ns, values = self.horizon.t_ns, z.tolist()
         for kind, part, gate in rows:
@@ -350,22 +370,28 @@ class Estimator:
                 self._doubt()
         if not use:
             return False
-        noise: Vector | None = None
-        if extra:
-            noise = self._R.copy()
-            noise[extra, extra] = _AIR_STD_MPS**2
-        self._fold(self._filter.correct(use, noise))
+        if len(use) < 8:
+            use.sort()
+            z, H, R = z[use], H[use], R[np.ix_(use, use)]
+            for row, number in enumerate(use):
+                if number in extra:
+                    R[row, row] = _AIR_STD_MPS**2
+        kf.update(z[:, None], R=R, H=H)
+        self._fold()
         return True
 
     def _doubt(self) -> None:
         """Open the filter up again: an IMU that changes its bias at once is not in its model."""
-        P = self._filter.P
+        P = self._kf.P
         for part, std in _DOUBT_STD:
             P[part, part] += np.eye(3) * std**2
         self._refused.clear()
 
-    def _fold(self, x: Sequence[float]) -> None:
-        """Move the estimated error (22) into the nominal state."""
+    def _fold(self) -> None:
+        """Move the estimated error into the nominal state."""
+        kf = self._kf
+        x = kf.x[:, 0].tolist()
+        kf.x = np.zeros((STATES, 1))
         h, b = self.horizon, self._biases
         self.horizon = NavState(
             h.t_ns,

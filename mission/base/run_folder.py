@@ -21,6 +21,7 @@ LIBRARIES = (
     "mavsdk",
     "pymavlink",
     "jsbsim",
+    "filterpy",
     "numpy",
     "scipy",
     "cvxpy",

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import quaternion_from_euler, rotation_matrix
-from flightdyn.native.kalman import Kalman, Step, Transition
+from flightdyn.native.library import Innovations, Transition
 from flightdyn.navigation.error_model import (
     ATT,
     BA,
@@ -120,12 +120,12 @@ def test_innovations_and_transition_against_numpy() -> None:
     """What C does of the filter's matrices, by their general forms."""
     rng = np.random.default_rng(1)
     H, R = measurement_matrix(CONFIG), measurement_noise(CONFIG, pa_per_m=12.0)
+    innovations = Innovations(H, R)
     for _ in range(20):
         root = rng.normal(size=(STATES, STATES))
         P = root @ root.T
-        kalman = Kalman(P, H, R)
-        kalman.residual[:] = y = rng.normal(size=8)
-        stds, squares = kalman.measure()
+        innovations.residual[:] = y = rng.normal(size=8)
+        stds, squares = innovations.measure(P)
         S = H @ P @ H.T + R
         assert stds == pytest.approx(np.sqrt(S.diagonal()), rel=1e-12)
         parts = (slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 8))
@@ -142,38 +142,3 @@ def test_innovations_and_transition_against_numpy() -> None:
     plain[POS, BA] = -R3 * dt**2 / 2
     plain[VEL, BG] = cross @ R3 * dt / 2
     np.testing.assert_allclose(F, plain, atol=1e-15)
-
-
-def test_kalman_filter_against_its_textbook_form() -> None:
-    """Random matrices; any choice of rows, and rows that are noisier than usual."""
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        root, turn, cause = rng.normal(size=(3, STATES, STATES))
-        H, noise = rng.normal(size=(8, STATES)), rng.normal(size=(8, 8))
-        P, Q, R = root @ root.T, cause @ cause.T, noise @ noise.T + np.eye(8)
-        kalman = Kalman(P.copy(), H, R)
-        kalman.predict(Step(turn, Q))
-        P = turn @ P @ turn.T + Q
-        np.testing.assert_allclose(kalman.P, P, atol=1e-12 * P.max())
-        kalman.residual[:] = z = rng.normal(size=8)
-        use = rng.permutation(8)[: rng.integers(1, 9)]
-        other = R + np.diag(rng.uniform(0, 9, 8)) if rng.random() < 0.5 else None
-        x = kalman.correct(use.tolist(), other)
-        h, r = H[use], (R if other is None else other)[np.ix_(use, use)]
-        gain = P @ h.T @ np.linalg.inv(h @ P @ h.T + r)
-        np.testing.assert_allclose(x, gain @ z[use], rtol=1e-7, atol=1e-8)
-        P -= gain @ h @ P
-        np.testing.assert_allclose(kalman.P, P, atol=1e-9 * np.abs(root @ root.T).max())
-
-
-def test_a_measurement_that_the_filter_cannot_place_is_an_error() -> None:
-    H, R = measurement_matrix(CONFIG), measurement_noise(CONFIG, pa_per_m=12.0)
-    kalman = Kalman(-np.eye(STATES), H, R)
-    with pytest.raises(ArithmeticError, match="singular"):
-        kalman.correct([0, 1])
-    assert np.array_equal(kalman.P, -np.eye(STATES))
-    for rows in ([8], [-1], [1, 1]):
-        with pytest.raises(ValueError, match="of 8"):
-            kalman.correct(rows)
-    with pytest.raises(ValueError, match="contiguous"):
-        Kalman(np.eye(STATES).astype(np.float32), H, R)
