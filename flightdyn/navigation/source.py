@@ -53,7 +53,7 @@ class TrueNavigation:
         self._plant = plant
         self._vehicle = plant.vehicle
         self._inner = inner
-        self._imu = Imu(plant.vehicle.imu, lambda: np.zeros((plant.interval, AXES)))
+        self._imu = Imu(plant.vehicle.imu, lambda: np.zeros((1000, AXES)))
         self._samples = Samples(plant.interval)
         self._clock = plant.clock
         self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
