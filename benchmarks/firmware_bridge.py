@@ -177,16 +177,16 @@ class Bridged(Part):
         aircraft = plant(protocol.rate_hz)
         bridge = protocol.bridge(aircraft)
         bridge.open()
-        self._ticks, self._until, self._tick = aircraft.clock, 0, bridge.tick
-        bridge.tick = self._tick_in_turn  # type: ignore[method-assign]
+        self._ticks, self._until, self._run = aircraft.clock, 0, bridge.run
+        bridge.run = self._run_in_turn  # type: ignore[method-assign]
         self._clock = Clockwork(bridge, speed=math.inf)
         _started(protocol, bridge.port, ticks)  # type: ignore[attr-defined]
 
-    def _tick_in_turn(self) -> bool:
+    def _run_in_turn(self, ticks: int) -> int:
         if self._ticks.tick == self._until:
             self._clock._stopped = True
-            return False
-        return self._tick()
+            return 0
+        return self._run(min(ticks, self._until - self._ticks.tick))
 
     def run(self, ticks: int) -> float:
         self._until = self._ticks.tick + ticks

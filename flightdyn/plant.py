@@ -49,13 +49,18 @@ class Plant:
             config.faults,
             self.vehicle,
             receiver=None if sensors is None else sensors.receiver,
-            imu=None if sensors is None else sensors.errors,
+            imu=None if sensors is None else sensors.imu,
         )
         self._battery = Battery(config.battery)
         self._gusty = bool(config.wind.gusts or config.faults)
         self._watch_ground(near=True)
-        self._slow = 0
+        self._slow = _SLOW * self.interval  # ticks
+        self.due = self._after(clock.tick)  # the tick of the next look around
         self.impact_mps: float | None = None  # with which it crashed
+
+    def _after(self, tick: int) -> int:
+        every = self.interval if self._gusty else self._slow
+        return (tick // every + 1) * every
 
     def step(self) -> None:
         """One tick of physics; every few of them gusts, battery, ground and faults.
@@ -67,11 +72,11 @@ class Plant:
         self.passed(1)
 
     def passed(self, ticks: int) -> None:
-        """Count ticks that were run, and look after gusts, battery, ground and faults when it is
-        time. Raises ModelDivergedError where the physics has left the numbers.
+        """Count ticks that were run, up to `due` at most, and look after gusts, battery, ground and
+        faults when it is time. Raises ModelDivergedError where the physics has left the numbers.
         """
         self.clock.tick += ticks
-        if self.clock.tick % self.interval == 0:
+        if self.clock.tick >= self.due:
             self._look_around()
 
     def _watch_ground(self, *, near: bool) -> None:
@@ -98,9 +103,8 @@ class Plant:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
             burst = self._faults.burst_ned_mps
             self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
-        self._slow += 1
-        if self._slow == _SLOW:
-            self._slow = 0
+        self.due = self._after(self.clock.tick)
+        if self.clock.tick % self._slow == 0:
             self.vehicle.check()
             volts = self._battery.draw(
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
@@ -150,6 +154,7 @@ class Plant:
         """
         self._faults.begin(fault, self.clock.t_ns)
         self._gusty = True
+        self.due = self._after(self.clock.tick)
 
     def end(self, fault: Fault) -> None:
         """End one fault in force, and no other; nothing happens where it is not in force."""

@@ -10,7 +10,7 @@ from sitl.block import Block
 from sitl.links import Link
 from sitl.vehicle import Vehicle
 
-_CHUNK_S = 0.25  # simulated time between looks at the links
+_CHUNK_S = 1.0  # simulated time between looks at the links
 _CHUNK_WALL_S = 0.02  # and wall time, where the pace is ordered
 # MAVSDK's threads need this one's lock to hand on what they heard: a pause now and then in wall
 # time, as telemetry comes in wall time.

@@ -99,8 +99,8 @@ class Controller:
     def step(self, nav: Strapdown, land: LandDetector) -> int:
         """One step of guidance and outer loop; what is to be noted of it, see `flight.h`."""
         flags, numbers = self._guide.step(nav)
-        ep, eq, er, fp, fq, fr, collective, lift, descend, sink, knock = numbers
-        self._inner.command((ep, eq, er), (fp, fq, fr), collective)
+        self._inner.order(self._guide.orders)
+        lift, descend, sink, knock = numbers
         armed = self.memory.armed != 0.0
         if armed or not land.landed:
             land.update(

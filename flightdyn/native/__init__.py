@@ -1,1 +1,1 @@
-"""What of navigation is done at every guidance step, in C."""
+"""What is done at every tick, and what of navigation at every guidance step, in C."""

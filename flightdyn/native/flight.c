@@ -1,7 +1,15 @@
-/* What Python calls: the functions of a level that `best_level` or what is below it names. */
+/* What Python calls: the functions of a level that `best_level` or what is below it names, and ticks,
+   which hardly compute. */
 
 #include "flight.h"
 #include "levels.h"
+#include "ticks.h"
+
+EXPORTED const Ticks *ticks(void)
+{
+    static const Ticks TICKS = {read_gauges, sample, order, fly_ticks, drive_tick};
+    return &TICKS;
+}
 
 EXPORTED const Flight *at_level(int level)
 {

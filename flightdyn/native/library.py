@@ -18,6 +18,7 @@ SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
 
 STATES, ROWS, KINDS = 22, 8, 4  # of the filter
 PIECE, GAINS, OUT = 13, 16, 11  # numbers each
+_ORDERS = 7  # of the last: error, feed, collective
 NOTHING, TRACK, TARGET, ATTITUDE = range(4)
 FINISHED, STALLED, LIMITED = 1, 2, 4
 
@@ -63,7 +64,7 @@ class Increments:
         Raises:
             ValueError: not six numbers each, or too many increments.
         """
-        numbers = array("d", samples)
+        numbers = samples if isinstance(samples, array) else array("d", samples)
         where, count = numbers.buffer_info()
         if count % SAMPLE or self.count >= self.most:
             raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
@@ -277,7 +278,8 @@ class Guide:
         self.memory = Memory()
         self._gains = np.array(gains, dtype=np.float64)
         self._pieces: Pieces | None = None
-        self._out = np.frombuffer(memoryview(self.memory), dtype=np.float64)[-OUT:]
+        out = np.frombuffer(memoryview(self.memory), dtype=np.float64)[-OUT:]
+        self.orders, self._land = int(out.ctypes.data), out[_ORDERS:]
         self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
         self._path: int | None = None
 
@@ -287,8 +289,8 @@ class Guide:
         self._path = None if pieces is None else pieces.at
 
     def step(self, nav: Strapdown) -> tuple[int, list[float]]:
-        """One guidance step from where the aircraft is: flags, and the last eleven numbers of the
-        memory.
+        """One guidance step from where the aircraft is: flags, and what the land detector looks at,
+        the last four numbers of the memory. The seven before lie at `orders`.
 
         Raises:
             ValueError: a trajectory is to be tracked, and there is none.
@@ -296,5 +298,5 @@ class Guide:
         if self._path is None and self.memory.mode == TRACK:
             raise ValueError("there is no trajectory to track")
         flags = _GUIDE(*self._at, self._path, *nav.places)
-        out: list[float] = self._out.tolist()
-        return flags, out
+        land: list[float] = self._land.tolist()
+        return flags, land

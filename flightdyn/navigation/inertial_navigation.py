@@ -1,6 +1,7 @@
 """The filter, fed by the sensors, as the source of what the aircraft flies on."""
 
 import math
+from collections.abc import Sequence
 from statistics import pstdev
 
 from flightdyn.errors import FlightInputError
@@ -8,8 +9,9 @@ from flightdyn.frames import Triple
 from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
+from flightdyn.native.ticks import Samples
 from flightdyn.navigation.error_model import Alignment
-from flightdyn.navigation.estimator import Estimator
+from flightdyn.navigation.estimator import Biases, Estimator
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
@@ -45,13 +47,13 @@ class InertialNavigation:
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
-        # Six numbers a tick, as `SensorSuite.imu` reads them.
-        self._samples: list[float] = []
-        self._interval: list[float] = []  # of the guidance interval before
+        self._samples = Samples(plant.interval)
+        self._interval: Sequence[float] = ()  # samples of the guidance interval before
         self._increments = filter_ticks // plant.interval
         self.gnss: GnssFix | None = None
         self._earth = earth
         self.estimator = self._align()
+        self._corrected: Biases | None = None  # by which the inner loops are
         self.carried = self.estimator.to_now
         self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
 
@@ -64,7 +66,7 @@ class InertialNavigation:
         for _ in range(count):
             self._plant.vehicle.run()
             clock.advance()
-            for i, value in enumerate(sensors.imu()):
+            for i, value in enumerate(sensors.imu.sample()):
                 sums[i] += value / count
             pressure, field = sensors.slow()
             if pressure is not None:
@@ -102,9 +104,7 @@ class InertialNavigation:
 
     def run(self, ticks: int) -> None:
         """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
-        self.sensors.imu_while(
-            self._plant.run, ticks, keep=self._samples.extend, feel=self._inner.feed
-        )
+        self.sensors.imu.fly(self._plant.run, ticks, self._inner, self._samples)
 
     def sense(self) -> None:
         """Read the other sensors that are due."""
@@ -119,16 +119,19 @@ class InertialNavigation:
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
-        estimator, samples = self.estimator, self._samples
+        estimator, samples = self.estimator, self._samples.numbers
         estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
-        self._interval, self._samples = samples, []
-        self._inner.correct(estimator.biases.gyro)
+        self._interval = samples
+        self._samples.clear()
+        if estimator.biases is not self._corrected:
+            self._corrected = estimator.biases
+            self._inner.correct(self._corrected.gyro)
 
     def state(self) -> NavState:
         """Believed state of this tick."""
-        if not self._samples:
+        if not self._samples.count:
             return self.estimator.now
-        return self.estimator.ahead(self._samples, self._clock.t_ns, dt_s=self._clock.dt_s)
+        return self.estimator.ahead(self._samples.numbers, self._clock.t_ns, dt_s=self._clock.dt_s)
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -146,8 +149,8 @@ class InertialNavigation:
     def readings(self) -> Readings:
         """Of this tick's IMU sample, and of the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
-        x, y, z = self._samples[-3:] or self.carried.force
-        bx, by, bz = b.accel if self._samples else (0.0, 0.0, 0.0)
+        x, y, z = self._samples.numbers[-3:] or self.carried.force
+        bx, by, bz = b.accel if self._samples.count else (0.0, 0.0, 0.0)
         assert sensors.pressure is not None  # aligned by it
         return Readings(
             self._believed_rates(),
@@ -165,7 +168,7 @@ class InertialNavigation:
         return x, y, z
 
     def _believed_rates(self) -> Triple:
-        (p, q, r), b = self.sensors.rates, self.estimator.biases.gyro
+        (p, q, r), b = self.sensors.imu.rates, self.estimator.biases.gyro
         return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:

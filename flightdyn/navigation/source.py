@@ -6,11 +6,14 @@ loops after each tick of the physics; `state` is what the guidance flies on.
 
 from typing import Protocol
 
+import numpy as np
+
 from flightdyn.frames import Triple, frozen
 from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.library import Strapdown
+from flightdyn.native.ticks import AXES, Imu, Samples
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -50,6 +53,8 @@ class TrueNavigation:
         self._plant = plant
         self._vehicle = plant.vehicle
         self._inner = inner
+        self._imu = Imu(plant.vehicle.imu, lambda: np.zeros((1000, AXES)))
+        self._samples = Samples(plant.interval)
         self._clock = plant.clock
         self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
@@ -59,10 +64,8 @@ class TrueNavigation:
 
     def run(self, ticks: int) -> None:
         """Ticks of physics; true body rates to the inner loops."""
-        run, v, feed = self._plant.run, self._vehicle, self._inner.feed
-        for _ in range(ticks):
-            run()
-            feed(v.rate_p(), v.rate_q(), v.rate_r())
+        self._imu.fly(self._plant.run, ticks, self._inner, self._samples)
+        self._samples.clear()
 
     def sense(self) -> None:
         """An exact fix."""
@@ -104,8 +107,7 @@ class TrueNavigation:
     def readings(self) -> Readings:
         """The truth."""
         v = self._vehicle
-        rates = (v.rate_p(), v.rate_q(), v.rate_r())
-        return Readings(rates, v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
+        return Readings(v.rates(), v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
 
     def why_not_ready(self) -> str:
         """Always ready."""

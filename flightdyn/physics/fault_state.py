@@ -5,8 +5,9 @@ from collections.abc import Iterable
 from flightdyn.errors import FaultError
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss, WindBurst
 from flightdyn.frames import Triple
+from flightdyn.native.ticks import Imu
 from flightdyn.physics.multirotor import Multirotor
-from flightdyn.physics.sensors import Gnss, ImuErrors
+from flightdyn.physics.sensors import Gnss
 
 
 class FaultState:
@@ -18,7 +19,7 @@ class FaultState:
         vehicle: Multirotor,
         *,
         receiver: Gnss | None,
-        imu: ImuErrors | None,
+        imu: Imu | None,
     ) -> None:
         """`receiver` and `imu` are None where the aircraft is handed the truth."""
         self._vehicle = vehicle
@@ -80,7 +81,7 @@ class FaultState:
             self._receiver.on = not any(isinstance(fault, GnssOff) for fault in active)
             self._receiver.jump_ned_m = (jump[0], jump[1], jump[2])
         if self._imu is not None:
-            self._imu.fault = bias if any(bias) else None
+            self._imu.fail(bias)
         self.burst_ned_mps = (burst[0], burst[1], burst[2])
         for motor in self._broken | set(shares):
             self._vehicle.set_motor_health(motor, shares.get(motor, 1.0))

@@ -21,6 +21,7 @@ from flightdyn.frames import (
     rotation_matrix,
     wrap_pi,
 )
+from flightdyn.native.ticks import Gauges, Getter, Setter
 from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
@@ -38,9 +39,6 @@ _RANKINE_PER_K = 1.8
 _PA_PER_PSF = 47.880258980336
 _RPM_PER_RADPS = 60 / math.tau
 _N_PER_LBF = 4.4482216152605
-
-Getter = Callable[[], float]
-Setter = Callable[[float], bool]
 
 
 def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
@@ -92,6 +90,27 @@ class Multirotor:
         self._origin_u = self._up()
         self._origin_n = self._north()
         self._origin_e = self._east()
+        rates = [(get, 0.0, 1.0) for get in self._rates]
+        # Body rates (rad/s) and specific force (m/s2), as an IMU feels them.
+        self.imu = Gauges([*rates, *((get, 0.0, FT_M) for get in self._accel)])
+        # Position (m), velocity (m/s), Euler angles (rad), rates, velocity of the air (m/s).
+        self.all = Gauges(
+            [
+                (self._north, self._origin_n, FT_M),
+                (self._east, self._origin_e, FT_M),
+                (self._up, self._origin_u, -FT_M),
+                *((get, 0.0, FT_M) for get in self._vel),
+                *((get, 0.0, 1.0) for get in self._euler),
+                *rates,
+                *((get, 0.0, FT_M) for get in self._wind),
+            ]
+        )
+
+    def _rebind(self) -> None:
+        """Have the gauges read what is read here."""
+        self.imu.bind((*self._rates, *self._accel))
+        place = (self._north, self._east, self._up)
+        self.all.bind((*place, *self._vel, *self._euler, *self._rates, *self._wind))
 
     def _air(self, alt_msl_m: float) -> None:
         warmer = temperature_k(alt_msl_m) - temperature_k(0.0)
@@ -146,12 +165,8 @@ class Multirotor:
         self._up = get("position/from-start-neu-u-ft")
         self._vel = [get(f"velocities/v-{axis}-fps") for axis in ("north", "east", "down")]
         self._euler = [get(f"attitude/{angle}-rad") for angle in ("phi", "theta", "psi")]
-        self.rate_p = get("velocities/p-rad_sec")
-        self.rate_q = get("velocities/q-rad_sec")
-        self.rate_r = get("velocities/r-rad_sec")
-        self.accel_x_fps2 = get("accelerations/a-pilot-x-ft_sec2")
-        self.accel_y_fps2 = get("accelerations/a-pilot-y-ft_sec2")
-        self.accel_z_fps2 = get("accelerations/a-pilot-z-ft_sec2")
+        self._rates = [get(f"velocities/{rate}-rad_sec") for rate in "pqr"]
+        self._accel = [get(f"accelerations/a-pilot-{axis}-ft_sec2") for axis in "xyz"]
         self._pressure = get("atmosphere/P-psf")
         self._wind = [
             get(f"atmosphere/total-wind-{axis}-fps") for axis in ("north", "east", "down")
@@ -170,7 +185,7 @@ class Multirotor:
         self.set_battery_voltage = put("fcs/in/battery-v")
         self._direct = put("fcs/in/direct")
         self._driven: tuple[float, ...] | None = None
-        self._motor = [put(f"fcs/in/motor-{i}") for i in range(4)]
+        self.set_motors = [put(f"fcs/in/motor-{i}") for i in range(4)]
         self._height = get("position/h-agl-ft")
         self._contacts = put("simulation/models/FGGroundReactions/enabled")
         self._health = [put(f"fcs/in/health-{i}") for i in range(4)]
@@ -215,23 +230,26 @@ class Multirotor:
         r = rotation_matrix(self.attitude())
         n, e, d = (get() / self._dt_s for get in self._vel)
         g = normal_gravity(self._latitude_deg, 0.0) / FT_M
-        x, y, z = self.accel_x_fps2(), self.accel_y_fps2(), self.accel_z_fps2()
-        self.accel_x_fps2 = _still(x - (r[0] * n + r[3] * e + r[6] * d))
-        self.accel_y_fps2 = _still(y - (r[1] * n + r[4] * e + r[7] * d))
-        self.accel_z_fps2 = _still(z - (r[2] * n + r[5] * e + r[8] * d))
+        x, y, z = (get() for get in self._accel)
+        self._accel = [
+            _still(x - (r[0] * n + r[3] * e + r[6] * d)),
+            _still(y - (r[1] * n + r[4] * e + r[7] * d)),
+            _still(z - (r[2] * n + r[5] * e + r[8] * d)),
+        ]
         zero = _still(0.0)
         self._north, self._east = _still(self._north()), _still(self._east())
         self._up, self._height = _still(self._up()), _still(self._height())
         self._vel = [zero] * 3
         self._euler = [_still(get()) for get in self._euler]
-        self.rate_p = self.rate_q = self.rate_r = zero
+        self._rates = [zero] * 3
         self._pressure = _still(self._pressure())
         self._current = self._throttle = self._rpm = self._thrust = [zero] * 4
 
+        self._rebind()
+
         def rest() -> bool:
-            self.accel_x_fps2 = _still(-r[6] * g)
-            self.accel_y_fps2 = _still(-r[7] * g)
-            self.accel_z_fps2 = _still(-r[8] * g)
+            self._accel = [_still(-part * g) for part in r[6:]]
+            self._rebind()
             return True
 
         self.run = rest
@@ -246,7 +264,7 @@ class Multirotor:
         if (motors is None) != (self._driven is None):
             self._direct(0.0 if motors is None else 1.0)
         self._driven = motors
-        for put, value in zip(self._motor, motors or (), strict=motors is not None):
+        for put, value in zip(self.set_motors, motors or (), strict=motors is not None):
             put(value if 0.0 <= value <= 1.0 else min(1.0, max(0.0, value)))
 
     def set_motor_health(self, motor: int, share: float) -> None:
@@ -292,15 +310,13 @@ class Multirotor:
 
     def rates(self) -> Triple:
         """Body rates (rad/s)."""
-        return self.rate_p(), self.rate_q(), self.rate_r()
+        p, q, r = self._rates
+        return p(), q(), r()
 
     def specific_force(self) -> Triple:
         """Force other than gravity over mass (m/s2, body axes): what an accelerometer feels."""
-        return (
-            self.accel_x_fps2() * FT_M,
-            self.accel_y_fps2() * FT_M,
-            self.accel_z_fps2() * FT_M,
-        )
+        x, y, z = self._accel
+        return x() * FT_M, y() * FT_M, z() * FT_M
 
     def pressure_pa(self) -> float:
         """Static pressure of the air around the aircraft."""
@@ -321,6 +337,6 @@ class Multirotor:
 
     def kinematics(self, t_ns: int) -> Kinematics:
         """The true state, stamped `t_ns`."""
-        return Kinematics.of(
-            t_ns, *self.position_ned(), *self.velocity_ned(), *self.attitude(), *self.rates()
-        )
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, *_wind = self.all.read()
+        turned = quaternion_from_euler(roll, pitch, wrap_pi(yaw))
+        return Kinematics.of(t_ns, n, e, d, vn, ve, vd, *turned, p, q, r)

@@ -44,19 +44,14 @@ class ImuErrors:
         self._white = np.array(density) / math.sqrt(dt_s)
         self._walk = np.array(walk) * math.sqrt(dt_s)
         self._block = max(1, round(1.0 / dt_s))
-        self.fault: list[float] | None = None  # six constants added on top
 
-    def __iter__(self) -> Iterator[list[float]]:
-        """The errors tick by tick: three of rates, three of specific force."""
-        while True:
-            noise = self._rng.standard_normal((2, self._block, 6))
-            bias = self.bias + np.cumsum(noise[1] * self._walk, axis=0)
-            self.bias = bias[-1]
-            for row in (bias + noise[0] * self._white).tolist():
-                if self.fault is None:
-                    yield row
-                else:
-                    yield [a + b for a, b in zip(row, self.fault, strict=True)]
+    def draw(self) -> Vector:
+        """The errors (n, 6) of the next second of ticks: three of rates, three of force."""
+        noise = self._rng.standard_normal((2, self._block, 6))
+        bias = self.bias + np.cumsum(noise[1] * self._walk, axis=0)
+        self.bias = bias[-1]
+        drawn: Vector = bias + noise[0] * self._white
+        return drawn
 
 
 class _GaussMarkov:

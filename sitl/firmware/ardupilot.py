@@ -14,21 +14,19 @@ from sitl.firmware.bridge import sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.native.library import (
     FOREIGN,
+    RESTARTED,
     Json,
-    address_of,
-    get_motors,
-    json_repeat,
+    Stepped,
     json_send,
     json_wait,
-    put_state,
 )
+from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
 MIN_RATE_HZ = 720  # its inertial sensors want 1.8 samples for each of its loops, at 400 Hz
 RATE_HZ = 800  # the slowest above that is a whole number of ticks of everything
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
-_MOTORS_AT = Json.motors.offset
 
 
 class ArduPilotBridge:
@@ -41,11 +39,14 @@ class ArduPilotBridge:
         self._port = port
         self._socket: socket.socket | None = None
         self._json = Json()  # what goes between ArduPilot and here
-        self._json_at = address_of(self._json)
-        self._answered = -1  # the request that was answered last
-        self._waiting = False  # a request came while time stood still
+        self._json.answered = -1
+        self._stepped = Stepped(plant, self._sensors.imu, self._json)
         self._connected = False
         self._baro_error_m = 0.0
+
+    @property
+    def rows(self) -> Rows:
+        return self._stepped.rows
 
     @property
     def connected(self) -> bool:
@@ -62,42 +63,40 @@ class ArduPilotBridge:
         self._socket = bound(socket.SOCK_DGRAM, self._port)
         give_up_after(self._socket, _LOOK_S)
 
-    def tick(self) -> bool:
-        if not (self._waiting or self._asked()):
-            return False
-        self._waiting = False
-        count, plant = self._json.count, self.plant
-        if count == self._answered:
-            json_repeat(self._json_at)  # ours was lost: the same again, no step
-            return False
-        if count < self._answered:
-            raise FirmwareRestartedError("ArduPilot has started anew")
-        self._answered = count
-        plant.vehicle.drive(get_motors(self._json, _MOTORS_AT))
-        plant.step()
-        self._send()
-        return True
+    def run(self, ticks: int) -> int:
+        if not (self._connected or self._connect()):
+            return 0
+        plant = self.plant
+        due = min(self._sensors.due, plant.due)
+        ticks = min(ticks, max(due - plant.clock.tick, 1))
+        done = self._stepped.json_run(ticks)
+        if done == ticks:
+            self._send()
+        else:
+            self._check(self._json.came)
+        return done
 
     def rest(self) -> None:
         # It repeats itself each second while nobody answers: one of these is answered later.
-        self._waiting = self._asked() or self._waiting
+        if self._connected or self._connect():
+            came = json_wait(self._stepped.at)
+            self._check(came)
+            self._json.asked |= came
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _asked(self) -> bool:
-        """Wait for a request, at most a moment."""
-        if not (self._connected or self._connect()):
-            return False
-        came = json_wait(self._json_at)
+    def _check(self, came: int) -> None:
+        """Raise what is wrong, if anything is."""
+        if came == RESTARTED:
+            raise FirmwareRestartedError("ArduPilot has started anew")
         if came == FOREIGN:
             raise FirmwareError(
                 f"no request of ArduPilot's JSON interface: {self._json.length} bytes with the "
                 f"magic number {self._json.magic}; known are 40 with 18458 and 72 with 29569"
             )
-        return bool(came)
 
     def _connect(self) -> bool:
         """Nobody but the first to ask is heard from then on."""
@@ -113,20 +112,14 @@ class ArduPilotBridge:
 
     def _send(self) -> None:
         """What the sensors say at this tick."""
-        plant, sensors, vehicle = self.plant, self._sensors, self.plant.vehicle
-        imu, receiver = sensors.imu(), sensors.receiver
+        plant, sensors = self.plant, self._sensors
         if plant.clock.tick >= sensors.due:
             baro, _ = sensors.slow()
             sensors.fix()
             if baro is not None:
-                true_m = altitude_m(vehicle.pressure_pa())
+                true_m = altitude_m(plant.vehicle.pressure_pa())
                 self._baro_error_m = altitude_m(baro.pressure_pa) - true_m
-        (n, e, d), (en, ee, _) = vehicle.position_ned(), receiver.error_ned_m
-        (vn, ve, vd), (un, ue, ud) = vehicle.velocity_ned(), receiver.velocity_error_ned_mps
-        put_state(
-            self._json, 0, plant.t_ns * 1e-9, *imu,
-            n + en, e + ee, d - self._baro_error_m,
-            vn + un, ve + ue, vd + ud,
-            *vehicle.euler(),
-        )  # fmt: skip
-        json_send(self._json_at)
+            n, e, _ = sensors.receiver.error_ned_m
+            velocity = sensors.receiver.velocity_error_ned_mps
+            self._json.errors[:] = (n, e, -self._baro_error_m, *velocity)
+        json_send(self._stepped.at)

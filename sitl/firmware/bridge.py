@@ -5,6 +5,7 @@ from typing import Protocol
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from sitl.errors import SitlInputError
+from sitl.firmware.native.rows import Rows
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
@@ -17,6 +18,10 @@ class Bridge(Protocol):
     plant: Plant
 
     @property
+    def rows(self) -> Rows:
+        """The truth of the last while."""
+
+    @property
     def connected(self) -> bool:
         """Whether a firmware has come."""
 
@@ -27,11 +32,11 @@ class Bridge(Protocol):
             LinkError: the port cannot be had.
         """
 
-    def tick(self) -> bool:
-        """Wait for the firmware to ask for it, at most a moment, and step the plant once.
+    def run(self, ticks: int) -> int:
+        """Step the plant so often at most, each time when the firmware asks for it.
 
         Returns:
-            Whether the plant was stepped.
+            How often; 0 where the firmware asked for nothing for a moment.
 
         Raises:
             FirmwareError: the firmware speaks another protocol.

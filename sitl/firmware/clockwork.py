@@ -14,6 +14,7 @@ from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.past import Past
 
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
+_MOST = 1000  # ticks at once, where there is no pace to keep
 
 
 class Clockwork:
@@ -41,7 +42,7 @@ class Clockwork:
         self._speed, self._patience_s = speed, patience_s
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
-        self._past = Past(bridge.plant)
+        self._past = Past(bridge.plant, bridge.rows)
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
@@ -88,7 +89,7 @@ class Clockwork:
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery(armed=False)
-        self._past.keep(battery=True)
+        self._past.keep_battery(exchanged=True)
 
     @property
     def now(self) -> Moment:
@@ -108,19 +109,18 @@ class Clockwork:
             self.error = error
 
     def _run_until_stopped(self) -> None:
-        bridge, plant = self._bridge, self.plant
-        clock, interval, tick, keep = plant.clock, plant.interval, bridge.tick, self._past.keep
+        bridge, plant, run = self._bridge, self.plant, self._bridge.run
         asked_s = paced_s = time.monotonic()
         while not self._stopped:
             if not self._may_run.is_set():
                 bridge.rest()
                 asked_s = paced_s = time.monotonic()
                 continue
-            if tick():
-                if clock.tick % interval == 0:
-                    keep()
-                    asked_s = time.monotonic()
-                    paced_s = self._keep_pace(paced_s, asked_s)
+            speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
+            if ticks := run(_MOST if math.isinf(speed) else plant.interval):
+                self._past.keep_battery()
+                asked_s = time.monotonic()
+                paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
             elif not bridge.connected:
                 asked_s = time.monotonic()
             elif time.monotonic() - asked_s > self._patience_s:
@@ -129,13 +129,12 @@ class Clockwork:
                     f"{plant.t_ns / 1e9:.2f} s"
                 )
 
-    def _keep_pace(self, due_s: float, now_s: float) -> float:
-        """Sleep as the pace asks; returns when the next interval is due."""
-        speed = min(self._speed, 1.0) if now_s < self._slow_until else self._speed
+    def _keep_pace(self, ticks: int, speed: float, due_s: float, now_s: float) -> float:
+        """Sleep as the pace asks after so many ticks; returns when the next are due."""
         if math.isinf(speed):
             return now_s
         # A machine that falls behind does not rush afterwards.
-        due_s = max(due_s, now_s - _PAUSE_S) + self.plant.interval * self.plant.dt_ns * 1e-9 / speed
+        due_s = max(due_s, now_s - _PAUSE_S) + ticks * self.plant.dt_ns * 1e-9 / speed
         if due_s > now_s:
             time.sleep(due_s - now_s)
         return due_s

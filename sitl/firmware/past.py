@@ -1,15 +1,14 @@
 """The truth of the last while, for those who learn of an instant after it is over."""
 
-import struct
 from typing import NamedTuple
 
 from flightdyn.frames import Triple, frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
 from flightdyn.state import BatteryState, Kinematics, Moment
+from sitl.firmware.native import rows
+from sitl.firmware.native.rows import Rows
 
-_KEPT = 4096  # guidance intervals, 80 s
-_BATTERY_EVERY = 5  # of them
-_ROW = struct.Struct("@q15d")  # ns; position, velocity, Euler angles, rates, wind
+_BATTERY_EVERY = 5  # guidance intervals
 
 
 class _Truth(NamedTuple):
@@ -27,68 +26,49 @@ class _Truth(NamedTuple):
 class Past:
     """The truth at each guidance interval of the plant, the newest 80 s of it.
 
-    One thread keeps; others may ask at any time.
+    One thread keeps, by `keep` in `bridge.c`; others may ask at any time.
     """
 
-    def __init__(self, plant: Plant) -> None:
-        """Begins with the truth of this instant."""
+    def __init__(self, plant: Plant, kept: Rows) -> None:
+        """Begins with the truth of this instant; `kept` is where C keeps it."""
         self._plant = plant
         self._interval_ns = plant.interval * plant.dt_ns
-        self._first = self._last = plant.t_ns // self._interval_ns
-        # By interval, modulo their number; a row is in place before it is the newest. Memory that
-        # is used again and again stays near the processor, tuples would not.
-        self._rows = bytearray(_KEPT * _ROW.size)
-        self._battery = plant.battery
-        self._batteries = [self._battery] * _KEPT
-        self.keep()
+        self._rows = kept
+        self._first = self._rows.newest
+        self._batteries = [plant.battery] * (rows.KEPT // _BATTERY_EVERY + 1)
+        self._battery = 0  # number of the newest
+        self.keep_battery(exchanged=True)
 
-    def keep(self, *, battery: bool = False) -> None:
-        """Keep the truth of this instant, at the end of an interval; the battery's every few of
-        them, or if told.
-        """
-        plant, vehicle = self._plant, self._plant.vehicle
-        t_ns = plant.t_ns
-        last = t_ns // self._interval_ns
-        if battery or last % _BATTERY_EVERY == 0:
-            self._battery = plant.battery
-        slot = last % _KEPT
-        self._batteries[slot] = self._battery
-        _ROW.pack_into(
-            self._rows,
-            slot * _ROW.size,
-            t_ns,
-            *vehicle.position_ned(),
-            *vehicle.velocity_ned(),
-            *vehicle.euler(),
-            *vehicle.rates(),
-            *vehicle.wind_ned(),
-        )
-        self._last = last
+    def keep_battery(self, *, exchanged: bool = False) -> None:
+        """Keep the battery's state where it is time to, or if it was exchanged."""
+        number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
+        if rest == 0 or exchanged:
+            self._batteries[number % len(self._batteries)] = self._plant.battery
+            self._battery = number
 
     @property
     def newest(self) -> Moment:
         """The newest truth."""
-        truth = self._kept(self._last)
+        truth = self._kept(self._rows.newest)
         return _between(truth, truth, truth.t_ns)
 
     def at(self, t_ns: int) -> Moment:
         """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
-        last = self._last
+        last = self._rows.newest
         # The oldest may be overwritten at any time.
-        first = max(self._first, last - _KEPT + 8)
+        first = max(self._first, last - rows.KEPT + 8)
         index = min(max(t_ns // self._interval_ns, first), last)
         before = self._kept(index)
         after = self._kept(min(index + 1, last))
         return _between(before, after, t_ns)
 
     def _kept(self, interval: int) -> _Truth:
-        slot = interval % _KEPT
-        t_ns, n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = _ROW.unpack_from(
-            self._rows, slot * _ROW.size
-        )
+        t_ns, numbers = self._rows.of(interval)
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers
+        number = min(interval // _BATTERY_EVERY, self._battery)
         return _Truth(
-            t_ns, (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r), (wn, we, wd),
-            self._batteries[slot],
+            t_ns, (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
+            (wn, we, wd), self._batteries[number % len(self._batteries)],
         )  # fmt: skip
 
 

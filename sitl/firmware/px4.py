@@ -5,6 +5,7 @@ HIL_ACTUATOR_CONTROLS it is booting, and time goes on at the pace of wall time; 
 tick waits for its answer. Terms: PX4's module simulator_mavlink.
 """
 
+import math
 import os
 import socket
 import time
@@ -17,20 +18,17 @@ from sitl.firmware.hil import BARO, MAG, gps_payload
 from sitl.firmware.native.library import (
     FREE_RUNNING,
     GONE,
-    ORDERED,
     Hil,
-    address_of,
-    get_motors,
+    Stepped,
     hil_send,
     hil_wait,
-    put_inertial,
 )
+from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
 _KELVIN = 273.15
-_MOTORS_AT = Hil.motors.offset
 
 
 class Px4Bridge:
@@ -45,7 +43,7 @@ class Px4Bridge:
         self._connection: socket.socket | None = None
         self._hil = Hil()  # what goes between PX4 and here
         self._hil.sensor.temperature_c = temperature_k(plant.frame.origin.alt_msl_m) - _KELVIN
-        self._hil_at = address_of(self._hil)
+        self._stepped = Stepped(plant, self._sensors.imu, self._hil)
         self.booting = True  # it has answered nothing yet
         self._paced_s = 0.0  # wall time of the last tick while PX4 boots
 
@@ -54,7 +52,11 @@ class Px4Bridge:
         """Duty cycles (0..1) of the four motors as PX4 wants them, all 0 while disarmed: front
         right, rear left, front left, rear right.
         """
-        return get_motors(self._hil, _MOTORS_AT)
+        return tuple(self._hil.motors)
+
+    @property
+    def rows(self) -> Rows:
+        return self._stepped.rows
 
     @property
     def connected(self) -> bool:
@@ -72,36 +74,49 @@ class Px4Bridge:
         self._listener.listen(1)
         self._listener.settimeout(_LOOK_S)
 
-    def tick(self) -> bool:
+    def run(self, ticks: int) -> int:
         if self.booting:
-            if self._connection is None and not self._accept():
-                return False
-            self._keep_pace()
-        elif (came := hil_wait(self._hil_at, True)) != ORDERED:
-            self._check(came)
-            return False
-        plant = self.plant
-        plant.vehicle.drive(get_motors(self._hil, _MOTORS_AT))
-        plant.step()
-        self._send(plant.t_ns)
-        if self.booting:
-            came = hil_wait(self._hil_at, False)
-            self._check(came)
-            self.booting = self._hil.answered_us == 0
-        return True
+            return self._boot()
+        ticks = min(ticks, self._ticks_to_next())
+        done = self._stepped.hil_run(ticks)
+        if done == ticks:
+            self._send()
+        else:
+            self._check(self._hil.came)
+        return done
 
-    def _send(self, t_ns: int) -> None:
+    def _boot(self) -> int:
+        """A tick at most; PX4 asks for none."""
+        if self._connection is None and not self._accept():
+            return 0
+        self._keep_pace()
+        self._check(hil_wait(self._stepped.at, False))
+        if self._hil.left:  # it takes nothing
+            return 0
+        self._stepped.hil_tick()
+        self._send()
+        self._check(hil_wait(self._stepped.at, False))
+        self.booting = self._hil.answered_us == 0
+        return 1
+
+    def _ticks_to_next(self) -> int:
+        """Up to where there is more to be said than what the IMU says."""
+        plant, sensors = self.plant, self._sensors
+        ticks = min(sensors.due, plant.due) - plant.clock.tick
+        fix_ns = sensors.receiver.due_ns - plant.t_ns
+        if fix_ns < ticks * plant.dt_ns:
+            ticks = math.ceil(fix_ns / plant.dt_ns)
+        return max(ticks, 1)
+
+    def _send(self) -> None:
         """What the sensors say at this tick."""
-        sensors = self._sensors
-        t_us = t_ns // 1000
-        put_inertial(self._hil, 0, t_us, *sensors.imu())
+        sensors, t_ns = self._sensors, self.plant.t_ns
         if self.plant.clock.tick >= sensors.due:
             self._read_slow()
         gps = None
         if t_ns >= sensors.receiver.due_ns and (fix := sensors.fix()) is not None:
-            gps = gps_payload(t_us, fix, self.plant.frame.to_geodetic(fix.pos_ned_m))
-        if came := hil_send(self._hil_at, gps):
-            self._check(came)
+            gps = gps_payload(t_ns // 1000, fix, self.plant.frame.to_geodetic(fix.pos_ned_m))
+        self._check(hil_send(self._stepped.at, gps))
 
     def _read_slow(self) -> None:
         """Barometer and magnetometer, where they are due."""

@@ -21,7 +21,7 @@ Hear: TypeAlias = Callable[[str, dict[str, Any]], None]
 # that is done with it; while a station waits for an answer it is worth that.
 _FLUSH_S, _ANSWER_FLUSH_S = 0.02, 0.002
 _HEARTBEAT_S = 0.8  # wall time after which the last heartbeat is said again
-_ANSWER_S = 0.3  # wall time after a ground station's message that the vehicle answers in
+_ANSWER_S = 0.1  # wall time after a ground station's message that the vehicle answers in
 
 
 class Relay:

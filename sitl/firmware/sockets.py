@@ -28,10 +28,11 @@ def bound(kind: socket.SocketKind, port: int) -> socket.socket:
 
 
 def give_up_after(sock: socket.socket, seconds: float) -> None:
-    """Let `recv` raise BlockingIOError after `seconds` without data.
+    """Let `recv` and `send` raise BlockingIOError after `seconds` without data or room.
 
     By the kernel: `socket.settimeout` would ask it twice for every datagram.
     """
     whole = int(seconds)
     timeval = struct.pack("ll", whole, int((seconds - whole) * 1e6))
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
+    for wait in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+        sock.setsockopt(socket.SOL_SOCKET, wait, timeval)

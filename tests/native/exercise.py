@@ -1,5 +1,6 @@
 """Everything that the libraries do, on data from seeds; prints a digest of what comes out."""
 
+import ctypes
 import hashlib
 import socket
 import sys
@@ -65,9 +66,10 @@ def hil(ticks):
     """PX4's stream, in which anything may come at any time."""
     ours, theirs = socket.socketpair()
     link = bridge.Hil(socket=ours.fileno())
-    at = bridge.address_of(link)
+    at = ctypes.addressof(link)
     for tick in range(1, ticks):
-        bridge.put_inertial(link, 0, tick, *rng.normal(0.0, 3.0, 6))
+        link.world.t_ns = 1000 * tick
+        link.sensor.sample[:] = rng.normal(0.0, 3.0, 6)
         bridge.hil_send(at, rng.bytes(36) if tick % 5 == 0 else None)
         digest.update(theirs.recv(65536))
         junk = bytearray(rng.bytes(int(rng.integers(1, 700))))
@@ -75,23 +77,25 @@ def hil(ticks):
             junk[marker] = 0xFD
         theirs.sendall(junk)
         bridge.hil_wait(at, False)
-        digest.update(bytes(link)[: bridge.Hil.socket.offset])
+        digest.update(bytes(link)[bridge.Hil.sensor.offset : bridge.Hil.socket.offset])
 
 
 def json(ticks):
     """ArduPilot's datagrams, of whatever length."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     link = bridge.Json(socket=ours.fileno())
-    at = bridge.address_of(link)
+    at = ctypes.addressof(link)
     for _ in range(ticks):
-        bridge.put_state(link, 0, *rng.normal(0.0, 10.0 ** rng.integers(-9, 300), 16))
+        numbers = rng.normal(0.0, 10.0 ** rng.integers(-9, 300), 21)
+        link.sample[:], link.state[:], link.errors[:] = numbers[:6], numbers[6:15], numbers[15:]
+        link.answered = -1
         bridge.json_send(at)
         digest.update(theirs.recv(65536))
         theirs.send(rng.bytes(int(rng.integers(1, 300))))
         theirs.send(b"\x1a\x48" + rng.bytes(38))
         for _ in range(2):
             digest.update(bytes((bridge.json_wait(at),)))
-        digest.update(bytes(link)[: bridge.Json.socket.offset])
+        digest.update(bytes(link)[bridge.Json.sample.offset : bridge.Json.socket.offset])
 
 
 def fly():

@@ -11,57 +11,114 @@
 #include "hil.h"
 #include "json.h"
 
-/* All of it, however often the kernel takes a part; 0, or errno. */
-static int send_all(int socket, const uint8_t *data, size_t size)
-{
-    while (size > 0) {
-        const ssize_t sent = send(socket, data, size, 0);
-        if (sent < 0 && errno != EINTR) return errno;
-        if (sent > 0) {
-            data += sent;
-            size -= (size_t)sent;
-        }
-    }
-    return 0;
-}
-
 static int gone(Hil *link, int error)
 {
     link->error = error;
     return GONE;
 }
 
+/* Whether an error of a socket says no more than that a moment has passed. */
+static int moment(int error)
+{
+    return error == EAGAIN || error == EWOULDBLOCK || error == EINTR;
+}
+
+/* Send what is to be sent: ORDERED, NOTHING where PX4 takes no more of it for now, or GONE. */
+static int flush(Hil *link)
+{
+    while (link->left > 0) {
+        const ssize_t sent = send((int)link->socket, link->out, (size_t)link->left, 0);
+        if (sent < 0) return moment(errno) ? NOTHING : gone(link, errno);
+        link->left -= sent;
+        memmove(link->out, link->out + sent, (size_t)link->left);
+    }
+    return ORDERED;
+}
+
 EXPORTED int hil_wait(Hil *link, int blocking)
 {
+    const int sent = flush(link);
+    if (sent != ORDERED) return sent;
     if (link->answered_us >= link->sent_us && link->sent_us > 0) return ORDERED;
     uint8_t *end = link->stream + link->size;
     const size_t room = sizeof link->stream - (size_t)link->size;
     const ssize_t size = recv((int)link->socket, end, room, blocking ? 0 : MSG_DONTWAIT);
     if (size == 0) return gone(link, 0);
-    if (size < 0) {
-        const int nothing = errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
-        return nothing ? NOTHING : gone(link, errno);
-    }
+    if (size < 0) return moment(errno) ? NOTHING : gone(link, errno);
     link->size += size;
     return take_controls(link);
 }
 
-EXPORTED int hil_send(Hil *link, const uint8_t *gps)
+/* The next frames, after all those before them. */
+static void put_frames(Hil *link, const uint8_t *gps)
 {
-    uint8_t frames[2 * MOST_FRAME];
-    uint8_t *end = frames;
+    uint8_t *end = link->out;
+    link->sensor.t_us = (uint64_t)(link->world.t_ns / 1000);
     if (gps) end = put_frame(link, end, GPS_ID, gps, GPS_SIZE, GPS_EXTRA);
     end = put_sensor(link, end);
+    link->left = end - link->out;
     link->sent_us = link->sensor.t_us;
-    const int failed = send_all((int)link->socket, frames, (size_t)(end - frames));
-    return failed ? gone(link, failed) : NOTHING;
+}
+
+EXPORTED int hil_send(Hil *link, const uint8_t *gps)
+{
+    put_frames(link, gps);
+    return flush(link);
+}
+
+/* The truth of this instant. A row is whole before it is the newest. */
+static int keep(World *world)
+{
+    Past *past = world->past;
+    const int64_t number = world->t_ns / past->interval_ns, slot = number % past->count;
+    past->instants[slot] = world->t_ns;
+    if (!world->read_gauges(world->interpreter, world->gauges, TRUTHS, past->rows[slot])) return 0;
+    past->newest = number;
+    return 1;
+}
+
+static int step(World *world, const double motors[4], double sample[6])
+{
+    world->t_ns += world->dt_ns;
+    if (!world->drive(world->driven, motors, sample)) return 0;
+    return world->t_ns % world->past->interval_ns != 0 || keep(world);
+}
+
+EXPORTED int hil_tick(Hil *link)
+{
+    return step(&link->world, link->motors, link->sensor.sample);
+}
+
+EXPORTED int hil_run(Hil *link, int64_t ticks)
+{
+    for (int64_t done = 0;; done++) {
+        if (done == ticks) return (int)done;
+        if (done > 0) put_frames(link, NULL);
+        void *lock = link->world.let_go();
+        link->came = hil_wait(link, 1);
+        link->world.take(lock);
+        if (link->came == ORDERED && !hil_tick(link)) link->came = FAILED;
+        if (link->came != ORDERED) return (int)done;
+    }
+}
+
+static void json_repeat(Json *link)
+{
+    /* A firmware that has just ended is told of by its process. */
+    send((int)link->socket, link->reply, (size_t)link->size, 0);
 }
 
 EXPORTED int json_wait(Json *link)
 {
     uint8_t request[256];
-    const ssize_t size = recv((int)link->socket, request, sizeof request, 0);
-    return size < 0 ? NOTHING : take_request(link, request, size);
+    for (;;) {
+        const ssize_t size = recv((int)link->socket, request, sizeof request, 0);
+        if (size < 0) return NOTHING;
+        const int came = take_request(link, request, size);
+        if (came != ORDERED || link->count > link->answered) return came;
+        if (link->count < link->answered) return RESTARTED;
+        json_repeat(link); /* the reply was lost */
+    }
 }
 
 EXPORTED void json_send(Json *link)
@@ -70,8 +127,22 @@ EXPORTED void json_send(Json *link)
     json_repeat(link);
 }
 
-EXPORTED void json_repeat(Json *link)
+EXPORTED int json_run(Json *link, int64_t ticks)
 {
-    /* A firmware that has just ended is told of by its process. */
-    send((int)link->socket, link->reply, (size_t)link->size, 0);
+    World *world = &link->world;
+    for (int64_t done = 0;; done++) {
+        if (done == ticks) return (int)done;
+        void *lock = world->let_go();
+        if (done > 0) json_send(link);
+        link->came = link->asked ? ORDERED : json_wait(link);
+        world->take(lock);
+        if (link->came != ORDERED) return (int)done;
+        link->answered = link->count;
+        link->asked = 0;
+        if (!step(world, link->motors, link->sample) ||
+            !world->read_gauges(world->interpreter, world->gauges, 9, link->state)) {
+            link->came = FAILED;
+            return (int)done;
+        }
+    }
 }

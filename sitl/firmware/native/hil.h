@@ -12,7 +12,6 @@ enum {
     SENSOR_ID = 107, SENSOR_SIZE = 64, SENSOR_EXTRA = 108,
     GPS_ID = 113, GPS_SIZE = 36, GPS_EXTRA = 124,
     CONTROLS_ID = 93, CONTROLS_EXTRA = 47,
-    MOST_FRAME = 280,
     ACCEL_GYRO = 0x3f, /* of HIL_SENSOR.fields_updated */
     LOCKSTEP = 1 /* of HIL_ACTUATOR_CONTROLS.flags */
 };
@@ -59,8 +58,8 @@ static uint8_t *put_sensor(Hil *link, uint8_t *frame)
     const double differential_hpa = 0.0; /* there is no such sensor: `fields` never says so */
     uint8_t payload[SENSOR_SIZE] = {0};
     memcpy(payload, &s->t_us, 8);
-    uint8_t *at = put_floats(payload + 8, s->forces, 3);
-    at = put_floats(at, s->rates, 3);
+    uint8_t *at = put_floats(payload + 8, s->sample + 3, 3);
+    at = put_floats(at, s->sample, 3);
     at = put_floats(at, s->field_gauss, 3);
     at = put_floats(at, &s->pressure_hpa, 1);
     at = put_floats(at, &differential_hpa, 1);

@@ -64,13 +64,15 @@ static char *put_triple(char *at, const char *name, const double values[3], int 
 
 static void put_state(Json *link)
 {
+    double places[6];
+    for (int i = 0; i < 6; i++) places[i] = link->state[i] + link->errors[i];
     char *at = put_text((char *)link->reply, "\n{\"timestamp\":");
-    at = put_number(at, link->t_s, 6);
-    at = put_triple(at, ",\"imu\":{\"gyro\":", link->rates, 8);
-    at = put_triple(at, ",\"accel_body\":", link->forces, 7);
-    at = put_triple(at, "},\"position\":", link->position, 5);
-    at = put_triple(at, ",\"velocity\":", link->velocity, 5);
-    at = put_triple(at, ",\"attitude\":", link->attitude, 7);
+    at = put_number(at, (double)link->world.t_ns * 1e-9, 6);
+    at = put_triple(at, ",\"imu\":{\"gyro\":", link->sample, 8);
+    at = put_triple(at, ",\"accel_body\":", link->sample + 3, 7);
+    at = put_triple(at, "},\"position\":", places, 5);
+    at = put_triple(at, ",\"velocity\":", places + 3, 5);
+    at = put_triple(at, ",\"attitude\":", link->state + 6, 7);
     at = put_text(at, ",\"no_time_sync\":1}\n");
     link->size = at - (char *)link->reply;
 }

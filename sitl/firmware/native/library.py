@@ -1,27 +1,39 @@
 """The C interface of the bridges (`bridge.h`): what is sent and read lies in structures here.
 
-A call releases Python's lock, since it may wait for the firmware.
+Ticks are taken in C. There waiting for the firmware releases Python's lock, and stepping the
+aircraft takes it.
 """
 
 import ctypes
-import struct
 
+from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of_python
+from flightdyn.plant import Plant
 from native.building import library
 from native.loading import load
+from sitl.firmware.native.rows import Rows
 
 _INT, _LONG, _UNSIGNED, _DOUBLE = ctypes.c_int, ctypes.c_int64, ctypes.c_uint64, ctypes.c_double
 _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
+_THREE, _FOUR, _SIX = _DOUBLE * 3, _DOUBLE * 4, _DOUBLE * 6
 
 # What came of a call. ORDERED: the motors are what the firmware wants for the next tick; GONE: it
 # has hung up; FREE_RUNNING: its clock is not ours; FOREIGN: it speaks another protocol.
-NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN = range(5)
+NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, _FAILED = range(7)
+
+
+class _World(ctypes.Structure):
+    _fields_ = (
+        ("drive", _POINTER), ("read_gauges", _POINTER), ("let_go", _POINTER), ("take", _POINTER),
+        ("driven", _POINTER), ("interpreter", _POINTER), ("gauges", _POINTER), ("past", _POINTER),
+        ("t_ns", _LONG), ("dt_ns", _LONG),
+    )  # fmt: skip
 
 
 class _HilSensor(ctypes.Structure):
     _fields_ = (
-        ("t_us", _UNSIGNED), ("rates", _DOUBLE * 3), ("forces", _DOUBLE * 3),
-        ("field_gauss", _DOUBLE * 3), ("pressure_hpa", _DOUBLE), ("height_m", _DOUBLE),
-        ("temperature_c", _DOUBLE), ("fields", _UNSIGNED),
+        ("t_us", _UNSIGNED), ("sample", _SIX), ("field_gauss", _THREE),
+        ("pressure_hpa", _DOUBLE), ("height_m", _DOUBLE), ("temperature_c", _DOUBLE),
+        ("fields", _UNSIGNED),
     )  # fmt: skip
 
 
@@ -29,31 +41,23 @@ class Hil(ctypes.Structure):
     """PX4 behind a TCP connection; `sensor` is what the next frame says."""
 
     _fields_ = (
-        ("sensor", _HilSensor), ("motors", _DOUBLE * 4), ("sent_us", _UNSIGNED),
+        ("world", _World), ("sensor", _HilSensor), ("motors", _FOUR), ("sent_us", _UNSIGNED),
         ("answered_us", _UNSIGNED), ("socket", _LONG), ("error", _LONG), ("sequence", _LONG),
-        ("size", _LONG), ("stream", ctypes.c_uint8 * 4096),
+        ("came", _LONG), ("size", _LONG), ("left", _LONG), ("stream", ctypes.c_uint8 * 4096),
+        ("out", ctypes.c_uint8 * 560),
     )  # fmt: skip
 
 
 class Json(ctypes.Structure):
-    """ArduPilot behind a connected UDP socket; `t_s` to `attitude` are what the next reply says."""
+    """ArduPilot behind a connected UDP socket; `errors` are those of position and velocity."""
 
     _fields_ = (
-        ("t_s", _DOUBLE), ("rates", _DOUBLE * 3), ("forces", _DOUBLE * 3),
-        ("position", _DOUBLE * 3), ("velocity", _DOUBLE * 3), ("attitude", _DOUBLE * 3),
-        ("motors", _DOUBLE * 4), ("count", _LONG), ("socket", _LONG), ("length", _LONG),
-        ("magic", _LONG), ("size", _LONG), ("reply", ctypes.c_uint8 * 1024),
+        ("world", _World), ("sample", _SIX), ("state", _DOUBLE * 9), ("errors", _SIX),
+        ("motors", _FOUR), ("count", _LONG), ("answered", _LONG), ("asked", _LONG),
+        ("came", _LONG), ("socket", _LONG), ("length", _LONG), ("magic", _LONG), ("size", _LONG),
+        ("reply", ctypes.c_uint8 * 1024),
     )  # fmt: skip
 
-
-# Many numbers into a structure at once, from its beginning, in a tenth of the time that its fields
-# take one by one.
-put_inertial = struct.Struct("@Q6d").pack_into  # t_us, rates, forces
-put_state = struct.Struct("@16d").pack_into  # t_s to attitude
-get_motors = struct.Struct("@4d").unpack_from
-
-# Of a structure, which has to outlive its use.
-address_of = ctypes.addressof
 
 _LIBRARY = load(library("bridge"))
 # Each takes the address of its structure; `hil_send` a payload of HIL_GPS, too, or None.
@@ -61,4 +65,45 @@ hil_wait = ctypes.CFUNCTYPE(_INT, _POINTER, _INT)(("hil_wait", _LIBRARY))
 hil_send = ctypes.CFUNCTYPE(_INT, _POINTER, _BYTES)(("hil_send", _LIBRARY))
 json_wait = ctypes.CFUNCTYPE(_INT, _POINTER)(("json_wait", _LIBRARY))
 json_send = ctypes.CFUNCTYPE(None, _POINTER)(("json_send", _LIBRARY))
-json_repeat = ctypes.CFUNCTYPE(None, _POINTER)(("json_repeat", _LIBRARY))
+# These step the aircraft and keep Python's lock, but while they wait.
+_hil_tick = ctypes.PYFUNCTYPE(_INT, _POINTER)(("hil_tick", _LIBRARY))
+_hil_run = ctypes.PYFUNCTYPE(_INT, _POINTER, _LONG)(("hil_run", _LIBRARY))
+_json_run = ctypes.PYFUNCTYPE(_INT, _POINTER, _LONG)(("json_run", _LIBRARY))
+
+
+class Stepped:
+    """A plant that is stepped from C, for a structure of a firmware's; its truth is kept."""
+
+    def __init__(self, plant: Plant, imu: Imu, link: Hil | Json) -> None:
+        """The motors stand still until there is an order."""
+        self._plant, self._link = plant, link
+        vehicle, self.rows = plant.vehicle, Rows(plant)
+        vehicle.drive((0.0,) * 4)
+        self._driven = Driven(imu, vehicle.set_motors, plant.run)
+        lock = of_python("PyEval_SaveThread", "PyEval_RestoreThread")
+        link.world = _World(
+            DRIVE_AT, READ_AT, *lock, self._driven.at, PYTHON_AT, vehicle.all.at,
+            self.rows.address, plant.t_ns, plant.dt_ns,
+        )  # fmt: skip
+        self.at = ctypes.addressof(link)
+
+    def hil_run(self, ticks: int) -> int:
+        """Ticks as PX4 asks for them, all but the last answered; how many it asked for."""
+        return self._count(_hil_run(self._ready(ticks), ticks))
+
+    def hil_tick(self) -> int:
+        """A tick that nobody asked for."""
+        return self._count(_hil_tick(self._ready(1)))
+
+    def json_run(self, ticks: int) -> int:
+        """Ticks as ArduPilot asks for them, all but the last answered; how many it asked for."""
+        return self._count(_json_run(self._ready(ticks), ticks))
+
+    def _ready(self, ticks: int) -> int:
+        self._driven.ready(self._plant.run, ticks)
+        return self.at
+
+    def _count(self, ticks: int) -> int:
+        if ticks:
+            self._plant.passed(ticks)
+        return ticks

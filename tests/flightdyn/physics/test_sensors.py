@@ -23,8 +23,8 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def imu_rows(config: ImuConfig, seconds: float, seed: int = 1) -> np.ndarray:
-    errors = iter(ImuErrors(config, RandomStreams(seed), dt_s=0.004))
-    return np.array([next(errors) for _ in range(round(seconds / 0.004))])
+    errors = ImuErrors(config, RandomStreams(seed), dt_s=0.004)
+    return np.concatenate([errors.draw() for _ in range(round(seconds))])
 
 
 def test_white_noise_has_the_density_asked_for() -> None:
@@ -123,8 +123,7 @@ def test_sensors_draw_from_streams_of_their_own() -> None:
     alone = imu_rows(ImuConfig(), 1.0, 9)
     streams = RandomStreams(9)
     Gnss(GnssConfig(), streams).measure(0, ORIGIN, ORIGIN)
-    errors = iter(ImuErrors(ImuConfig(), streams, dt_s=0.004))
-    assert np.array_equal(alone, np.array([next(errors) for _ in range(250)]))
+    assert np.array_equal(alone, ImuErrors(ImuConfig(), streams, dt_s=0.004).draw())
 
 
 @pytest.mark.parametrize(

@@ -163,19 +163,19 @@ def test_the_same_run_gives_the_same_bytes(made: Fixed, tmp_path: Path) -> None:
     assert fly(other, rounds=2, seed=2).log.read_bytes() != made.log.read_bytes()
 
 
-def test_at_most_a_second_of_simulated_time_is_not_yet_on_its_way_to_the_disk(
+def test_at_most_five_seconds_of_simulated_time_are_not_yet_on_their_way_to_the_disk(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "open.mcap"
     log = FlightLog(path, area=AREA, devices=devices(np.random.default_rng(1)))
-    for index in range(200):
+    for index in range(400):
         t_ns = index * 50_000_000
         log.sampled(sample(t_ns))
         newest = 0
         with path.open("rb") as stream, contextlib.suppress(McapError):  # it has no end yet
             for record in StreamReader(stream).records:
                 newest = max(newest, getattr(record, "log_time", 0))
-        assert t_ns - newest < 1_000_000_000
+        assert t_ns - newest < 5_000_000_000
     log.close()
 
 
@@ -232,11 +232,13 @@ def test_viewers_see_samples_as_they_come_at_the_pace_of_a_film(
             lag.append(viewer.shown[-1][1] - index * 100_000_000)
         assert lag == [0] * 9
         before = len(viewer.shown)
-        for index in range(9, 14):  # faster than anybody can see
+        for index in range(9, 54):  # faster than anybody can see
             now[0] += 0.001
             log.sampled(sample(index * 100_000_000))
-        # A second of simulated time was over in between, and goes to the file.
-        assert {t_ns for _, t_ns in viewer.shown[before:]} == {900_000_000, 1_000_000_000}
+        # Five seconds of simulated time were over in between, and go to the file.
+        assert {t_ns for _, t_ns in viewer.shown[before:]} == {
+            index * 100_000_000 for index in range(9, 51)
+        }
 
 
 def test_ground_and_devices_come_with_every_plan(made: Fixed) -> None:

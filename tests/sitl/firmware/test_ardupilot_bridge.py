@@ -1,5 +1,6 @@
 """The bridge to ArduPilot, against what its JSON backend sends and reads."""
 
+import ctypes
 import json
 import math
 import random
@@ -10,7 +11,7 @@ from firmware_stand_ins import ArduPilotStandIn, plant
 
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.native.library import Json, address_of, json_send, put_state
+from sitl.firmware.native.library import Json, json_send
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def test_a_request_is_one_tick_and_one_answer(
 ) -> None:
     for count in range(5):
         ardupilot.ask(count)
-        assert bridge.tick()
+        assert bridge.run(1)
         answer = ardupilot.answer()
         assert answer["timestamp"] == pytest.approx((count + 1) / RATE_HZ)
     assert answer["imu"]["accel_body"] == pytest.approx([0, 0, -9.8], abs=1.0)
@@ -45,7 +46,7 @@ def test_a_request_is_one_tick_and_one_answer(
 
 
 def test_nothing_is_stepped_without_a_request(bridge: ArduPilotBridge) -> None:
-    assert not bridge.tick()
+    assert not bridge.run(1)
     assert bridge.plant.clock.tick == 0
 
 
@@ -53,9 +54,9 @@ def test_a_repeated_request_is_answered_again_without_a_step(
     bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
 ) -> None:
     ardupilot.ask(7)
-    bridge.tick()
+    bridge.run(1)
     ardupilot.ask(7)
-    assert not bridge.tick()
+    assert not bridge.run(1)
     first, again = ardupilot.lines()
     assert first == again
     assert bridge.plant.clock.tick == 1
@@ -65,13 +66,13 @@ def test_requests_repeated_while_time_stands_still_are_answered_once(
     bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
 ) -> None:
     ardupilot.ask(1)
-    bridge.tick()
+    bridge.run(1)
     ardupilot.answer()
     for _ in range(3):
         ardupilot.ask(2)
         bridge.rest()
     assert ardupilot.lines() == []
-    assert bridge.tick()
+    assert bridge.run(1)
     assert ardupilot.answer()["timestamp"] == pytest.approx(2 / RATE_HZ)
 
 
@@ -80,7 +81,7 @@ def test_positions_have_the_errors_of_receiver_and_barometer(
 ) -> None:
     for count in range(RATE_HZ):
         ardupilot.ask(count)
-        bridge.tick()
+        bridge.run(1)
         answer = ardupilot.answer()
     sensors, vehicle = bridge.plant.sensors, bridge.plant.vehicle
     assert sensors is not None
@@ -99,7 +100,7 @@ def test_pulses_turn_the_motors_in_its_order(
 ) -> None:
     for count in range(160):
         ardupilot.ask(count, (1000, 1200, 1400, 1600), magic=magic)
-        bridge.tick()
+        bridge.run(1)
     rotors = bridge.plant.vehicle.rotor_speeds_radps()
     assert rotors[0] == pytest.approx(0.0, abs=1.0)
     assert 0 < rotors[1] < rotors[2] < rotors[3]
@@ -119,17 +120,17 @@ def test_another_program_on_the_port_is_named(
 ) -> None:
     ardupilot.send_bytes(request_)
     with pytest.raises(FirmwareError, match=said):
-        bridge.tick()
+        bridge.run(1)
 
 
 def test_a_count_that_falls_back_is_a_restart(
     bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
 ) -> None:
     ardupilot.ask(1000)
-    bridge.tick()
+    bridge.run(1)
     ardupilot.ask(0)
     with pytest.raises(FirmwareRestartedError, match="anew"):
-        bridge.tick()
+        bridge.run(1)
 
 
 @pytest.mark.parametrize(
@@ -150,9 +151,8 @@ def test_a_count_that_falls_back_is_a_restart(
     ],
 )
 def test_numbers_are_written_as_printf_does(value: float, written: str) -> None:
-    state = Json(socket=-1)
-    put_state(state, 0, *(0.0,) * 7, value, *(0.0,) * 8)
-    json_send(address_of(state))  # to no socket
+    state = Json(socket=-1, state=(value,), errors=(-0.0,))
+    json_send(ctypes.addressof(state))  # to no socket
     text = bytes(state.reply[: state.size]).decode()
     assert f'"position":[{written},0.00000,0.00000]' in text
 
@@ -161,9 +161,9 @@ def test_numbers_are_what_python_writes_but_for_ties() -> None:
     rng = random.Random(1)
     for _ in range(2000):
         values = [rng.uniform(-1, 1) * 10 ** rng.randint(-6, 5) for _ in range(15)]
-        state = Json(socket=-1)
-        put_state(state, 0, 1234.5, *values)
-        json_send(address_of(state))
+        state = Json(socket=-1, sample=tuple(values[:6]), state=tuple(values[6:]))
+        state.world.t_ns = 1_234_500_000_000
+        json_send(ctypes.addressof(state))
         answer = json.loads(bytes(state.reply[: state.size]))
         imu = answer["imu"]
         assert answer["timestamp"] == 1234.5

@@ -4,32 +4,38 @@ import numpy as np
 import pytest
 from firmware_stand_ins import plant
 
+from flightdyn.plant import Plant
+from sitl.firmware.native.library import Hil, Stepped
 from sitl.firmware.past import Past
 
 INTERVAL_NS = 20_000_000
 
 
+def flown(aircraft: Plant, *motors: float) -> Stepped:
+    """An aircraft that is stepped as a bridge does it, with these motors."""
+    assert aircraft.sensors is not None
+    return Stepped(aircraft, aircraft.sensors.imu, Hil(motors=motors))
+
+
 def falling(intervals: int) -> tuple[Past, list[float]]:
     """A climb at full power, and the heights at the ends of its intervals."""
     aircraft = plant()
-    aircraft.vehicle.drive((0.9,) * 4)
-    past, heights = Past(aircraft), [aircraft.truth.alt_rel_m]
+    link, heights = flown(aircraft, 0.9, 0.9, 0.9, 0.9), [aircraft.truth.alt_rel_m]
+    past = Past(aircraft, link.rows)
     for _ in range(intervals):
         for _ in range(aircraft.interval):
-            aircraft.step()
-        past.keep()
+            link.hil_tick()
         heights.append(aircraft.truth.alt_rel_m)
     return past, heights
 
 
 def test_what_was_kept_is_what_was() -> None:
     aircraft = plant()
-    aircraft.vehicle.drive((0.9, 0.8, 0.9, 0.8))
-    past = Past(aircraft)
+    link = flown(aircraft, 0.9, 0.8, 0.9, 0.8)
+    past = Past(aircraft, link.rows)
     for _ in range(50 * aircraft.interval):
-        aircraft.step()
-        if aircraft.clock.tick % aircraft.interval == 0:
-            past.keep()
+        link.hil_tick()
+        past.keep_battery()
     truth, newest = aircraft.truth, past.newest
     for kinematics in (newest.kinematics, past.at(aircraft.t_ns).kinematics):
         assert kinematics.t_ns == truth.t_ns
@@ -53,7 +59,7 @@ def test_between_two_it_lies_between_and_beyond_them_it_goes_on() -> None:
 
 
 def test_only_the_newest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sitl.firmware.past._KEPT", 32)
+    monkeypatch.setattr("sitl.firmware.native.rows.KEPT", 32)
     past, heights = falling(100)
     assert past.at(90 * INTERVAL_NS).kinematics.alt_rel_m == pytest.approx(heights[90])
     # What is gone is told by the oldest that is left, by its velocity.

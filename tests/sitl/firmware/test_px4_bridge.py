@@ -1,7 +1,10 @@
 """The bridge to PX4, against pymavlink's reading and writing of the same messages."""
 
+import ctypes
 import math
+import socket
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from firmware_stand_ins import Px4StandIn, plant
@@ -12,7 +15,9 @@ from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
 from sitl.errors import LinkError, SitlInputError
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait
 from sitl.firmware.px4 import Px4Bridge
+from sitl.firmware.sockets import give_up_after
 
 
 @pytest.fixture
@@ -33,13 +38,13 @@ def px4(bridge: Px4Bridge) -> Iterator[Px4StandIn]:
 def fly(bridge: Px4Bridge, px4: Px4StandIn, ticks: int, *motors: float) -> None:
     for _ in range(ticks):
         px4.control(bridge.plant.t_ns // 1000, motors)
-        while not bridge.tick():
+        while not bridge.run(1):
             pass
 
 
 def tick_often(bridge: Px4Bridge) -> None:
     for _ in range(100):
-        bridge.tick()
+        bridge.run(1)
 
 
 def test_sensor_frames_are_what_pymavlink_reads(bridge: Px4Bridge, px4: Px4StandIn) -> None:
@@ -88,19 +93,19 @@ def test_a_receiver_that_is_off_gives_no_solutions(bridge: Px4Bridge, px4: Px4St
 def test_each_tick_waits_for_the_answer_to_the_one_before(
     bridge: Px4Bridge, px4: Px4StandIn
 ) -> None:
-    assert bridge.tick()  # PX4 boots: it answers nothing yet
-    assert bridge.tick()
+    assert bridge.run(1)  # PX4 boots: it answers nothing yet
+    assert bridge.run(1)
     px4.control(8000)
     while not bridge.motors or bridge.booting:
-        bridge.tick()
+        bridge.run(1)
     ticks = bridge.plant.clock.tick
     for _ in range(3):
-        assert not bridge.tick()  # nothing was answered since
+        assert not bridge.run(1)  # nothing was answered since
     assert bridge.plant.clock.tick == ticks
     px4.control((ticks - 1) * 4000)
-    assert not bridge.tick()  # late: an answer to the tick before that
+    assert not bridge.run(1)  # late: an answer to the tick before that
     px4.control(ticks * 4000)
-    assert bridge.tick()
+    assert bridge.run(1)
 
 
 def test_the_motors_turn_as_px4_says_and_in_its_order(bridge: Px4Bridge, px4: Px4StandIn) -> None:
@@ -116,7 +121,7 @@ def test_full_power_lifts_the_aircraft(bridge: Px4Bridge, px4: Px4StandIn) -> No
 
 
 def test_other_and_damaged_frames_are_passed_over(bridge: Px4Bridge, px4: Px4StandIn) -> None:
-    bridge.tick()
+    bridge.run(1)
     out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
     whole = bytes(mav.MAVLink_hil_actuator_controls_message(4000, [0.5] * 16, 129, 1).pack(out))
     damaged = bytearray(whole)
@@ -125,10 +130,10 @@ def test_other_and_damaged_frames_are_passed_over(bridge: Px4Bridge, px4: Px4Sta
         mav.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0).pack(out)
     )
     px4.send_bytes(b"\x00\xfd\x13junk" + bytes(damaged) + command + whole[:30])
-    bridge.tick()
+    bridge.run(1)
     assert bridge.motors == (0.0, 0.0, 0.0, 0.0)
     px4.send_bytes(whole[30:])
-    bridge.tick()
+    bridge.run(1)
     assert bridge.motors == (0.5, 0.5, 0.5, 0.5)
 
 
@@ -137,8 +142,8 @@ def test_frames_are_found_however_they_arrive(
     bridge: Px4Bridge, px4: Px4StandIn, chunk: int
 ) -> None:
     out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
-    bridge.tick()
-    bridge.tick()
+    bridge.run(1)
+    bridge.run(1)
     for n in range(20):
         answered = bridge.plant.t_ns // 1000
         sent = b"".join(
@@ -152,23 +157,48 @@ def test_frames_are_found_however_they_arrive(
         )
         for at in range(0, len(sent), chunk):
             px4.send_bytes(sent[at : at + chunk])
-        while not bridge.tick():
+        while not bridge.run(1):
             pass
         assert bridge.motors == pytest.approx((n / 20,) * 4)
 
 
 def test_px4_without_lockstep_is_refused(bridge: Px4Bridge, px4: Px4StandIn) -> None:
-    bridge.tick()
+    bridge.run(1)
     px4.control(4000, flags=0)
     with pytest.raises(FirmwareError, match="without lockstep"):
         tick_often(bridge)
 
 
 def test_px4_that_hangs_up_is_noticed(bridge: Px4Bridge, px4: Px4StandIn) -> None:
-    bridge.tick()
+    bridge.run(1)
     px4.close()
     with pytest.raises(FirmwareRestartedError, match="hung up"):
         tick_often(bridge)
+
+
+def test_what_px4_does_not_take_is_sent_when_it_does() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        give_up_after(ours, 0.02)
+        theirs.setblocking(False)
+        link = Hil(socket=ours.fileno())
+        at, sent = ctypes.addressof(link), 0
+        while link.left == 0:
+            sent += 1
+            link.world.t_ns = 4_000_000 * sent
+            assert hil_send(at, bytes(36)) == (NOTHING if link.left else ORDERED)
+        assert hil_wait(at, True) == NOTHING  # in bounded time
+        assert link.left > 0
+        reader, heard = mav.MAVLink(None), list[Any]()
+        while link.left:
+            heard += reader.parse_buffer(theirs.recv(1 << 20)) or []
+            assert hil_wait(at, True) == NOTHING
+        heard += reader.parse_buffer(theirs.recv(1 << 20)) or []
+        assert [m.time_usec for m in heard if m.get_type() == "HIL_SENSOR"] == [
+            4000 * n for n in range(1, sent + 1)
+        ]
+        theirs.close()
+        assert hil_send(at, None) == GONE
 
 
 def test_a_port_that_is_taken_is_named(bridge: Px4Bridge) -> None:

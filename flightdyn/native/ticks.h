@@ -1,0 +1,110 @@
+/* What is done at every tick of the physics: drive the motors or feed the inner loops, step JSBSim,
+   read the IMU. */
+#ifndef TICKS_H
+#define TICKS_H
+
+#include <string.h>
+
+#include "interpreter.h"
+
+enum { AXES = 6 }; /* body rates (rad/s), specific force (m/s2) */
+
+typedef struct {
+    const Interpreter *python;
+    const Gauge *gauges;         /* (6,) */
+    const double (*errors)[AXES]; /* of the ticks to come: as many as will be asked for */
+    double fault[AXES];          /* constants on top */
+    double rates[3];             /* gyroscopes, as read last */
+} Imu;
+
+typedef struct { /* the inner loops' end, `flightdyn.guidance.inner_loops` */
+    const Interpreter *python;
+    void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
+    double bias[3];            /* to be taken off the rates */
+    double error[3], feed[3];  /* rotation still to be made (rad), rate fed forward (rad/s) */
+    double collective;         /* thrust per rotor (1 = full) */
+    double dt;
+} Inner;
+
+typedef struct { /* motors that a brain other than ours drives */
+    Imu *imu;
+    void *run;
+    void *set_motors[4];
+    double motors[4]; /* duty cycles, as ordered last */
+} Driven;
+
+/* Each returns whether it went well; where not, Python has an error set. */
+typedef struct {
+    int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
+    int (*sample)(Imu *, double values[AXES]);
+    /* Hand on what the outer loop orders: error, feed, collective. */
+    int (*order)(Inner *, const double orders[7]);
+    /* Ticks of our own brain's: samples (count, 6). */
+    int (*fly)(void *run, int64_t count, Imu *, Inner *, double *samples);
+    /* A tick of another brain's. */
+    int (*drive)(Driven *, const double motors[4], double values[AXES]);
+} Ticks;
+
+/* The IMU's sample of this tick. The force that JSBSim shows is that of the tick before: the rates
+   of then go with it. */
+static int sample(Imu *imu, double *values)
+{
+    double now[AXES];
+    if (!read_gauges(imu->python, imu->gauges, AXES, now)) return 0;
+    const double *errors = *imu->errors++;
+    for (int i = 0; i < AXES; i++) now[i] += errors[i] + imu->fault[i];
+    for (int i = 0; i < 3; i++) {
+        values[i] = imu->rates[i];
+        values[3 + i] = now[3 + i];
+        imu->rates[i] = now[i];
+    }
+    return 1;
+}
+
+/* Believed rates of this tick to the inner loops; the wanted rotation is carried on with them. */
+static int feed(Inner *inner, const double rates[3])
+{
+    const Interpreter *python = inner->python;
+    for (int i = 0; i < 3; i++) {
+        const double rate = rates[i] - inner->bias[i];
+        inner->error[i] -= (rate - inner->feed[i]) * inner->dt;
+        if (!set(python, inner->set_rates[i], rate)) return 0;
+        if (!set(python, inner->set_errors[i], inner->error[i])) return 0;
+    }
+    return 1;
+}
+
+static int order(Inner *inner, const double orders[7])
+{
+    const Interpreter *python = inner->python;
+    memcpy(inner->error, orders, sizeof(double[7])); /* and feed, and collective */
+    for (int i = 0; i < 3; i++)
+        if (!set(python, inner->set_errors[i], inner->error[i]) ||
+            !set(python, inner->set_feeds[i], inner->feed[i]))
+            return 0;
+    return set(python, inner->set_collective, inner->collective);
+}
+
+static int fly_ticks(void *run, int64_t count, Imu *imu, Inner *inner, double *samples)
+{
+    for (int64_t i = 0; i < count; i++) {
+        if (!call(imu->python, run)) return 0;
+        if (!sample(imu, samples + AXES * i)) return 0;
+        if (!feed(inner, imu->rates)) return 0;
+    }
+    return 1;
+}
+
+static int drive_tick(Driven *driven, const double motors[4], double *values)
+{
+    const Interpreter *python = driven->imu->python;
+    for (int i = 0; i < 4; i++) {
+        const double duty = motors[i] >= 0 ? (motors[i] <= 1 ? motors[i] : 1) : 0;
+        if (duty == driven->motors[i]) continue;
+        if (!set(python, driven->set_motors[i], duty)) return 0;
+        driven->motors[i] = duty;
+    }
+    return call(python, driven->run) && sample(driven->imu, values);
+}
+
+#endif

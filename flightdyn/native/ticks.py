@@ -1,0 +1,238 @@
+"""The C interface of what is done at every tick (`ticks.h`); what it works on lies here.
+
+JSBSim is called through Python's own C interface, from C: at these rates the interpreter's way
+from one such call to the next costs more than what is done in them. The calls keep Python's lock.
+"""
+
+import ctypes
+from array import array
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from native.building import library
+from native.loading import address, load
+
+AXES = 6  # of a sample: body rates (rad/s), specific force (m/s2)
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+_OBJECT, _OK = ctypes.py_object, ctypes.c_int
+_THREE, _SIX = _DOUBLE * 3, _DOUBLE * AXES
+
+Getter = Callable[[], float]
+Setter = Callable[[float], object]
+
+
+class _Interpreter(ctypes.Structure):
+    _fields_ = tuple((name, _POINTER) for name in ("call", "value", "number", "release"))
+
+
+def of_python(*names: str) -> tuple[int | None, ...]:
+    """Addresses of functions of Python's C interface."""
+    return tuple(ctypes.cast(getattr(ctypes.pythonapi, name), _POINTER).value for name in names)
+
+
+_PYTHON = _Interpreter(
+    *of_python("PyObject_Vectorcall", "PyFloat_AsDouble", "PyFloat_FromDouble", "Py_DecRef")
+)
+
+
+class _Gauge(ctypes.Structure):
+    _fields_ = (("get", _OBJECT), ("offset", _DOUBLE), ("scale", _DOUBLE))
+
+
+class _Imu(ctypes.Structure):
+    _fields_ = (
+        ("python", _POINTER), ("gauges", _POINTER), ("errors", _POINTER), ("fault", _SIX),
+        ("rates", _THREE),
+    )  # fmt: skip
+
+
+class _Inner(ctypes.Structure):
+    _fields_ = (
+        ("python", _POINTER), ("set_rates", _OBJECT * 3), ("set_errors", _OBJECT * 3),
+        ("set_feeds", _OBJECT * 3), ("set_collective", _OBJECT), ("bias", _THREE),
+        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("dt", _DOUBLE),
+    )  # fmt: skip
+
+
+class _Driven(ctypes.Structure):
+    _fields_ = (
+        ("imu", _POINTER), ("run", _OBJECT), ("set_motors", _OBJECT * 4), ("motors", _DOUBLE * 4),
+    )  # fmt: skip
+
+
+class _Ticks(ctypes.Structure):
+    _fields_ = (
+        ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
+        ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
+        ("order", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
+        ("fly", ctypes.PYFUNCTYPE(_OK, _OBJECT, _INT, _POINTER, _POINTER, _POINTER)),
+        ("drive", _POINTER),  # called from C
+    )
+
+
+_LIBRARY = load(library("flight"))
+_LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
+_TICKS = _LIBRARY.ticks().contents
+_READ, _SAMPLE, _ORDER, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.order, _TICKS.fly
+PYTHON_AT = ctypes.addressof(_PYTHON)
+# For C: a gauge's reading, and a tick of an aircraft that another brain drives.
+READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
+DRIVE_AT = _TICKS.drive
+
+
+class Gauges:
+    """Numbers that JSBSim hands out one by one, read at once in SI units."""
+
+    def __init__(self, gauges: Sequence[tuple[Getter, float, float]]) -> None:
+        """Each is a getter, an offset and a scale: (get() - offset) scale."""
+        self.count = len(gauges)
+        self._gauges = (_Gauge * self.count)(*(_Gauge(*gauge) for gauge in gauges))
+        self.at = ctypes.addressof(self._gauges)
+        self._values = (_DOUBLE * self.count)()
+
+    def bind(self, getters: Sequence[Getter]) -> None:
+        """Read others from now on, with the same offsets and scales."""
+        for gauge, get in zip(self._gauges, getters, strict=True):
+            gauge.get = get
+
+    def read_to(self, where: int) -> None:
+        """Write the numbers of this instant to an address."""
+        _READ(PYTHON_AT, self.at, self.count, where)
+
+    def read(self) -> list[float]:
+        """The numbers of this instant."""
+        self.read_to(ctypes.addressof(self._values))
+        return self._values[:]
+
+
+class Inner:
+    """The inner loops' end: who takes rates and orders, and where they are."""
+
+    def __init__(
+        self,
+        rates: Sequence[Setter],
+        errors: Sequence[Setter],
+        feeds: Sequence[Setter],
+        collective: Setter,
+        *,
+        dt_s: float,
+    ) -> None:
+        self._memory = _Inner(
+            PYTHON_AT, tuple(rates), tuple(errors), tuple(feeds), collective, dt=dt_s
+        )
+        self.at = ctypes.addressof(self._memory)
+
+    def order(self, orders: int) -> None:
+        """Hand on the numbers at an address: attitude error (rad), rates fed forward (rad/s),
+        collective.
+        """
+        _ORDER(self.at, orders)
+
+    def correct(self, bias: Sequence[float]) -> None:
+        """What to take off the rates from now on (rad/s)."""
+        self._memory.bias[:] = bias
+
+
+class Imu:
+    """The IMU's samples: what its gauges say, errors added."""
+
+    def __init__(self, gauges: Gauges, draw: Callable[[], NDArray[np.float64]]) -> None:
+        """`gauges` are body rates (rad/s) and specific force (m/s2); `draw` gives the errors (n, 6)
+        of the next ticks.
+        """
+        if gauges.count != AXES:
+            raise ValueError(f"an IMU has {AXES} gauges, not {gauges.count}")
+        self._gauges, self._draw = gauges, draw
+        self._memory = _Imu(PYTHON_AT, gauges.at)
+        self.at = ctypes.addressof(self._memory)
+        self._errors = np.zeros((0, AXES))
+        self._end = 0  # address behind the errors
+        self._sample = (_DOUBLE * AXES)()
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Body rates of the last tick (rad/s), as read."""
+        p, q, r = self._memory.rates
+        return p, q, r
+
+    def fail(self, fault: Sequence[float]) -> None:
+        """Constants (6) to be added from now on."""
+        self._memory.fault[:] = fault
+
+    def draw(self, ticks: int) -> None:
+        """Have errors for so many ticks."""
+        row = AXES * self._errors.itemsize
+        left = (self._end - (self._memory.errors or 0)) // row
+        if left >= ticks:
+            return
+        blocks = [self._errors[len(self._errors) - left :]]
+        while left < ticks:
+            blocks.append(self._draw())
+            left += len(blocks[-1])
+        self._errors = np.concatenate(blocks)
+        at = address(self._errors, np.float64, (left, AXES))
+        self._memory.errors, self._end = at, at + left * row
+
+    def sample(self) -> list[float]:
+        """Of this tick."""
+        self.draw(1)
+        _SAMPLE(self.at, ctypes.addressof(self._sample))
+        return self._sample[:]
+
+    def fly(self, run: Callable[[], object], ticks: int, inner: Inner, samples: "Samples") -> None:
+        """Run ticks; sample each, and hand its rates to the inner loops."""
+        self.draw(ticks)
+        _FLY(run, ticks, self.at, inner.at, samples.room(ticks))
+
+
+class Samples:
+    """The IMU's samples of a while."""
+
+    def __init__(self, most: int) -> None:
+        self._numbers = array("d", bytes(8 * AXES * most))
+        self._at = self._numbers.buffer_info()[0]
+        self._most, self.count = most, 0
+
+    def room(self, count: int) -> int:
+        """Where so many more go.
+
+        Raises:
+            ValueError: they are too many.
+        """
+        before, self.count = self.count, self.count + count
+        if self.count > self._most:
+            raise ValueError(f"{self.count} samples, {self._most} at most")
+        return self._at + 8 * AXES * before
+
+    def clear(self) -> None:
+        """Forget them."""
+        self.count = 0
+
+    @property
+    def at(self) -> int:
+        """Where they lie."""
+        return self._at
+
+    @property
+    def numbers(self) -> "array[float]":
+        """Six a tick, end to end."""
+        return self._numbers[: AXES * self.count]
+
+
+class Driven:
+    """Motors that are driven from outside, and the IMU that is read at every tick."""
+
+    def __init__(self, imu: Imu, setters: Sequence[Setter], run: Callable[[], Any]) -> None:
+        """`setters` take the four motors' duty cycles, which are 0 now."""
+        self._imu = imu
+        self._memory = _Driven(imu.at, run, tuple(setters))
+        self.at = ctypes.addressof(self._memory)
+
+    def ready(self, run: Callable[[], Any], ticks: int) -> None:
+        """Be ready for so many ticks, each run by `run`."""
+        self._memory.run = run
+        self._imu.draw(ticks)
