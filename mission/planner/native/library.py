@@ -1,7 +1,7 @@
 """The C interface of planning (`planner.h`), every size and pointer checked once."""
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class _Functions(ctypes.Structure):
             _POINTER)),
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("lower_potentials", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -219,6 +221,34 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
     """
     shared = devices.as_c(), limits.as_c()
     return _searched(_FUNCTIONS.search_places, shared, limits, plan, effort)
+
+
+def lower_potentials(
+    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
+) -> Found:
+    """The plan with a bound from potentials, for any number of devices.
+
+    Args:
+        plan: of a value above 0.
+        gap: relative gap to the plan that is enough.
+        turns: in which the bound is lowered, at most.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    shared = devices.as_c(), limits.as_c()
+    bound = _DOUBLE()
+    taken = _FUNCTIONS.lower_potentials(
+        *map(ctypes.addressof, shared),
+        turns,
+        plan.value,
+        plan.value / (1.0 - gap),
+        ctypes.addressof(bound),
+    )
+    if taken < 0:
+        raise MemoryError("too little memory to bound a plan")
+    return replace(plan, bound=min(plan.bound, bound.value), nodes=plan.nodes + taken)
 
 
 def _searched(

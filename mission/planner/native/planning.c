@@ -1,5 +1,6 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
+#include "descent.h"
 #include "exploration.h"
 #include "levelled.h"
 #include "space.h"
@@ -65,6 +66,26 @@ static int64_t search_places(
     free(all.programme.best);
     release(&arena);
     return nodes;
+}
+
+static int64_t lower_potentials(
+    const Devices *devices, const Limits *limits, int64_t turns, double value, double enough,
+    double *bound)
+{
+    Arena arena = {0};
+    const int64_t samples = count_samples(devices, limits);
+    Descent *all = malloc(sizeof *all);
+    if (!all) return -1;
+    *all = lay_out_descent(&arena, devices, limits, samples);
+    if (!provide(&arena)) {
+        free(all);
+        return -1;
+    }
+    *all = lay_out_descent(&arena, devices, limits, samples);
+    const int64_t taken = descend(all, turns, value, enough, bound);
+    release(&arena);
+    free(all);
+    return taken;
 }
 
 static int assign(
@@ -140,5 +161,5 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, assign, match_devices, order_bound, square_bound,
+    explore, search_orders, search_places, lower_potentials, assign, match_devices, order_bound, square_bound,
     conjugate};
