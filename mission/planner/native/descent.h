@@ -3,14 +3,16 @@
 #ifndef DESCENT_H
 #define DESCENT_H
 
+#include "ascent.h"
 #include "potentials.h"
 
-static const double RATE = 0.06, LAST_RATE = 0.0012; /* steps, as shares of the best reward */
-static const double HEAT = 0.1, LAST_HEAT = 0.01;    /* smoothness of mu, as shares of mu L */
+static const double RATE = 2.5, LAST_RATE = 0.03; /* steps, as shares of the best reward */
+static const double HEAT = 0.1, LAST_HEAT = 0.007;    /* smoothness of mu, as shares of mu L */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
-static const double MEAN_KEPT = 0.9, SQUARE_KEPT = 0.9;
+static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
+static const double DEAR = 0.75; /* of the price of a place: whose devices take part */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
-enum { CHECK = 50 }; /* turns from one bound to the next */
+enum { CHECK = 100 }; /* turns from one bound to the next */
 
 /* Means of a slope and of its square, by which steps are scaled. */
 typedef struct {
@@ -24,16 +26,17 @@ typedef struct {
     Potentials now;
     Moments of_phi, of_chi, of_nu;
     Directions coarse, fine;
-    double *slopes;       /* (SHAPES, rows of cells, FINE_AXES, cells across) */
-    double *lean;         /* the same */
+    double *slopes, *lean; /* (SHAPES, FINE_AXES, cells) */
     double *half_sum;     /* (vertices,) of phi over all devices */
     double *low;          /* (vertices,) share of the smooth minimum of psi */
     double *gradient;     /* (vertices,) */
-    double *x, *y;        /* (cells across,) */
+    double *east, *north;   /* (SHAPES, cells) rises of a function along sides of triangles */
+    double *by_east, *by_north; /* (cells,) slopes by them */
     Sample *sample;
     int64_t *first;       /* (K + 1,) the samples of each device */
     double *value;        /* of a device's samples */
     double unit;          /* the best reward */
+    double least_nu;      /* below it, devices that are left out would count */
 } Descent;
 
 static int64_t most_samples(const Mesh *mesh) { return mesh->vertices * SPLITS * SPLITS; }
@@ -42,7 +45,7 @@ static Descent lay_out_descent(Arena *arena, const Devices *devices, const Limit
 {
     const Mesh mesh = mesh_of(devices, limits->length);
     const int64_t v = mesh.vertices, all = v * devices->count;
-    const int64_t slopes = triangles(&mesh) * FINE_AXES;
+    const int64_t cells = cells_of(&mesh), slopes = SHAPES * FINE_AXES * cells;
     return (Descent){
         .cells = lay_out_cells(arena, devices, limits, 0),
         .limits = *limits,
@@ -57,8 +60,10 @@ static Descent lay_out_descent(Arena *arena, const Devices *devices, const Limit
         .half_sum = claim(arena, v, sizeof(double)),
         .low = claim(arena, v, sizeof(double)),
         .gradient = claim(arena, v, sizeof(double)),
-        .x = claim(arena, mesh.across, sizeof(double)),
-        .y = claim(arena, mesh.across, sizeof(double)),
+        .east = claim(arena, SHAPES * cells, sizeof(double)),
+        .north = claim(arena, SHAPES * cells, sizeof(double)),
+        .by_east = claim(arena, cells, sizeof(double)),
+        .by_north = claim(arena, cells, sizeof(double)),
         .sample = claim(arena, samples, sizeof(Sample)),
         .first = claim(arena, devices->count + 1, sizeof(int64_t)),
         .value = claim(arena, most_samples(&mesh), sizeof(double)),
@@ -73,7 +78,7 @@ static int64_t list_samples(const Devices *devices, const Mesh *mesh, double len
     const double best = devices->table[0], faint = FAINT * best;
     for (int64_t v = 0; v < mesh->vertices; v++) {
         const Point corner = vertex_at(mesh, v);
-        const int inner = v % mesh->across + 1 < mesh->across && v + mesh->across < mesh->vertices;
+        const int inner = is_cell(mesh, v);
         const Point middle = {corner.x + 0.5 * mesh->side, corner.y + 0.5 * mesh->side};
         const double r = between(middle, devices->at[k]);
         const Reward at = reward(r, devices);
@@ -108,23 +113,43 @@ static int64_t count_samples(const Devices *devices, const Limits *limits)
 /* psi, from chi and the sum over phi. */
 static inline double psi_at(const Descent *all, int64_t i) { return all->now.chi[i] - all->half_sum[i]; }
 
+/* The rises of a function along the sides of all triangles. */
+static void rise_of(Descent *all, const double *value)
+{
+    const int64_t cells = cells_of(&all->now.mesh);
+    for (int shape = 0; shape < SHAPES; shape++)
+        rise_along(
+            &all->now.mesh, value, shape, all->east + shape * cells, all->north + shape * cells);
+}
+
 /* Work out h of all triangles in both senses of each axis, and half of the sum over phi. Returns
    the largest times the length. */
 static double work_out(Descent *all, const Directions *ways)
 {
     const Mesh *mesh = &all->now.mesh;
-    const int64_t v = mesh->vertices, count = triangles(mesh) * ways->count;
-    memset(all->slopes, 0, (size_t)count * sizeof(double));
+    const int64_t v = mesh->vertices, cells = cells_of(mesh), block = ways->count * cells;
+    memset(all->slopes, 0, (size_t)(SHAPES * block) * sizeof(double));
     memset(all->half_sum, 0, (size_t)v * sizeof(double));
     for (int64_t k = 0; k < all->cells.devices.count; k++) {
         const double *phi = all->now.phi + k * v;
-        add_slopes(mesh, phi, ways, all->slopes);
+        rise_of(all, phi);
+        for (int shape = 0; shape < SHAPES; shape++)
+            add_slopes(
+                cells, all->east + shape * cells, all->north + shape * cells, ways,
+                all->slopes + shape * block);
         for (int64_t i = 0; i < v; i++) all->half_sum[i] += 0.5 * phi[i];
     }
-    lean_of(mesh, all->now.chi, ways, all->lean);
+    rise_of(all, all->now.chi);
+    for (int shape = 0; shape < SHAPES; shape++)
+        set_lean(
+            cells, all->east + shape * cells, all->north + shape * cells, ways,
+            all->lean + shape * block);
     double steepest = 0.0;
-    for (int64_t i = 0; i < count; i++)
+    for (int64_t i = 0; i < SHAPES * block; i++) {
+        const int64_t cell = i % cells;
+        if (!is_cell(mesh, cell)) all->slopes[i] = all->lean[i] = 0.0;
         steepest = most(steepest, all->slopes[i] + fabs(all->lean[i]));
+    }
     return steepest * all->limits.length / mesh->side;
 }
 
@@ -165,7 +190,7 @@ static void step_all(int64_t count, const double *slope, double *x, Moments of, 
 static void soften(Descent *all, double steepest, double heat)
 {
     const Mesh *mesh = &all->now.mesh;
-    const int64_t count = triangles(mesh) * AXES;
+    const int64_t count = SHAPES * AXES * cells_of(mesh);
     const double length = all->limits.length / mesh->side, scale = 1.0 / (heat * steepest);
     double total = 0.0;
     for (int64_t i = 0; i < count; i++) {
@@ -183,72 +208,60 @@ static void soften(Descent *all, double steepest, double heat)
     }
 }
 
-/* Add what one device's potential, or chi, takes part in: slopes by the differences along the sides
-   of triangles, which `x` and `y` hold for a row of cells. */
-static void add_sides(const Descent *all, int64_t row, int shape)
+/* Add slopes by the rises along the sides of triangles to those by the function itself. */
+static void add_sides(Descent *all, int shape)
 {
-    const int64_t across = all->now.mesh.across;
-    double *restrict south = all->gradient + row * across, *restrict north = south + across;
-    for (int64_t c = 0; c + 1 < across; c++) {
-        const double x = all->x[c], y = all->y[c];
-        if (shape == 0) {
-            south[c] -= x;
-            south[c + 1] += x - y;
-            north[c + 1] += y;
-        } else {
-            south[c] -= y;
-            north[c] += y - x;
-            north[c + 1] += x;
-        }
-    }
+    const Mesh *mesh = &all->now.mesh;
+    const int64_t cells = cells_of(mesh), up = mesh->across;
+    double *restrict base = all->gradient + (shape == 0 ? 0 : up);
+    double *restrict foot = all->gradient + (shape == 0 ? 1 : 0);
+    const double *restrict x = all->by_east, *restrict y = all->by_north;
+    for (int64_t c = 0; c < cells; c++) base[c] -= x[c];
+    for (int64_t c = 0; c < cells; c++) base[c + 1] += x[c];
+    for (int64_t c = 0; c < cells; c++) foot[c] -= y[c];
+    for (int64_t c = 0; c < cells; c++) foot[c + up] += y[c];
 }
 
 /* Slopes of the smooth mu L by a device's potential. */
 static void slope_of_phi(Descent *all, const double *phi)
 {
-    const Mesh *mesh = &all->now.mesh;
-    const int64_t cells = mesh->across - 1;
-    for (int64_t j = 0; j + 1 < mesh->up; j++)
-        for (int shape = 0; shape < SHAPES; shape++) {
-            const double *restrict south = phi + j * mesh->across;
-            const double *restrict north = south + mesh->across;
-            double *restrict dx = all->x, *restrict dy = all->y;
-            memset(dx, 0, (size_t)cells * sizeof(double));
-            memset(dy, 0, (size_t)cells * sizeof(double));
-            for (int i = 0; i < AXES; i++) {
-                const double x = 0.5 * all->coarse.towards[i].x, y = 0.5 * all->coarse.towards[i].y;
-                const double *restrict weight =
-                    all->slopes + row_of_cells(mesh, j, shape, AXES) + i * cells;
-                for (int64_t c = 0; c < cells; c++) {
-                    const double along = x * eastward(south, north, c, shape) +
-                                         y * northward(south, north, c, shape);
-                    const double signed_weight = copysign(weight[c], along);
-                    dx[c] += signed_weight * x;
-                    dy[c] += signed_weight * y;
-                }
+    const int64_t cells = cells_of(&all->now.mesh);
+    double *restrict by_east = all->by_east, *restrict by_north = all->by_north;
+    rise_of(all, phi);
+    for (int shape = 0; shape < SHAPES; shape++) {
+        const double *restrict east = all->east + shape * cells;
+        const double *restrict north = all->north + shape * cells;
+        memset(by_east, 0, (size_t)cells * sizeof(double));
+        memset(by_north, 0, (size_t)cells * sizeof(double));
+        for (int i = 0; i < AXES; i++) {
+            const double x = 0.5 * all->coarse.towards[i].x, y = 0.5 * all->coarse.towards[i].y;
+            const double *restrict weight = all->slopes + (shape * AXES + i) * cells;
+            for (int64_t c = 0; c < cells; c++) {
+                const double share = copysign(weight[c], x * east[c] + y * north[c]);
+                by_east[c] += share * x;
+                by_north[c] += share * y;
             }
-            add_sides(all, j, shape);
         }
+        add_sides(all, shape);
+    }
 }
 
 /* The same by chi. */
 static void slope_of_chi(Descent *all)
 {
-    const Mesh *mesh = &all->now.mesh;
-    const int64_t cells = mesh->across - 1;
-    for (int64_t j = 0; j + 1 < mesh->up; j++)
-        for (int shape = 0; shape < SHAPES; shape++) {
-            memset(all->x, 0, (size_t)cells * sizeof(double));
-            memset(all->y, 0, (size_t)cells * sizeof(double));
-            for (int i = 0; i < AXES; i++) {
-                const double *weight = all->lean + row_of_cells(mesh, j, shape, AXES) + i * cells;
-                for (int64_t c = 0; c < cells; c++) {
-                    all->x[c] += weight[c] * all->coarse.towards[i].x;
-                    all->y[c] += weight[c] * all->coarse.towards[i].y;
-                }
+    const int64_t cells = cells_of(&all->now.mesh);
+    for (int shape = 0; shape < SHAPES; shape++) {
+        memset(all->by_east, 0, (size_t)cells * sizeof(double));
+        memset(all->by_north, 0, (size_t)cells * sizeof(double));
+        for (int i = 0; i < AXES; i++) {
+            const double *weight = all->lean + (shape * AXES + i) * cells;
+            for (int64_t c = 0; c < cells; c++) {
+                all->by_east[c] += weight[c] * all->coarse.towards[i].x;
+                all->by_north[c] += weight[c] * all->coarse.towards[i].y;
             }
-            add_sides(all, j, shape);
         }
+        add_sides(all, shape);
+    }
 }
 
 /* Slopes of the smooth peak of a device by its potential; returns the share that is served. */
@@ -298,6 +311,7 @@ static void turn_down(Descent *all, double heat, Pace pace)
     const int64_t v = mesh->vertices, start = mesh->start;
     const double steepest = work_out(all, &all->coarse);
     double served = 0.0;
+    pace.rate /= (double)all->cells.devices.count;
     soften(all, most(steepest, 1e-9 * all->unit), heat);
     find_low(all);
     for (int64_t i = 0; i < v; i++) all->gradient[i] = -all->low[i];
@@ -317,7 +331,7 @@ static void turn_down(Descent *all, double heat, Pace pace)
     }
     const double scarce = (double)(all->limits.steps * all->limits.per_step) - served;
     all->now.nu -= step_down(scarce, all->of_nu.mean, all->of_nu.square, pace, all->unit);
-    all->now.nu = most(all->now.nu, 0.0);
+    all->now.nu = most(all->now.nu, all->least_nu);
 }
 
 /* first * (last / first)^(turn / turns) */
@@ -326,31 +340,72 @@ static double between_rates(double first, double last, double done)
     return first * exp_of_negative(done * log_of(last / first, 0));
 }
 
-/* Potentials to begin with: a part of what devices earn. */
+/* Potentials to begin with: a part of what devices earn beyond the start and the price. */
 static void begin_potentials(Descent *all, double value)
 {
     const Devices *devices = &all->cells.devices;
     const Mesh *mesh = &all->now.mesh;
-    for (int64_t k = 0; k < devices->count; k++)
+    for (int64_t k = 0; k < devices->count; k++) {
+        const double least_worth = most(all->now.nu, worth(devices, k, (Point){0.0, 0.0}));
         for (int64_t i = 0; i < mesh->vertices; i++)
-            if (i != mesh->start)
-                all->now.phi[k * mesh->vertices + i] = worth(devices, k, vertex_at(mesh, i));
+            all->now.phi[k * mesh->vertices + i] =
+                most(0.0, worth(devices, k, vertex_at(mesh, i)) - least_worth);
+        all->now.phi[k * mesh->vertices + mesh->start] = 0.0;
+    }
     const double share = least(1.0, value / most(work_out(all, &all->coarse), 1e-300));
     for (int64_t i = 0; i < devices->count * mesh->vertices; i++) all->now.phi[i] *= share;
 }
 
+/* What the last place is worth in a plan that uses all of them; 0 in others. */
+static double price_of_place(const Devices *devices, const Limits *limits, const Plan *plan)
+{
+    double cheapest = INFINITY;
+    int64_t used = 0;
+    for (int64_t k = 0; k < devices->count; k++)
+        if (plan->assigned[k] >= 0) {
+            cheapest = least(cheapest, worth(devices, k, plan->way[plan->assigned[k]]));
+            used++;
+        }
+    return used < limits->steps * limits->per_step ? 0.0 : cheapest;
+}
+
+/* The devices that can be worth a good part of the price of a place, into `at` and `delta`; the
+   others earn at most `left_out` each. */
+static Devices dear_devices(
+    const Devices *devices, double price, Point *at, double *delta, double *left_out)
+{
+    Devices dear = *devices;
+    dear.count = 0;
+    dear.at = at;
+    dear.delta = delta;
+    *left_out = 0.0;
+    for (int64_t k = 0; k < devices->count; k++) {
+        const double best = devices->delta[k] * devices->table[0];
+        if (best < DEAR * price) {
+            *left_out = most(*left_out, devices->delta[k]);
+            continue;
+        }
+        at[dear.count] = devices->at[k];
+        delta[dear.count++] = devices->delta[k];
+    }
+    return dear;
+}
+
 /* Lower the bound by so many turns, or until it is `enough`; returns the turns. */
-static int64_t descend(Descent *all, int64_t turns, double value, double enough, double *bound)
+static int64_t descend(
+    Descent *all, int64_t turns, double price, double value, double enough, double *bound)
 {
     const Devices *devices = &all->cells.devices;
     double mean_left = 1.0, square_left = 1.0;
     fill_rises(&all->cells);
+    all->least_nu *= all->cells.upper[0];
     all->unit = 0.0;
     for (int64_t k = 0; k < devices->count; k++) {
         all->unit = most(all->unit, devices->delta[k] * all->cells.upper[0]);
         all->first[k + 1] =
             all->first[k] + list_samples(devices, &all->now.mesh, all->limits.length, k, all->sample + all->first[k]);
     }
+    all->now.nu = most(price, all->least_nu);
     begin_potentials(all, value);
     *bound = INFINITY;
     for (int64_t turn = 0; turn < turns; turn++) {

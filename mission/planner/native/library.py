@@ -46,7 +46,7 @@ class _Functions(ctypes.Structure):
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _DOUBLE, _POINTER)),
+            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -237,18 +237,21 @@ def lower_potentials(
         ValueError: arrays that do not fit together.
         MemoryError: there is too little memory.
     """
+    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     shared = devices.as_c(), limits.as_c()
     bound = _DOUBLE()
     taken = _FUNCTIONS.lower_potentials(
         *map(ctypes.addressof, shared),
         turns,
         plan.value,
+        address(plan.way, np.float64, (limits.steps, 2)),
+        address(plan.assigned, np.int64, (len(devices.delta),)),
         plan.value / (1.0 - gap),
         ctypes.addressof(bound),
     )
     if taken < 0:
         raise MemoryError("too little memory to bound a plan")
-    return replace(plan, bound=min(plan.bound, bound.value), nodes=plan.nodes + taken)
+    return replace(plan, bound=min(plan.bound, bound.value))
 
 
 def _searched(

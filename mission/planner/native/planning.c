@@ -69,21 +69,30 @@ static int64_t search_places(
 }
 
 static int64_t lower_potentials(
-    const Devices *devices, const Limits *limits, int64_t turns, double value, double enough,
-    double *bound)
+    const Devices *devices, const Limits *limits, int64_t turns, double value, Point *way,
+    int64_t *assigned, double enough, double *bound)
 {
-    Arena arena = {0};
-    const int64_t samples = count_samples(devices, limits);
+    const Plan plan = {way, assigned, value};
+    const double price = price_of_place(devices, limits, &plan);
+    Arena kept = {0}, arena = {0};
+    Point *at = claim(&kept, devices->count, sizeof(Point));
+    double *delta = claim(&kept, devices->count, sizeof(double)), left_out;
     Descent *all = malloc(sizeof *all);
-    if (!all) return -1;
-    *all = lay_out_descent(&arena, devices, limits, samples);
-    if (!provide(&arena)) {
-        free(all);
-        return -1;
+    int64_t taken = -1;
+    if (all && provide(&kept)) {
+        at = claim(&kept, devices->count, sizeof(Point));
+        delta = claim(&kept, devices->count, sizeof(double));
+        const Devices dear = dear_devices(devices, price, at, delta, &left_out);
+        const int64_t samples = count_samples(&dear, limits);
+        *all = lay_out_descent(&arena, &dear, limits, samples);
+        if (provide(&arena)) {
+            *all = lay_out_descent(&arena, &dear, limits, samples);
+            all->least_nu = left_out;
+            taken = descend(all, turns, price, value, enough, bound);
+            release(&arena);
+        }
+        release(&kept);
     }
-    *all = lay_out_descent(&arena, devices, limits, samples);
-    const int64_t taken = descend(all, turns, value, enough, bound);
-    release(&arena);
     free(all);
     return taken;
 }

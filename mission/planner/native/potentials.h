@@ -117,65 +117,51 @@ static Point vertex_at(const Mesh *mesh, int64_t i)
         mesh->low.y + mesh->side * (double)(i / mesh->across)};
 }
 
-/* What phi loses from a vertex of a row of cells to the next, for both shapes of triangles: east
-   along its horizontal side, north along its vertical one. */
-static inline double eastward(const double *south, const double *north, int64_t c, int shape)
+/* Cells by the vertex at their south-west. Those at the eastern edge, which are none, are passed
+   over as if the next row followed there, so that loops are long: their numbers mean nothing. */
+static int64_t cells_of(const Mesh *mesh) { return mesh->vertices - mesh->across - 1; }
+
+static int is_cell(const Mesh *mesh, int64_t i)
 {
-    return shape == 0 ? south[c + 1] - south[c] : north[c + 1] - north[c];
+    return i % mesh->across + 1 < mesh->across && i + mesh->across < mesh->vertices;
 }
 
-static inline double northward(const double *south, const double *north, int64_t c, int shape)
+/* How much a function rises along the two sides of each cell's triangle of a shape. */
+static void rise_along(
+    const Mesh *mesh, const double *value, int shape, double *restrict east, double *restrict north)
 {
-    return shape == 0 ? north[c + 1] - south[c + 1] : north[c] - south[c];
+    const int64_t cells = cells_of(mesh);
+    const double *base = shape == 0 ? value : value + mesh->across;
+    const double *foot = shape == 0 ? value + 1 : value;
+    for (int64_t c = 0; c < cells; c++) {
+        east[c] = base[c + 1] - base[c];
+        north[c] = foot[c + mesh->across] - foot[c];
+    }
 }
 
-/* Where the numbers of a row of triangles begin, among those of all, by axis and cell. */
-static int64_t row_of_cells(const Mesh *mesh, int64_t row, int shape, int axes)
-{
-    return (SHAPES * row + shape) * axes * (mesh->across - 1);
-}
-
-static int64_t triangles(const Mesh *mesh) { return SHAPES * (mesh->up - 1) * (mesh->across - 1); }
-
-/* Add half of |grad phi . t| of all triangles, by the side of a cell, to `slopes`. */
+/* Add half of |grad phi . t| of all triangles, by the side of a cell, to `slopes` (SHAPES, axes,
+   cells), from the rises of phi. */
 static void add_slopes(
-    const Mesh *mesh, const double *phi, const Directions *all, double *slopes)
+    int64_t cells, const double *restrict east, const double *restrict north,
+    const Directions *all, double *slopes)
 {
-    const int64_t cells = mesh->across - 1;
-    for (int64_t j = 0; j + 1 < mesh->up; j++)
-        for (int shape = 0; shape < SHAPES; shape++) {
-            const double *restrict south = phi + j * mesh->across;
-            const double *restrict north = south + mesh->across;
-            for (int i = 0; i < all->count; i++) {
-                const double x = 0.5 * all->towards[i].x, y = 0.5 * all->towards[i].y;
-                double *restrict sum =
-                    slopes + row_of_cells(mesh, j, shape, all->count) + i * cells;
-                if (shape == 0)
-                    for (int64_t c = 0; c < cells; c++)
-                        sum[c] += fabs(x * eastward(south, north, c, 0) +
-                                       y * northward(south, north, c, 0));
-                else
-                    for (int64_t c = 0; c < cells; c++)
-                        sum[c] += fabs(x * eastward(south, north, c, 1) +
-                                       y * northward(south, north, c, 1));
-            }
-        }
+    for (int i = 0; i < all->count; i++) {
+        const double x = 0.5 * all->towards[i].x, y = 0.5 * all->towards[i].y;
+        double *restrict sum = slopes + i * cells;
+        for (int64_t c = 0; c < cells; c++) sum[c] += fabs(x * east[c] + y * north[c]);
+    }
 }
 
 /* grad chi . t of all triangles, by the side of a cell. */
-static void lean_of(const Mesh *mesh, const double *chi, const Directions *all, double *lean)
+static void set_lean(
+    int64_t cells, const double *restrict east, const double *restrict north,
+    const Directions *all, double *lean)
 {
-    const int64_t cells = mesh->across - 1;
-    for (int64_t j = 0; j + 1 < mesh->up; j++)
-        for (int shape = 0; shape < SHAPES; shape++) {
-            const double *south = chi + j * mesh->across, *north = south + mesh->across;
-            for (int i = 0; i < all->count; i++) {
-                double *row = lean + row_of_cells(mesh, j, shape, all->count) + i * cells;
-                for (int64_t c = 0; c < cells; c++)
-                    row[c] = all->towards[i].x * eastward(south, north, c, shape) +
-                             all->towards[i].y * northward(south, north, c, shape);
-            }
-        }
+    for (int i = 0; i < all->count; i++) {
+        const double x = all->towards[i].x, y = all->towards[i].y;
+        double *restrict row = lean + i * cells;
+        for (int64_t c = 0; c < cells; c++) row[c] = x * east[c] + y * north[c];
+    }
 }
 
 /* A place in a cell, from its south-west corner (0, 0) to the north-east (1, 1). */
@@ -245,8 +231,8 @@ static double most_beyond(
     for (int64_t i = 0; i < mesh->vertices; i++)
         peak.reached =
             most(peak.reached, worth(&cells->devices, k, vertex_at(mesh, i)) - phi[i]);
-    for (int64_t i = 0; i + mesh->across < mesh->vertices; i++)
-        if (i % mesh->across + 1 < mesh->across)
+    for (int64_t i = 0; i < cells_of(mesh); i++)
+        if (is_cell(mesh, i))
             look_into(cells, mesh, length, (Part){i, 0.0, 0.0, 1.0}, DEEP, &peak);
     return peak.bound - price;
 }
