@@ -10,9 +10,8 @@ static const double RATE = 2.5, LAST_RATE = 0.03; /* steps, as shares of the bes
 static const double HEAT = 0.1, LAST_HEAT = 0.007;    /* smoothness of mu, as shares of mu L */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
-static const double DEAR = 0.75; /* of the price of a place: whose devices take part */
+static const double DEAR = 0.9; /* of the price of a place: whose devices take part */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
-enum { CHECK = 100 }; /* turns from one bound to the next */
 
 /* Means of a slope and of its square, by which steps are scaled. */
 typedef struct {
@@ -43,13 +42,13 @@ static int64_t most_samples(const Mesh *mesh) { return mesh->vertices * SPLITS *
 
 static Descent lay_out_descent(Arena *arena, const Devices *devices, const Limits *limits, int64_t samples)
 {
-    const Mesh mesh = mesh_of(devices, limits->length);
+    const Mesh first = mesh_of(devices, limits->length), mesh = finer_mesh(&first);
     const int64_t v = mesh.vertices, all = v * devices->count;
     const int64_t cells = cells_of(&mesh), slopes = SHAPES * FINE_AXES * cells;
     return (Descent){
         .cells = lay_out_cells(arena, devices, limits, 0),
         .limits = *limits,
-        .now = {mesh, claim(arena, all, sizeof(double)), claim(arena, v, sizeof(double)), 0.0},
+        .now = {first, claim(arena, all, sizeof(double)), claim(arena, v, sizeof(double)), 0.0},
         .of_phi = {claim(arena, all, sizeof(double)), claim(arena, all, sizeof(double))},
         .of_chi = {claim(arena, v, sizeof(double)), claim(arena, v, sizeof(double))},
         .of_nu = {claim(arena, 1, sizeof(double)), claim(arena, 1, sizeof(double))},
@@ -101,13 +100,28 @@ static int64_t list_samples(const Devices *devices, const Mesh *mesh, double len
     return count;
 }
 
-static int64_t count_samples(const Devices *devices, const Limits *limits)
+static int64_t count_on(const Devices *devices, const Mesh *mesh, double length)
 {
-    const Mesh mesh = mesh_of(devices, limits->length);
     int64_t count = 0;
     for (int64_t k = 0; k < devices->count; k++)
-        count += list_samples(devices, &mesh, limits->length, k, NULL);
+        count += list_samples(devices, mesh, length, k, NULL);
     return count;
+}
+
+/* The samples of both meshes that there has to be room for. */
+static int64_t count_samples(const Devices *devices, const Limits *limits)
+{
+    const Mesh first = mesh_of(devices, limits->length), second = finer_mesh(&first);
+    const int64_t count = count_on(devices, &first, limits->length);
+    return most(count, count_on(devices, &second, limits->length));
+}
+
+static void fill_samples(Descent *all)
+{
+    for (int64_t k = 0; k < all->cells.devices.count; k++)
+        all->first[k + 1] =
+            all->first[k] + list_samples(&all->cells.devices, &all->now.mesh, all->limits.length,
+                                         k, all->sample + all->first[k]);
 }
 
 /* psi, from chi and the sum over phi. */
@@ -391,31 +405,60 @@ static Devices dear_devices(
     return dear;
 }
 
-/* Lower the bound by so many turns, or until it is `enough`; returns the turns. */
+/* Go on with the same potentials on the finer mesh. */
+static void refine(Descent *all)
+{
+    const Mesh mesh = all->now.mesh, fine = finer_mesh(&mesh);
+    const int64_t devices = all->cells.devices.count;
+    for (int64_t k = devices - 1; k >= 0; k--) { /* from the last: they move into what is behind */
+        memcpy(all->gradient, all->now.phi + k * mesh.vertices, (size_t)mesh.vertices * sizeof(double));
+        refine_function(&mesh, all->gradient, all->now.phi + k * fine.vertices);
+    }
+    memcpy(all->gradient, all->now.chi, (size_t)mesh.vertices * sizeof(double));
+    refine_function(&mesh, all->gradient, all->now.chi);
+    all->now.mesh = fine;
+    fill_samples(all);
+}
+
+static void forget(const Moments *of, int64_t count)
+{
+    memset(of->mean, 0, (size_t)count * sizeof(double));
+    memset(of->square, 0, (size_t)count * sizeof(double));
+}
+
+/* Lower the bound by so many turns, the later ones on a finer mesh, or until it is `enough`;
+   returns the turns. */
 static int64_t descend(
     Descent *all, int64_t turns, double price, double value, double enough, double *bound)
 {
     const Devices *devices = &all->cells.devices;
+    const int64_t half = turns / 2;
     double mean_left = 1.0, square_left = 1.0;
     fill_rises(&all->cells);
     all->least_nu *= all->cells.upper[0];
     all->unit = 0.0;
-    for (int64_t k = 0; k < devices->count; k++) {
+    for (int64_t k = 0; k < devices->count; k++)
         all->unit = most(all->unit, devices->delta[k] * all->cells.upper[0]);
-        all->first[k + 1] =
-            all->first[k] + list_samples(devices, &all->now.mesh, all->limits.length, k, all->sample + all->first[k]);
-    }
+    fill_samples(all);
     all->now.nu = most(price, all->least_nu);
     begin_potentials(all, value);
     *bound = INFINITY;
     for (int64_t turn = 0; turn < turns; turn++) {
         const double done = (double)turn / (double)turns;
+        if (turn == half) {
+            refine(all);
+            forget(&all->of_phi, devices->count * all->now.mesh.vertices);
+            forget(&all->of_chi, all->now.mesh.vertices);
+            forget(&all->of_nu, 1);
+            mean_left = square_left = 1.0;
+        }
         mean_left *= MEAN_KEPT;
         square_left *= SQUARE_KEPT;
         const Pace pace = {
-            between_rates(RATE, LAST_RATE, done), 1.0 - mean_left, 1.0 - square_left};
+            between_rates(RATE, LAST_RATE, done) * (turn < half ? 1.0 : 0.5), 1.0 - mean_left,
+            1.0 - square_left};
         turn_down(all, between_rates(HEAT, LAST_HEAT, done), pace);
-        if ((turn + 1) % CHECK == 0 || turn + 1 == turns) {
+        if (turn + 1 == half || turn + 1 == turns) {
             *bound = least(*bound, bound_by_potentials(all));
             if (*bound <= enough) return turn + 1;
         }

@@ -24,7 +24,7 @@
 #include "elementary.h"
 
 enum {
-    ACROSS_CELLS = 24, /* on the longer side of the mesh */
+    ACROSS_CELLS = 16, /* on the longer side of the first mesh */
     AXES = 8,          /* lines on which directions lie while the bound is lowered */
     FINE_AXES = 32,    /* and when it is worked out */
     SPLITS = 3,        /* of a cell's side, where f bends */
@@ -108,6 +108,30 @@ static Mesh mesh_of(const Devices *devices, double length)
     mesh.start = south * mesh.across + west;
     mesh.low = (Point){-side * (double)west, -side * (double)south};
     return mesh;
+}
+
+/* The mesh with every cell in quarters: what is linear on triangles of the one is on the other's. */
+static Mesh finer_mesh(const Mesh *mesh)
+{
+    Mesh fine = *mesh;
+    fine.across = 2 * mesh->across - 1;
+    fine.up = 2 * mesh->up - 1;
+    fine.vertices = fine.across * fine.up;
+    fine.start = 2 * (mesh->start / mesh->across * fine.across + mesh->start % mesh->across);
+    fine.side = 0.5 * mesh->side;
+    return fine;
+}
+
+/* The same function on the finer mesh. */
+static void refine_function(const Mesh *mesh, const double *value, double *fine)
+{
+    const int64_t across = 2 * mesh->across - 1, up = 2 * mesh->up - 1;
+    for (int64_t j = 0; j < up; j++)
+        for (int64_t i = 0; i < across; i++) {
+            const double *at = value + j / 2 * mesh->across + i / 2;
+            const double other = at[(j & 1) * mesh->across + (i & 1)];
+            *fine++ = 0.5 * (*at + other);
+        }
 }
 
 static Point vertex_at(const Mesh *mesh, int64_t i)
