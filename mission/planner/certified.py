@@ -20,8 +20,7 @@ MIN_TRIES, MAX_TRIES = 40, 450
 # settles it soon or never; with fewer places than devices, a stop being one place matters longer.
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
-# Potentials are lowered in so many turns, in fewer where so many devices by turns are exceeded.
-TURNS, DEVICE_TURNS = 400, 120_000
+TURNS = 400  # in which potentials are lowered, at most
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -71,7 +70,7 @@ class CertifiedPlanner:
             if (effort := self._effort(found, most_nodes)) is not None:
                 found = search_places(devices, limits, plan=found, effort=effort)
         if self._max_nodes > 0 and found.value > 0.0 and found.gap > self._gap:
-            turns = min(TURNS, self._max_nodes, DEVICE_TURNS // count)
+            turns = min(TURNS, self._max_nodes)
             found = lower_potentials(devices, limits, plan=found, gap=self._gap, turns=turns)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
         assert made.value <= found.bound * (1.0 + TABLED), (made.value, found)

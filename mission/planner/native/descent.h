@@ -6,11 +6,12 @@
 #include "ascent.h"
 #include "potentials.h"
 
-static const double RATE = 2.5, LAST_RATE = 0.03; /* steps, as shares of the best reward */
-static const double HEAT = 0.1, LAST_HEAT = 0.007;    /* smoothness of mu, as shares of mu L */
+static const double RATE = 4.0, LAST_RATE = 0.03; /* steps, as shares of the best reward */
+static const double HEAT = 0.1, LAST_HEAT = 0.005;    /* smoothness of mu, as shares of mu L */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
 static const double DEAR = 0.9; /* of the price of a place: whose devices take part */
+enum { DEVICE_TURNS = 160000 }; /* devices by turns, at most */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
 
 /* Means of a slope and of its square, by which steps are scaled. */

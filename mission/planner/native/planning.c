@@ -88,7 +88,8 @@ static int64_t lower_potentials(
         if (provide(&arena)) {
             *all = lay_out_descent(&arena, &dear, limits, samples);
             all->least_nu = left_out;
-            taken = descend(all, turns, price, value, enough, bound);
+            taken = descend(
+                all, fewer(turns, DEVICE_TURNS / dear.count), price, value, enough, bound);
             release(&arena);
         }
         release(&kept);
