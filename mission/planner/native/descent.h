@@ -6,7 +6,8 @@
 #include "ascent.h"
 #include "potentials.h"
 
-static const double RATE = 4.0, LAST_RATE = 0.03; /* steps, as shares of the best reward */
+static const double RATE = 6.0, LAST_RATE = 0.045; /* steps of all devices together, as shares of the best reward */
+static const double FEW_DEVICES = 50.0; /* fewer do not each take larger steps */
 static const double HEAT = 0.1, LAST_HEAT = 0.005;    /* smoothness of mu, as shares of mu L */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
@@ -326,7 +327,7 @@ static void turn_down(Descent *all, double heat, Pace pace)
     const int64_t v = mesh->vertices, start = mesh->start;
     const double steepest = work_out(all, &all->coarse);
     double served = 0.0;
-    pace.rate /= (double)all->cells.devices.count;
+    pace.rate /= FEW_DEVICES + (double)all->cells.devices.count;
     soften(all, most(steepest, 1e-9 * all->unit), heat);
     find_low(all);
     for (int64_t i = 0; i < v; i++) all->gradient[i] = -all->low[i];
