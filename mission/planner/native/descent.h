@@ -12,7 +12,7 @@ static const double HEAT = 0.1, LAST_HEAT = 0.005;    /* smoothness of mu, as sh
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
 static const double DEAR = 0.9; /* of the price of a place: whose devices take part */
-enum { DEVICE_TURNS = 160000 }; /* devices by turns, at most */
+enum { DEVICE_TURNS = 120000 }; /* devices by turns, at most */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
 
 /* Means of a slope and of its square, by which steps are scaled. */

@@ -1,8 +1,8 @@
 """Plans and bounds as an earlier implementation of the same search made them.
 
 `known_plans.json` was written by the planner of commit 4001ba8, given the reward's present table.
-The search is chaotic: a last digit that rounds otherwise makes another plan, so that equal values are
-the same arithmetic.
+The search is chaotic: a last digit that rounds otherwise makes another plan, so that equal values
+are the same arithmetic.
 """
 
 import json
