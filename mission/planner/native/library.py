@@ -53,6 +53,8 @@ class _Functions(ctypes.Structure):
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
+        ("potential_bound", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -348,6 +350,26 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
+
+
+def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
+    """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
+
+    Raises:
+        ValueError: the mesh has another number of vertices.
+    """
+    shared = devices.as_c(), limits.as_c()
+    vertices = len(chi)
+    bound: float = _FUNCTIONS.potential_bound(
+        *map(ctypes.addressof, shared),
+        vertices,
+        address(phi, np.float64, (len(devices.delta), vertices)),
+        address(chi, np.float64, (vertices,)),
+        nu,
+    )
+    if bound < 0.0:
+        raise ValueError(f"the mesh has not {vertices} vertices")
+    return _or_memory_error(bound)
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:

@@ -165,6 +165,30 @@ static double square_bound(
     return bound;
 }
 
+static double potential_bound(
+    const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
+    const double *chi, double nu)
+{
+    Arena arena = {0};
+    Descent *all = malloc(sizeof *all);
+    double bound = NAN;
+    if (!all) return bound;
+    *all = lay_out_descent(&arena, devices, limits, 0);
+    if (all->now.mesh.vertices != vertices) {
+        bound = -1.0;
+    } else if (provide(&arena)) {
+        *all = lay_out_descent(&arena, devices, limits, 0);
+        memcpy(all->now.phi, phi, (size_t)(devices->count * vertices) * sizeof(double));
+        memcpy(all->now.chi, chi, (size_t)vertices * sizeof(double));
+        all->now.nu = nu;
+        fill_rises(&all->cells);
+        bound = bound_by_potentials(all);
+        release(&arena);
+    }
+    free(all);
+    return bound;
+}
+
 static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
     return spline(s, row, relaxation).h;
@@ -172,4 +196,4 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 
 const Planner NAMED(planner) = {
     explore, search_orders, search_places, lower_potentials, assign, match_devices, order_bound, square_bound,
-    conjugate};
+    potential_bound, conjugate};

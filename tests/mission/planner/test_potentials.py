@@ -15,7 +15,12 @@ from fl.radio.channel import average_per
 from mission.planner.arrays import instance
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import check_plan, path_length
-from mission.planner.native.library import Found, explore, lower_potentials
+from mission.planner.native.library import (
+    Found,
+    explore,
+    lower_potentials,
+    potential_bound,
+)
 from mission.planner.sqp import SqpPlanner
 
 MANY = settings(max_examples=25, deadline=None, derandomize=True)
@@ -34,6 +39,80 @@ def shrunk(problem, way):
     """The way, shrunk about the start onto the budget."""
     scale = min(1.0, problem.path_budget_m / max(path_length(way), 1e-9))
     return problem.start_m + (way - problem.start_m) * scale
+
+
+def mesh_of(problem):
+    """Vertices (rows, columns, 2) about the start, the side of a cell, and the start's indices."""
+    u = problem.devices_m - problem.start_m
+    low = np.maximum(np.minimum(u.min(axis=0), 0.0), -problem.path_budget_m)
+    high = np.minimum(np.maximum(u.max(axis=0), 0.0), problem.path_budget_m)
+    side = (high - low).max() / 16
+    before = np.ceil(-low / side).astype(int)
+    x, y = (side * np.arange(-b, a + 1) for b, a in zip(before, np.ceil(high / side), strict=True))
+    return np.stack(np.meshgrid(x, y), axis=-1), side, (before[1], before[0])
+
+
+def linear_on_triangles(values, east, north):
+    """(..., rows - 1, columns - 1) at a place of every cell, whose diagonal goes north-east."""
+    a, b, c, d = (
+        values[..., :-1, :-1], values[..., :-1, 1:], values[..., 1:, :-1], values[..., 1:, 1:]
+    )  # fmt: skip
+    if east >= north:
+        return (1.0 - east) * a + (east - north) * b + north * d
+    return (1.0 - north) * a + (north - east) * c + east * d
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("channel", ["suburban+10dB", "suburban+30dB", "high-rise"])
+def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
+    problem = random_problem(seed, devices=7, steps=4, budget=700.0, preset=channel)
+    rng = np.random.default_rng(seed)
+    places, side, start = mesh_of(problem)
+    away = np.linalg.norm(places - (problem.devices_m - problem.start_m)[:, None, None], axis=-1)
+    phi = problem.importance[:, None, None] * np.exp(-away / 200.0)
+    phi += rng.uniform(0.0, 0.02, phi.shape)
+    phi = np.maximum(0.0, phi - phi[:, start[0], start[1], None, None])
+    chi = rng.uniform(-0.1, 0.1, phi.shape[1:])
+    chi[start], nu = 0.0, 0.05 * (seed % 2)
+    devices, limits = instance(problem)
+    flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
+    bound = potential_bound(devices, limits, *flat, nu)
+
+    steepest = 0.0  # over directions, of what all potentials rise on a metre
+    angles = np.linspace(0.0, 2.0 * np.pi, 2001)
+    psi = chi - 0.5 * phi.sum(axis=0)
+    for east, north in ((0.75, 0.25), (0.25, 0.75)):
+        e = 1e-3  # differences within the triangle are those of its plane
+        slopes = [
+            np.stack([
+                linear_on_triangles(f, east + e, north) - linear_on_triangles(f, east - e, north),
+                linear_on_triangles(f, east, north + e) - linear_on_triangles(f, east, north - e),
+            ]) / (2.0 * e * side)
+            for f in (*phi, psi)
+        ]  # fmt: skip
+        for angle in angles:
+            along = [np.cos(angle) * x + np.sin(angle) * y for x, y in slopes]
+            rise = sum(np.maximum(0.0, one) for one in along[:-1]) + along[-1]
+            steepest = max(steepest, rise.max())
+    peaks = np.full(7, nu)
+    for east in np.linspace(0.0, 1.0, 17):
+        for north in np.linspace(0.0, 1.0, 17):
+            at = places[:-1, :-1] + side * np.array([east, north])
+            reward = np.moveaxis(rewards(problem, at + problem.start_m), -1, 0)
+            beyond = reward - linear_on_triangles(phi, east, north)
+            beyond[:, np.linalg.norm(at, axis=-1) > problem.path_budget_m] = 0.0
+            peaks = np.maximum(peaks, beyond.max(axis=(1, 2)))
+    sampled = (
+        steepest * problem.path_budget_m - psi.min() + nu * limits.steps * limits.per_step
+        + (peaks - nu).sum()
+    )  # fmt: skip
+    assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.012
+
+
+def test_potentials_on_another_mesh_are_refused():
+    devices, limits = instance(random_problem(0, devices=3))
+    with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
+        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0)
 
 
 @MANY
