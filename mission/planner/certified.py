@@ -7,6 +7,7 @@ from mission.planner.native.library import (
     Effort,
     Found,
     explore,
+    lower_potentials,
     search_orders,
     search_places,
 )
@@ -19,6 +20,9 @@ MIN_TRIES, MAX_TRIES = 40, 450
 # settles it soon or never; with fewer places than devices, a stop being one place matters longer.
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
+TURNS = 400  # in which potentials are lowered, at most
+# Success at a distance is tabled to this share (`mission.planner.reward`).
+TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
 # divided by the devices are looked into.
 SHARED_NODES = 40_000
@@ -56,15 +60,20 @@ class CertifiedPlanner:
         found = Found(*first, root_bound(relaxation.promise[:, 0], limits))
         scarce = limits.steps * limits.per_step < count
         by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
+        order_nodes = min(ORDER_NODES, self._max_nodes // 2) if by_place else self._max_nodes
         if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
-            effort = self._effort(found, ORDER_NODES if by_place else self._max_nodes)
+            effort = self._effort(found, order_nodes)
             if effort is not None:
                 found = search_orders(devices, limits, relaxation, plan=found, effort=effort)
         if by_place:
             most_nodes = self._max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
             if (effort := self._effort(found, most_nodes)) is not None:
                 found = search_places(devices, limits, plan=found, effort=effort)
+        if self._max_nodes > 0 and found.value > 0.0 and found.gap > self._gap:
+            turns = min(TURNS, self._max_nodes)
+            found = lower_potentials(devices, limits, plan=found, gap=self._gap, turns=turns)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
+        assert made.value <= found.bound * (1.0 + TABLED), (made.value, found)
         return RoundPlan(
             made.waypoints_m, made.schedule, made.value, max(found.bound, made.value), found.nodes
         )

@@ -101,28 +101,33 @@ static double upper_from(const Cells *cells, double r)
     return cells->upper[i] + t * (cells->upper[i + 1] - cells->upper[i]);
 }
 
+/* Bounds of what device k brings at the corners of a square, linear in between. */
+static Corners reward_at_corners(const Cells *cells, int64_t k, Point middle, double half)
+{
+    const Point u = cells->devices.at[k];
+    const double r = between(middle, u), delta = cells->devices.delta[k];
+    const double nearest = delta * upper_from(cells, r - 1.4142136 * half);
+    const int64_t rows = cells->devices.rows, i = (int64_t)(r + 0.5);
+    if (half > LARGEST_HALF || i >= rows) return nearest - (Corners){0.0};
+    int size = 0;
+    while (size < SIZES - 1 && half <= LARGEST_HALF / (double)(2 << size)) size++;
+    const double *row = cells->devices.table + 3 * i;
+    const double slope = falling(row);
+    const double here = row[0] + slope * (r - (double)i) + cells->rise[size * rows + i];
+    const double step = r > 1e-9 ? delta * slope * half / r : 0.0;
+    const double east = step * (middle.x - u.x), north = step * (middle.y - u.y);
+    if (delta * here + fabs(east) + fabs(north) < nearest)
+        return delta * here + east * EAST + north * NORTH;
+    return nearest - (Corners){0.0};
+}
+
 /* A new square; its number. There must be room. */
 static int64_t add_cell(Cells *cells, double x, double y, double half)
 {
-    const int64_t devices = cells->devices.count, rows = cells->devices.rows, number = cells->count++;
+    const int64_t devices = cells->devices.count, number = cells->count++;
     Corners *reward = cells->reward + devices * number;
-    int size = 0;
-    while (half < LARGEST_HALF / (double)(1 << size) && size < SIZES - 1) size++;
-    for (int64_t k = 0; k < devices; k++) {
-        const Point u = cells->devices.at[k];
-        const double r = between((Point){x, y}, u), delta = cells->devices.delta[k];
-        const double nearest = delta * upper_from(cells, r - 1.4142136 * half);
-        const int64_t i = (int64_t)(r + 0.5);
-        reward[k] = nearest - (Corners){0.0};
-        if (half > LARGEST_HALF || i >= rows) continue;
-        const double *row = cells->devices.table + 3 * i;
-        const double slope = falling(row);
-        const double here = row[0] + slope * (r - (double)i) + cells->rise[size * rows + i];
-        const double step = r > 1e-9 ? delta * slope * half / r : 0.0;
-        const double east = step * (x - u.x), north = step * (y - u.y);
-        if (delta * here + fabs(east) + fabs(north) < nearest)
-            reward[k] = delta * here + east * EAST + north * NORTH;
-    }
+    for (int64_t k = 0; k < devices; k++)
+        reward[k] = reward_at_corners(cells, k, (Point){x, y}, half);
     cells->cell[number] = (Cell){.x = x, .y = y, .half = half, .rated = -1};
     return number;
 }
@@ -140,6 +145,14 @@ static int64_t quarters(Cells *cells, int64_t number)
         if (i == 0) cells->cell[number].children = child;
     }
     return cells->cell[number].children;
+}
+
+/* Least (side -1) or largest (1) distance of a square from the start. */
+static double from_start(Point middle, double half, double side)
+{
+    const double x = most(0.0, fabs(middle.x) + side * half);
+    const double y = most(0.0, fabs(middle.y) + side * half);
+    return sqrt(x * x + y * y);
 }
 
 static Point corner_of(const Cell *cell, int corner)

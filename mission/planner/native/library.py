@@ -1,7 +1,7 @@
 """The C interface of planning (`planner.h`), every size and pointer checked once."""
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,12 +43,16 @@ class _Functions(ctypes.Structure):
             _POINTER)),
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("lower_potentials", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
+        ("potential_bound", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -219,6 +223,37 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
     return _searched(_FUNCTIONS.search_places, shared, limits, plan, effort)
 
 
+def lower_potentials(
+    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
+) -> Found:
+    """The plan with a bound from potentials, for any number of devices.
+
+    Args:
+        plan: of a value above 0.
+        gap: relative gap to the plan that is enough.
+        turns: in which the bound is lowered, at most.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
+    shared = devices.as_c(), limits.as_c()
+    bound = _DOUBLE()
+    taken = _FUNCTIONS.lower_potentials(
+        *map(ctypes.addressof, shared),
+        turns,
+        plan.value,
+        address(plan.way, np.float64, (limits.steps, 2)),
+        address(plan.assigned, np.int64, (len(devices.delta),)),
+        plan.value / (1.0 - gap),
+        ctypes.addressof(bound),
+    )
+    if taken < 0:
+        raise MemoryError("too little memory to bound a plan")
+    return replace(plan, bound=min(plan.bound, bound.value))
+
+
 def _searched(
     function: Any,
     shared: tuple[ctypes.Structure, ...],
@@ -313,6 +348,26 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
+
+
+def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
+    """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
+
+    Raises:
+        ValueError: the mesh has another number of vertices.
+    """
+    shared = devices.as_c(), limits.as_c()
+    vertices = len(chi)
+    bound: float = _FUNCTIONS.potential_bound(
+        *map(ctypes.addressof, shared),
+        vertices,
+        address(phi, np.float64, (len(devices.delta), vertices)),
+        address(chi, np.float64, (vertices,)),
+        nu,
+    )
+    if bound < 0.0:
+        raise ValueError(f"the mesh has not {vertices} vertices")
+    return _or_memory_error(bound)
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:

@@ -1,5 +1,6 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
+#include "descent.h"
 #include "exploration.h"
 #include "levelled.h"
 #include "space.h"
@@ -65,6 +66,36 @@ static int64_t search_places(
     free(all.programme.best);
     release(&arena);
     return nodes;
+}
+
+static int64_t lower_potentials(
+    const Devices *devices, const Limits *limits, int64_t turns, double value, Point *way,
+    int64_t *assigned, double enough, double *bound)
+{
+    const Plan plan = {way, assigned, value};
+    const double price = price_of_place(devices, limits, &plan);
+    Arena kept = {0}, arena = {0};
+    Point *at = claim(&kept, devices->count, sizeof(Point));
+    double *delta = claim(&kept, devices->count, sizeof(double)), left_out;
+    Descent *all = malloc(sizeof *all);
+    int64_t taken = -1;
+    if (all && provide(&kept)) {
+        at = claim(&kept, devices->count, sizeof(Point));
+        delta = claim(&kept, devices->count, sizeof(double));
+        const Devices dear = dear_devices(devices, price, at, delta, &left_out);
+        const int64_t samples = count_samples(&dear, limits);
+        *all = lay_out_descent(&arena, &dear, limits, samples);
+        if (provide(&arena)) {
+            *all = lay_out_descent(&arena, &dear, limits, samples);
+            all->least_nu = left_out;
+            taken = descend(
+                all, fewer(turns, DEVICE_TURNS / dear.count), price, value, enough, bound);
+            release(&arena);
+        }
+        release(&kept);
+    }
+    free(all);
+    return taken;
 }
 
 static int assign(
@@ -134,11 +165,35 @@ static double square_bound(
     return bound;
 }
 
+static double potential_bound(
+    const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
+    const double *chi, double nu)
+{
+    Arena arena = {0};
+    Descent *all = malloc(sizeof *all);
+    double bound = NAN;
+    if (!all) return bound;
+    *all = lay_out_descent(&arena, devices, limits, 0);
+    if (all->now.mesh.vertices != vertices) {
+        bound = -1.0;
+    } else if (provide(&arena)) {
+        *all = lay_out_descent(&arena, devices, limits, 0);
+        memcpy(all->now.phi, phi, (size_t)(devices->count * vertices) * sizeof(double));
+        memcpy(all->now.chi, chi, (size_t)vertices * sizeof(double));
+        all->now.nu = nu;
+        fill_rises(&all->cells);
+        bound = bound_by_potentials(all);
+        release(&arena);
+    }
+    free(all);
+    return bound;
+}
+
 static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
     return spline(s, row, relaxation).h;
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, assign, match_devices, order_bound, square_bound,
-    conjugate};
+    explore, search_orders, search_places, lower_potentials, assign, match_devices, order_bound, square_bound,
+    potential_bound, conjugate};

@@ -87,14 +87,6 @@ static void box_of(const Devices *devices, Point *low, Point *high)
     }
 }
 
-/* Least (side -1) or largest (1) distance of a square from the start. */
-static double from_start(Point middle, double half, double side)
-{
-    const double x = most(0.0, fabs(middle.x) + side * half);
-    const double y = most(0.0, fabs(middle.y) + side * half);
-    return sqrt(x * x + y * y);
-}
-
 /* Zones of every place in reach. */
 static Zones *everywhere(Programme *all)
 {

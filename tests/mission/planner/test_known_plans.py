@@ -1,8 +1,8 @@
-"""The plans and bounds of the planner's first implementation, which was compiled by numba.
+"""Plans and bounds as an earlier implementation of the same search made them.
 
-`numba_plans.json` was written by that one (commit 4001ba8), given the reward's present table. The
-search is chaotic: a last digit that rounds otherwise makes another plan, so that equal values are
-the same arithmetic.
+`known_plans.json` was written by the planner of commit 4001ba8, given the reward's present table.
+The search is chaotic: a last digit that rounds otherwise makes another plan, so that equal values
+are the same arithmetic.
 """
 
 import json
@@ -18,7 +18,7 @@ from mission.planner.sqp import SqpPlanner
 
 pytestmark = pytest.mark.slow
 
-CASES = json.loads(Path(__file__).with_name("numba_plans.json").read_text())
+CASES = json.loads(Path(__file__).with_name("known_plans.json").read_text())
 
 
 def problem(case):

@@ -1,0 +1,277 @@
+"""The bound from potentials, against plans and a solver that share nothing with it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import LinearConstraint, milp
+from scipy.sparse import coo_matrix
+from test_certificate import SEEDS, random_problem
+from test_places import CHANNELS, best_assignment, rewards
+
+from fl.radio.channel import average_per
+from mission.planner.arrays import instance
+from mission.planner.certified import CertifiedPlanner
+from mission.planner.evaluate import check_plan, path_length
+from mission.planner.native.library import (
+    Found,
+    explore,
+    lower_potentials,
+    potential_bound,
+)
+from mission.planner.sqp import SqpPlanner
+
+MANY = settings(max_examples=25, deadline=None, derandomize=True)
+
+
+def bound_of(problem, turns, *, plan=None):
+    """The bound after so many turns, from a plan or from none that is worth mentioning."""
+    devices, limits = instance(problem)
+    if plan is None:
+        nowhere = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1)
+        plan = Found(1e-3 * devices.delta.max(), *nowhere, np.inf)
+    return lower_potentials(devices, limits, plan=plan, gap=0.0, turns=turns).bound
+
+
+def shrunk(problem, way):
+    """The way, shrunk about the start onto the budget."""
+    scale = min(1.0, problem.path_budget_m / max(path_length(way), 1e-9))
+    return problem.start_m + (way - problem.start_m) * scale
+
+
+def mesh_of(problem):
+    """Vertices (rows, columns, 2) about the start, the side of a cell, and the start's indices."""
+    u = problem.devices_m - problem.start_m
+    low = np.maximum(np.minimum(u.min(axis=0), 0.0), -problem.path_budget_m)
+    high = np.minimum(np.maximum(u.max(axis=0), 0.0), problem.path_budget_m)
+    side = (high - low).max() / 16
+    before = np.ceil(-low / side).astype(int)
+    x, y = (side * np.arange(-b, a + 1) for b, a in zip(before, np.ceil(high / side), strict=True))
+    return np.stack(np.meshgrid(x, y), axis=-1), side, (before[1], before[0])
+
+
+def linear_on_triangles(values, east, north):
+    """(..., rows - 1, columns - 1) at a place of every cell, whose diagonal goes north-east."""
+    a, b, c, d = (
+        values[..., :-1, :-1], values[..., :-1, 1:], values[..., 1:, :-1], values[..., 1:, 1:]
+    )  # fmt: skip
+    if east >= north:
+        return (1.0 - east) * a + (east - north) * b + north * d
+    return (1.0 - north) * a + (north - east) * c + east * d
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("channel", ["suburban+10dB", "suburban+30dB", "high-rise"])
+def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
+    problem = random_problem(seed, devices=7, steps=4, budget=700.0, preset=channel)
+    rng = np.random.default_rng(seed)
+    places, side, start = mesh_of(problem)
+    away = np.linalg.norm(places - (problem.devices_m - problem.start_m)[:, None, None], axis=-1)
+    phi = problem.importance[:, None, None] * np.exp(-away / 200.0)
+    phi += rng.uniform(0.0, 0.02, phi.shape)
+    phi = np.maximum(0.0, phi - phi[:, start[0], start[1], None, None])
+    chi = rng.uniform(-0.1, 0.1, phi.shape[1:])
+    chi[start], nu = 0.0, 0.05 * (seed % 2)
+    devices, limits = instance(problem)
+    flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
+    bound = potential_bound(devices, limits, *flat, nu)
+
+    steepest = 0.0  # over directions, of what all potentials rise on a metre
+    angles = np.linspace(0.0, 2.0 * np.pi, 2001)
+    psi = chi - 0.5 * phi.sum(axis=0)
+    for east, north in ((0.75, 0.25), (0.25, 0.75)):
+        e = 1e-3  # differences within the triangle are those of its plane
+        slopes = [
+            np.stack([
+                linear_on_triangles(f, east + e, north) - linear_on_triangles(f, east - e, north),
+                linear_on_triangles(f, east, north + e) - linear_on_triangles(f, east, north - e),
+            ]) / (2.0 * e * side)
+            for f in (*phi, psi)
+        ]  # fmt: skip
+        for angle in angles:
+            along = [np.cos(angle) * x + np.sin(angle) * y for x, y in slopes]
+            rise = sum(np.maximum(0.0, one) for one in along[:-1]) + along[-1]
+            steepest = max(steepest, rise.max())
+    peaks = np.full(7, nu)
+    for east in np.linspace(0.0, 1.0, 17):
+        for north in np.linspace(0.0, 1.0, 17):
+            at = places[:-1, :-1] + side * np.array([east, north])
+            reward = np.moveaxis(rewards(problem, at + problem.start_m), -1, 0)
+            beyond = reward - linear_on_triangles(phi, east, north)
+            beyond[:, np.linalg.norm(at, axis=-1) > problem.path_budget_m] = 0.0
+            peaks = np.maximum(peaks, beyond.max(axis=(1, 2)))
+    sampled = (
+        steepest * problem.path_budget_m - psi.min() + nu * limits.steps * limits.per_step
+        + (peaks - nu).sum()
+    )  # fmt: skip
+    assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.012
+
+
+def test_potentials_on_another_mesh_are_refused():
+    devices, limits = instance(random_problem(0, devices=3))
+    with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
+        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0)
+
+
+@MANY
+@given(
+    SEEDS,
+    CHANNELS,
+    st.integers(1, 30),
+    st.integers(2, 20),
+    st.integers(1, 5),
+    st.floats(10.0, 2000.0),
+)
+def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, budget):
+    problem = random_problem(
+        seed, devices=devices, steps=steps, per_step=per_step, budget=budget, preset=channel
+    )
+    plan = SqpPlanner(starts=20, tries=100).plan(problem)
+    check_plan(problem, plan)
+    others = [plan.value]
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        stops = problem.devices_m[rng.permutation(devices)[: steps - 1]]
+        way = shrunk(problem, np.vstack([problem.start_m, stops]))
+        way = np.vstack([way, np.tile(way[-1], (steps - len(way), 1))])
+        others.append(best_assignment(problem, way))
+    devices_c, limits = instance(problem)
+    known = Found(*explore(devices_c, limits, starts=8, tries=20), np.inf)
+    for turns in (1, 7, 40):
+        assert max(others) <= bound_of(problem, turns) * (1.0 + 1e-9)
+        assert max(others) <= bound_of(problem, turns, plan=known) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("channel", ["suburban", "suburban+30dB", "suburban-log-variance"])
+def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel):
+    problem = random_problem(0, devices=60, steps=20, budget=800.0, preset=channel)
+    there = problem.start_m + 900.0 * np.array([np.cos(0.3), np.sin(0.3)])
+    problem = dataclasses.replace(problem, devices_m=np.tile(there, (60, 1)))
+    best = float(
+        ((1.0 - average_per(problem.channel, np.array([100.0]))) * problem.importance).sum()
+    )
+    nowhere = np.zeros((20, 2)), np.full(60, -1)
+    bound = bound_of(problem, 400, plan=Found(best, *nowhere, np.inf))
+    assert best * (1.0 - 1e-9) <= bound <= 1.1 * best
+
+
+def test_devices_on_opposite_sides_are_not_both_reached():
+    """What a bound by distance from the start alone cannot see."""
+    problem = random_problem(0, devices=4, steps=12, budget=600.0, preset="suburban+10dB")
+    sides = 600.0 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    problem = dataclasses.replace(problem, devices_m=problem.start_m + sides, importance=np.ones(4))
+    assert 1.0 - 1e-9 <= bound_of(problem, 400) <= 1.15
+
+
+def by_grid(problem, *, spacing, slack_m):
+    """The best plan with its stops on a grid, by HiGHS, and what no plan at all exceeds.
+
+    A time-expanded network: one arc a leg, from place to place. With `slack_m` the reward of a
+    place is the most within that distance, and a leg may be twice that much longer than it is: what
+    any plan turns into when each of its stops is moved to the nearest place of the grid.
+    """
+    low = np.minimum(problem.devices_m.min(axis=0), problem.start_m)
+    high = np.maximum(problem.devices_m.max(axis=0), problem.start_m)
+    lines = [
+        np.arange(a + spacing / 2, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    places, legs, devices = len(grid), problem.steps - 1, len(problem.devices_m)
+    away = np.linalg.norm(grid[:, None] - problem.devices_m, axis=-1)
+    worth = problem.importance * (1.0 - average_per(problem.channel, np.maximum(0, away - slack_m)))
+    at_start = rewards(problem, problem.start_m[None])[0]
+    first = np.maximum(0.0, np.linalg.norm(grid - problem.start_m, axis=1) - slack_m)
+    between = np.maximum(0.0, np.linalg.norm(grid[:, None] - grid, axis=-1) - 2.0 * slack_m)
+    # Columns: the first arcs, further arcs (leg, from, to), who is served at each stop and start.
+    arcs = places + (legs - 1) * places**2
+    serves = legs * places * devices
+    columns = arcs + serves + devices
+    arc = np.arange(places, arcs).reshape(legs - 1, places, places)
+    serve = np.arange(arcs, arcs + serves).reshape(legs, places, devices)
+    served_at_start = np.arange(arcs + serves, columns)
+    gain = np.zeros(columns)
+    gain[serve] = worth[None]
+    gain[served_at_start] = at_start
+    rows, where, weight, low_side, high_side = [], [], [], [], []
+
+    def constrain(columns, weights, lower, upper):
+        rows.append(np.full(len(columns), len(low_side)))
+        where.append(columns)
+        weight.append(np.broadcast_to(weights, len(columns)))
+        low_side.append(lower)
+        high_side.append(upper)
+
+    constrain(np.arange(places), 1.0, 1.0, 1.0)
+    lengths = np.concatenate([first, np.tile(between.ravel(), legs - 1)])
+    constrain(np.arange(arcs), lengths, 0.0, problem.path_budget_m)
+    constrain(served_at_start, 1.0, 0.0, problem.per_step)
+    for k in range(devices):
+        constrain(np.append(serve[:, :, k].ravel(), served_at_start[k]), 1.0, 0.0, 1.0)
+    for n in range(legs):
+        for c in range(places):
+            into = np.array([c]) if n == 0 else arc[n - 1, :, c]
+            if n + 1 < legs:
+                out = arc[n, c]
+                constrain(np.r_[into, out], np.r_[np.ones(len(into)), -np.ones(places)], 0.0, 0.0)
+            constrain(
+                np.r_[serve[n, c], into],
+                np.r_[np.ones(devices), np.full(len(into), -float(problem.per_step))],
+                -np.inf, 0.0,
+            )  # fmt: skip
+    matrix = coo_matrix(
+        (np.concatenate(weight), (np.concatenate(rows), np.concatenate(where))),
+        shape=(len(low_side), columns),
+    )
+    found = milp(
+        -gain,
+        constraints=LinearConstraint(matrix.tocsr(), low_side, high_side),
+        integrality=np.r_[np.ones(arcs), np.zeros(columns - arcs)],
+        bounds=(0.0, 1.0),
+        options={"mip_rel_gap": 1e-4, "time_limit": 300.0},
+    )
+    assert found.x is not None
+    return -found.fun, -found.mip_dual_bound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("devices", "steps", "per_step", "channel"),
+    [
+        (30, 3, 3, "suburban"),
+        (30, 4, 2, "suburban+10dB"),
+        (12, 4, 1, "suburban-log-variance"),
+    ],
+)
+def test_bounds_agree_with_an_integer_programme_on_a_grid(devices, steps, per_step, channel):
+    problem = random_problem(
+        devices + steps, devices=devices, steps=steps, per_step=per_step, preset=channel
+    )
+    spacing = 220.0
+    plan = CertifiedPlanner().plan(problem)
+    check_plan(problem, plan)
+    reached, _ = by_grid(problem, spacing=spacing, slack_m=0.0)
+    assert reached <= plan.upper_bound * (1.0 + 1e-9)
+    assert reached <= bound_of(problem, 100) * (1.0 + 1e-9)
+    _, allowed = by_grid(problem, spacing=spacing, slack_m=spacing * np.sqrt(0.5))
+    assert plan.value <= allowed * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("devices", "channel", "gap"),
+    [(100, "suburban", 0.06), (100, "suburban+30dB", 0.03), (300, "suburban", 0.06)],
+)
+def test_large_plans_are_proven_to_a_few_percent(devices, channel, gap):
+    problem = random_problem(1, devices=devices, steps=50, preset=channel)
+    plan = CertifiedPlanner().plan(problem)
+    check_plan(problem, plan)
+    assert 0.0 <= plan.gap <= gap
+
+
+def test_without_nodes_nothing_is_searched_and_the_bound_is_still_one():
+    problem = random_problem(1, devices=100, steps=50)
+    quick, full = CertifiedPlanner(max_nodes=0).plan(problem), CertifiedPlanner().plan(problem)
+    assert quick.value == full.value
+    assert full.value <= full.upper_bound < quick.upper_bound
