@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from difflib import get_close_matches
-from typing import Any
 
 from sitl.autopilot.parameters import SPECS, Parameters, known_names
 from sitl.autopilot.protocol.parameter_file import load_parameters
@@ -10,7 +9,7 @@ from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 
 
-def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, Any, str]]:
+def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, object, str]]:
     """Settings that cannot be used: key within the vehicle's, value, and why not."""
     path, parameters = vehicle.parameter_file, Parameters()
     if path is not None:

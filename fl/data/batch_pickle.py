@@ -48,7 +48,7 @@ class _Array:
     content: NDArray[Any] | None = None
 
 
-def load_batch(content: bytes) -> dict[str, Any]:
+def load_batch(content: bytes) -> dict[str, object]:
     """The table in a pickled batch; arrays in it are of uint8 or of no use.
 
     Raises:
@@ -72,11 +72,11 @@ class _Machine:
     """One run over the instructions of a pickle."""
 
     def __init__(self) -> None:
-        self._stack: list[Any] = []
-        self._below: list[list[Any]] = []  # the stacks under the marks
-        self._memo: dict[int, Any] = {}
+        self._stack: list[object] = []
+        self._below: list[list[object]] = []  # the stacks under the marks
+        self._memo: dict[int, object] = {}
 
-    def run(self, content: bytes) -> Any:
+    def run(self, content: bytes) -> object:
         for opcode, argument, _ in pickletools.genops(content):
             name = opcode.name
             if name == "STOP":
@@ -92,16 +92,16 @@ class _Machine:
                 step(self, argument)
         raise BatchPickleError("damaged pickle (no end)")
 
-    def _marked(self) -> list[Any]:
+    def _marked(self) -> list[object]:
         """Everything above the last mark, taken off together with it."""
         values, self._stack = self._stack, self._below.pop()
         return values
 
-    def mark(self, _: Any) -> None:
+    def mark(self, _: object) -> None:
         self._below.append(self._stack)
         self._stack = []
 
-    def _take(self, count: int) -> list[Any]:
+    def _take(self, count: int) -> list[object]:
         if len(self._stack) < count:
             raise IndexError
         values = self._stack[-count:]
@@ -111,7 +111,7 @@ class _Machine:
     def put(self, number: int) -> None:
         self._memo[number] = self._stack[-1]
 
-    def memoize(self, _: Any) -> None:
+    def memoize(self, _: object) -> None:
         self._memo[len(self._memo)] = self._stack[-1]
 
     def get(self, number: int) -> None:
@@ -121,35 +121,35 @@ class _Machine:
         values = self._marked() if count is None else self._take(count)
         self._stack.append(tuple(values))
 
-    def list_of(self, _: Any) -> None:
+    def list_of(self, _: object) -> None:
         values = self._marked()
         self._stack.append(values)
 
-    def append(self, _: Any) -> None:
+    def append(self, _: object) -> None:
         (value,) = self._take(1)
         self._extend([value])
 
-    def appends(self, _: Any) -> None:
+    def appends(self, _: object) -> None:
         self._extend(self._marked())
 
-    def _extend(self, values: list[Any]) -> None:
+    def _extend(self, values: list[object]) -> None:
         target = self._stack[-1]
         if not isinstance(target, list):
             raise BatchPickleError("damaged pickle (no list)")
         target.extend(values)
 
-    def dict_of(self, _: Any) -> None:
+    def dict_of(self, _: object) -> None:
         values = self._marked()
         self._stack.append({})
         self._update(values)
 
-    def setitem(self, _: Any) -> None:
+    def setitem(self, _: object) -> None:
         self._update(self._take(2))
 
-    def setitems(self, _: Any) -> None:
+    def setitems(self, _: object) -> None:
         self._update(self._marked())
 
-    def _update(self, values: list[Any]) -> None:
+    def _update(self, values: list[object]) -> None:
         target = self._stack[-1]
         if not isinstance(target, dict):
             raise BatchPickleError("damaged pickle (no table)")
@@ -164,11 +164,11 @@ class _Machine:
         module, _, name = argument.partition(" ")
         self._look_up(module, name)
 
-    def stack_name(self, _: Any) -> None:
+    def stack_name(self, _: object) -> None:
         module, name = self._take(2)
         self._look_up(module, name)
 
-    def _look_up(self, module: Any, name: Any) -> None:
+    def _look_up(self, module: object, name: object) -> None:
         if not (isinstance(module, str) and isinstance(name, str)):
             raise BatchPickleError("damaged pickle (a name that is no text)")
         if (module, name) == ("_codecs", "encode"):  # bytes, as Python 3 writes them for Python 2
@@ -178,7 +178,7 @@ class _Machine:
         else:
             raise BatchPickleError(f"{module[:60]}.{name[:60]} has no place in a batch")
 
-    def call(self, _: Any) -> None:
+    def call(self, _: object) -> None:
         function, arguments = self._take(2)
         match function, arguments:
             case _Name("_reconstruct"), (_Name("ndarray"), (0,), _):
@@ -190,7 +190,7 @@ class _Machine:
             case _:
                 raise BatchPickleError("a call that has no place in a batch")
 
-    def build(self, _: Any) -> None:
+    def build(self, _: object) -> None:
         target, state = self._take(2)
         match target, state:
             case _DataType(), tuple():

@@ -4,11 +4,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown, reached
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
@@ -104,7 +103,7 @@ def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
     return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
 
 
-def route_index(plan: PlanRecord) -> NDArray[np.int64]:
+def route_index(plan: PlanRecord) -> Ints:
     """(N,) which points of the route are the waypoints, in their order."""
     found: list[int] = []
     for waypoint in plan.waypoints_m:

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import polyline
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from mission.base.arrays import Bools, Floats
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around

@@ -7,13 +7,11 @@ vehicle's frame is NED about the take-off point, which lies at `home_m` in the a
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import OPEN, Airspace
-
-Floats = NDArray[np.float64]
+from mission.base.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,16 @@
 import csv
 import io
 from collections.abc import Iterable
-from typing import Any
 
 
-def lines(rows: Iterable[Iterable[Any]]) -> str:
+def lines(rows: Iterable[Iterable[object]]) -> str:
     """Rows of values, a line each; None is an empty cell."""
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(map(_cell, row) for row in rows)
     return out.getvalue()
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -13,7 +13,6 @@ from mission.base.terminal import Terminal
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
-    from mission.analysis.load import LoadedRun
 
 
 def compare(
@@ -43,44 +42,31 @@ def compare(
     rounds
         Only the first rounds, up to this number: so that runs of different length compare.
     """
-    from mission.analysis.load import load_run
-
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
-    loaded = [load_run(path) for path in (run, *others)]
-    aside = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    data = _runs(loaded, aside, rounds=rounds, as_json=as_json, figure=figure)
-    for item in loaded:
-        if item.notice:
-            aside.print(f"{item.path}: {item.notice}")
-    if as_json:
-        Terminal().print_json(json.dumps(data if others else data[0]))
-    return 0
-
-
-def _runs(
-    loaded: Sequence["LoadedRun"],
-    aside: Console,
-    *,
-    rounds: int | None,
-    as_json: bool,
-    figure: Path | None,
-) -> list[dict[str, Any]]:
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import side_by_side, tables
+    from mission.analysis.load import load_run
 
+    loaded = [load_run(path) for path in (run, *others)]
+    aside = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:
         from mission.figures.run import draw_comparison
 
         draw_comparison(found, figure)
-    if not as_json:
-        console = Terminal()
-        alone = len(found) == 1
-        for table in tables(found[0]) if alone else side_by_side(found, width=console.width):
+    console = Terminal()
+    if as_json:
+        data = [item.to_json() for item in found]
+        console.print_json(json.dumps(data if others else data[0]))
+    else:
+        for table in side_by_side(found, width=console.width) if others else tables(found[0]):
             console.print(table)
-    return [item.to_json() for item in found]
+    for item in loaded:
+        if item.notice:
+            aside.print(f"{item.path}: {item.notice}")
+    return 0
 
 
 def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:

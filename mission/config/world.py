@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fl.config import CommunityConfig
 from mission.base.airspace import Airspace, crossing
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import NOTHING, Given, explain, refusal
 from mission.base.geo_file import Pair, Place, Ring, read_places, read_rings
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
-
-Floats = NDArray[np.float64]
 
 _MARGIN = 0.1  # of its longer side, around the extent of what stands on the ground
 _LEAST_MARGIN_M = 50.0

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
@@ -84,7 +83,7 @@ def _read_qgroundcontrol(path: Path, text: str) -> PlanFile:
     return PlanFile(path, text, _json_home(path, mission), home_is_item=False)
 
 
-def _check_json_item(path: Path, where: str, item: Any) -> None:
+def _check_json_item(path: Path, where: str, item: object) -> None:
     if not isinstance(item, dict):
         raise InputError(f"{path}: damaged: {where} is no table")
     kind = item.get("type")
@@ -107,7 +106,7 @@ def _check_json_item(path: Path, where: str, item: Any) -> None:
         raise InputError(f"{path}: damaged: {where}.params are not seven numbers: {params!r}")
 
 
-def _check_rally(path: Path, points: Any) -> None:
+def _check_rally(path: Path, points: object) -> None:
     if not isinstance(points, list):
         raise InputError(f"{path}: damaged: rallyPoints.points is no list")
     for index, point in enumerate(points):
@@ -127,7 +126,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _json_home(path: Path, mission: dict[str, Any]) -> GeodeticPoint | None:
+def _json_home(path: Path, mission: dict[str, object]) -> GeodeticPoint | None:
     values = mission.get("plannedHomePosition")
     if values is None:
         return None

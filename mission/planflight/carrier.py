@@ -11,7 +11,7 @@ import numpy as np
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.errors import AerofedError, FlightError, InputError
+from mission.base.errors import FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import ExternalFlyer, open_external, telemetry_of
@@ -49,19 +49,13 @@ class PlanCarrier(ABC):
     def position_source(self) -> str:
         """Where the positions come from, for people."""
 
+    @abstractmethod
     async def fly(self, log: FlightLog) -> None:
         """Fly the plan.
 
         Raises:
             FlightError, LinkLostError: see `Pilot`.
         """
-        try:
-            await self._fly(log)
-        except AerofedError as failure:
-            raise failure.in_words(f"t {self.t_ns / 1e9:.1f} s: {failure}") from failure
-
-    @abstractmethod
-    async def _fly(self, log: FlightLog) -> None: ...
 
     async def _draw(self, pilot: Pilot) -> None:
         """Give the vehicle the plan's fence and rally points."""
@@ -85,7 +79,8 @@ class SimulatedCarrier(PlanCarrier):
         """Where the positions come from, for people."""
         return SIMULATED_POSITIONS
 
-    async def _fly(self, log: FlightLog) -> None:
+    async def fly(self, log: FlightLog) -> None:
+        """Fly the plan."""
         ready = self.ready
         async with open_simulated(
             ready.config, ready.vehicle, area=ready.area, observers=(log,)
@@ -136,7 +131,8 @@ class ExternalCarrier(PlanCarrier):
         """The vehicle's time since its first position."""
         return self._t_ns
 
-    async def _fly(self, log: FlightLog) -> None:
+    async def fly(self, log: FlightLog) -> None:
+        """Fly the plan."""
         ready = self.ready
         async with open_external(
             ready.config.link,

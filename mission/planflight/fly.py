@@ -15,7 +15,7 @@ from mission.analysis.comparison_text import tables
 from mission.analysis.load import load_run, reached
 from mission.base import csv_text
 from mission.base.console import RunConsole
-from mission.base.errors import FlightError
+from mission.base.errors import AerofedError, FlightError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
@@ -77,6 +77,9 @@ class _PlanFlight:
         try:
             with self.stopwatch("fly"):
                 await self.carrier.fly(self.log)
+        except AerofedError as failure:
+            t_s = self.carrier.t_ns / 1e9
+            raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure
         finally:
             self.totals.sim_s = self.carrier.t_ns / 1e9
 

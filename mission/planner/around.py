@@ -14,8 +14,9 @@ import numpy as np
 from fl.radio.channel import average_per
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace, cut
+from mission.base.arrays import Floats
 from mission.planner.evaluate import finish, success
-from mission.planner.problem import Floats, Planner, RoundPlan, RoundProblem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 _SHARES = (0.9, 0.75, 0.55)  # of the budget, where the way around costs the rest

@@ -8,8 +8,9 @@ import numpy as np
 from fl.radio.channel import average_per
 from mission.base import polyline
 from mission.base.airspace import cut
+from mission.base.arrays import Bools, Floats
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
-from mission.planner.problem import Bools, Floats, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 LENGTH_TOLERANCE_M = 1e-3

@@ -4,14 +4,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from mission.base.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class RoundPlan:
         return np.vstack([np.vstack((waypoint[None], corners)) for waypoint, corners in legs])
 
     @property
-    def stops_at(self) -> NDArray[np.int64]:
+    def stops_at(self) -> Ints:
         """(N,) which points of the route are the waypoints."""
         corners = [len(leg) for leg in self.via_m] or [0] * (len(self.waypoints_m) - 1)
         return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))

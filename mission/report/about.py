@@ -1,7 +1,6 @@
 """The end of a report: where the time went, in what conditions, with which versions."""
 
 import tomllib
-from typing import Any
 
 from mission.analysis.load import LoadedRun
 
@@ -10,7 +9,7 @@ _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", 
 _NAMED = ("seed", "simulated_s", "real_time_factor", "battery_changes", "position_source")
 
 
-def about(run: LoadedRun) -> dict[str, Any]:
+def about(run: LoadedRun) -> dict[str, object]:
     """Wall time, conditions, versions, configuration: what is known of them."""
     summary = run.summary
     config = run.data.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
@@ -54,5 +53,5 @@ def _wind(config: str) -> str:
     return ", ".join(parts)
 
 
-def _say(value: Any) -> str:
+def _say(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,6 @@
 """Renders the pages of all reports from their templates."""
 
 from functools import cache
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -11,7 +10,7 @@ from mission.figures.render import libraries
 from mission.figures.style import CONFIG
 
 
-def page(template: str, **content: Any) -> str:
+def page(template: str, **content: object) -> str:
     """A whole page that needs nothing else. Everything in `content` is text, escaped."""
     return _templates().get_template(template).render(
         light=LIGHT, dark=DARK, look=CONFIG, libraries=Markup(libraries()), **content

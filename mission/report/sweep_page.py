@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from mission.base.run_folder import write_atomically
 from mission.figures.render import card
@@ -69,7 +68,7 @@ def sweep_html(state: SweepState) -> str:
     ]
     done, planned = len(results), state.planned
     pictures = pictures_of(results)
-    curves: dict[str, list[dict[str, Any]]] = {}
+    curves: dict[str, list[dict[str, object]]] = {}
     for picture in pictures:
         cards = [card(chart) for chart in curve_charts(picture)]
         curves.setdefault(_SECTIONS[picture.name], []).extend(cards)

@@ -18,17 +18,17 @@ SEAL = "sha256"
 _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
 
 
-def sealed(values: dict[str, Any]) -> bytes:
+def sealed(values: dict[str, object]) -> bytes:
     """A checkpoint as it is written, closed by the digest of all of it."""
     text = json.dumps(values)
     return f'{text[:-1]}, "{SEAL}": "{hashlib.sha256(text.encode()).hexdigest()}"}}'.encode()
 
 
-def _digest(values: dict[str, Any]) -> str:
+def _digest(values: dict[str, object]) -> str:
     return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
 
-def header(config_toml: str, data_dir: Path | None) -> dict[str, Any]:
+def header(config_toml: str, data_dir: Path | None) -> dict[str, object]:
     """What a checkpoint says about the run that it belongs to."""
     return {
         "format": FORMAT,
@@ -44,7 +44,7 @@ def data_dir_of(values: dict[str, Any]) -> Path | None:
     return Path(name) if name else None
 
 
-def read_checkpoint(path: Path) -> dict[str, Any]:
+def read_checkpoint(path: Path) -> dict[str, object]:
     """The values of the checkpoint in the run's folder `path`.
 
     Raises:

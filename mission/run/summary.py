@@ -1,7 +1,5 @@
 """`summary.json` of a run: what it is, how it ended, what it added up to."""
 
-from typing import Any
-
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
@@ -11,12 +9,12 @@ from mission.run.outcome import Outcome
 class Summary:
     """Written whole each time; "finished" last of all, so that such a folder has everything."""
 
-    def __init__(self, folder: RunFolder, **about: Any) -> None:
+    def __init__(self, folder: RunFolder, **about: object) -> None:
         """`about`: what the run is."""
         self.folder = folder
         self._about = about | environment()
 
-    def add(self, **about: Any) -> None:
+    def add(self, **about: object) -> None:
         """Say more of the run the next time."""
         self._about |= about
 
@@ -29,7 +27,7 @@ class Summary:
         self.folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
 
-def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:
+def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:
     flight_s = stopwatch.wall_s.get("fly", 0.0)
     return {
         "rounds": totals.rounds_done,

@@ -4,16 +4,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan, direct_flight
 from mission.flight.track import Flight, Passage
 from sitl.autopilot.values.messages import MissionItem
-
-Floats = NDArray[np.float64]
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 

@@ -139,7 +139,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:
+def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, object]]:
     for step, (x, y) in enumerate(plan.waypoints_m.tolist()):
         served = np.flatnonzero(plan.schedule[step]).tolist()
         yield {
@@ -152,7 +152,7 @@ def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, Any]]:
         }
 
 
-def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, Any]]:
+def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, object]]:
     """A row a measured value: a position has three."""
     names = ("north", "east", "down") if track.values.shape[1] == 3 else ("",)
     for index, t_ns in enumerate(track.t_ns.tolist()):
@@ -168,7 +168,7 @@ def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, An
             }
 
 
-def _columns(rows: Iterable[dict[str, Any]]) -> dict[str, Column]:
+def _columns(rows: Iterable[dict[str, object]]) -> dict[str, Column]:
     rows = list(rows)
     return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
 
@@ -181,7 +181,7 @@ def _axes(prefix: str, pos_m: Floats) -> dict[str, Column]:
 _COMPUTED = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
-def _harmless(column: Column) -> Iterable[Any]:
+def _harmless(column: Column) -> Iterable[object]:
     values = column.tolist() if isinstance(column, np.ndarray) else column
     for value in values:
         computed = isinstance(value, str) and value.startswith(_COMPUTED)

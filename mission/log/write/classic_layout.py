@@ -18,13 +18,13 @@ _KINDS = {
     "Log": "RosOut",
 }
 _TITLE_KEYS = ("lichtblickPanelTitle", "foxglovePanelTitle")
-_SERIES: dict[str, Any] = {"enabled": True, "timestampMethod": "receiveTime"}
-_LOG: dict[str, Any] = {"minLogLevel": 1, "searchTerms": []}
+_SERIES: dict[str, object] = {"enabled": True, "timestampMethod": "receiveTime"}
+_LOG: dict[str, object] = {"minLogLevel": 1, "searchTerms": []}
 
 
 def classic(layout: bytes) -> bytes:
     """A layout of the SDK, converted."""
-    panels: dict[str, dict[str, Any]] = {}
+    panels: dict[str, dict[str, object]] = {}
     tree = _node(json.loads(layout)["content"], panels)
     document = {
         "configById": panels,
@@ -48,10 +48,10 @@ def _node(content: dict[str, Any], panels: dict[str, dict[str, Any]]) -> Any:
 
 
 def _pairs(
-    items: Sequence[tuple[float, dict[str, Any]]],
+    items: Sequence[tuple[float, dict[str, object]]],
     direction: str,
-    panels: dict[str, dict[str, Any]],
-) -> Any:
+    panels: dict[str, dict[str, object]],
+) -> object:
     (share, first), rest = items[0], items[1:]
     if not rest:
         return _node(first, panels)

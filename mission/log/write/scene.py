@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from foxglove import messages as fox
@@ -43,7 +42,7 @@ def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
     )
 
 
-def _zone(t_ns: int, name: str, zone: Zone) -> Any:
+def _zone(t_ns: int, name: str, zone: Zone) -> object:
     """A loop on the ground, and what it is at its first corner."""
     corners = zone.outline_m.tolist()
     x, y = corners[0]
@@ -115,7 +114,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
 
     Devices are discs: of a point viewers make a pin, which has no colour and hides the path.
     """
-    features: list[Mapping[str, Any]] = [
+    features: list[Mapping[str, object]] = [
         _feature(
             "LineString",
             _lonlat(area, plan.route_m, plan.altitude_m),
@@ -148,7 +147,7 @@ def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, flo
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
 
 
-def _feature(kind: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+def _feature(kind: str, coordinates: object, properties: Mapping[str, object]) -> dict[str, object]:
     return {
         "type": "Feature",
         "geometry": {"type": kind, "coordinates": coordinates},
@@ -156,11 +155,11 @@ def _feature(kind: str, coordinates: object, properties: Mapping[str, Any]) -> d
     }
 
 
-def _at(x: float, y: float, z: float) -> Any:
+def _at(x: float, y: float, z: float) -> object:
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(w=1.0))
 
 
-def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) -> Any:
+def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) -> object:
     return fox.LinePrimitive(
         type=fox.LinePrimitiveLineType.LineLoop,
         thickness=thickness,
@@ -170,7 +169,7 @@ def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) 
     )
 
 
-def _label(x: float, y: float, z: float, text: str) -> Any:
+def _label(x: float, y: float, z: float, text: str) -> object:
     return fox.TextPrimitive(
         pose=_at(x, y, z),
         billboard=True,
@@ -181,14 +180,14 @@ def _label(x: float, y: float, z: float, text: str) -> Any:
     )
 
 
-def _colour(rgb: palette.RGB, alpha: float) -> Any:
+def _colour(rgb: palette.RGB, alpha: float) -> object:
     return fox.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=alpha)
 
 
-def _entity(t_ns: int, name: str, **parts: Any) -> Any:
+def _entity(t_ns: int, name: str, **parts: object) -> object:
     return fox.SceneEntity(timestamp=timestamp(t_ns), frame_id=FRAME, id=name, **parts)
 
 
-def _update(entities: Sequence[Any]) -> bytes:
+def _update(entities: Sequence[object]) -> bytes:
     data: bytes = fox.SceneUpdate(entities=list(entities)).encode()
     return data
