@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.custom_strategies import RoundInfo, StrategyContext
-from mission.scenario.strategies import Sortie
+from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
 
 Floats = NDArray[np.float64]
 

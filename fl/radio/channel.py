@@ -49,6 +49,10 @@ class Channel:
             if getattr(self, name) <= 0.0:
                 raise SettingError(name, getattr(self, name), "must be above 0")
 
+    def per(self, distance_m: ArrayLike, height_m: ArrayLike | None = None) -> Floats:
+        """Average packet error rate in [0, 1] over horizontal distances, as `average_per`."""
+        return average_per(self, distance_m, height_m=height_m)
+
 
 @dataclass(frozen=True)
 class LogisticFit:
