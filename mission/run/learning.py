@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from fl.errors import DivergedError
 from fl.federation import rounds as learning
 from mission.base.errors import TrainingError
+from mission.base.user_code import plugins_of_learning
 
 Bools = NDArray[np.bool_]
 
@@ -22,10 +23,12 @@ def learn(
 
     Raises:
         TrainingError: the training diverged; names round, community and device.
+        UsersCodeError, InputError: a plug-in failed, or answered what cannot be used.
     """
     try:
-        return learning.play_round(
-            federation, state, scheduled=scheduled, delivered=delivered, workers=workers
-        )
+        with plugins_of_learning():
+            return learning.play_round(
+                federation, state, scheduled=scheduled, delivered=delivered, workers=workers
+            )
     except DivergedError as error:
         raise TrainingError(f"learning diverged: {error}") from None

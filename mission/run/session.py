@@ -14,11 +14,13 @@ from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
+from mission.base.user_code import plugins_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.open import Flyers
 from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
+from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.flown_experiment import FlownExperiment
@@ -43,6 +45,7 @@ class _Ready:
     folder: RunFolder
     checkpoint: CheckpointFolder
     state: learning.FederationState
+    callbacks: Callbacks
     memory: Sequence[RoundMemory] = ()  # rounds to fly again
     live: tuple[LiveView, ...] = ()
 
@@ -78,9 +81,11 @@ def fly_session(
         with folder.unless_refused():
             flyers.await_vehicle(say=console.say)
         text = config.to_toml()
-        state = learning.init(scenario.federation)
+        with folder.unless_refused(), plugins_of_learning():
+            state = learning.init(scenario.federation)
+            callbacks = _callbacks(folder, config)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
-        ready = _Ready(scenario, flyers, folder, checkpoint, state, live=live)
+        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
     with folder.lock():
         with stopwatch("setup"):
             write_atomically(folder.config, text)
@@ -122,8 +127,11 @@ def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | No
             flyers.check()
             found = checkpoint.load(scenario.federation, values)
             live = live_views(console)
+            callbacks = _callbacks(folder, config)
             InterruptedFiles(folder).take()
-        ready = _Ready(scenario, flyers, folder, checkpoint, found.state, found.rounds, live)
+        ready = _Ready(
+            scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
+        )
         return _fly(ready, console, stopwatch)
 
 
@@ -153,6 +161,8 @@ def _fly(
             with outcome.flight():
                 run_flight(experiment.run())
         finally:
+            with outcome.post_processing():
+                ready.callbacks.close()
             if outcome.status != "finished":
                 summary.ended(outcome, experiment.totals, stopwatch)
     if outcome.status == "finished":
@@ -191,6 +201,7 @@ def _experiment(
         console=console,
         stopwatch=stopwatch,
         mirrors=ready.live,
+        callbacks=ready.callbacks,
     ) as recorder:
         log, strategy = recorder.log, ready.scenario.strategy
         kind = (
@@ -213,6 +224,10 @@ def _experiment(
             memory=ready.memory,
             workers=workers or os.cpu_count() or 1,
         )
+
+
+def _callbacks(folder: RunFolder, config: RunConfig) -> Callbacks:
+    return make_callbacks(config.callbacks, CallbackContext(folder.path, config))
 
 
 def _closing_lines(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from fl.errors import LearningInputError
 from fl.federation import rounds as learning
+from fl.plugins import is_plugin
 from fl.radio.channel import Channel, link_budget
+from fl.radio.custom_radio import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.base.user_code import is_import_path
-from mission.config.models import RunConfig
+from mission.config.models import STRATEGIES, RunConfig
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
@@ -33,7 +34,8 @@ class Scenario:
     streams: RandomStreams
     area: Area
     devices_m: Floats  # (K, 2) area coordinates
-    channel: Channel
+    channel: Channel  # that rounds are planned with
+    radio: Channel | CustomRadio  # that decides whose update arrives
     federation: learning.Federation
     strategy: Strategy | None  # None: ideal, nothing is flown
 
@@ -110,6 +112,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     devices_m.flags.writeable = False
     try:
         channel = config.channel.channel(altitude_m=config.mission.altitude_m)
+        radio = make_radio(config.channel.gate, channel)
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
@@ -118,7 +121,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
         custom_strategy(mission.strategy, StrategyContext(mission, planner, devices_m, area))
-        if is_import_path(mission.strategy)
+        if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
         else make_strategy(mission, planner, devices_m=devices_m, area=area)
     )
-    return Scenario(config, streams, area, devices_m, channel, federation, strategy)
+    return Scenario(config, streams, area, devices_m, channel, radio, federation, strategy)
