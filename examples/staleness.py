@@ -29,7 +29,7 @@ class Staleness:
         """Data share times age in rounds."""
         return info.p * info.age_rounds
 
-    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The best path and schedule for these weights."""
         return Sortie(self.planner.plan(problem))
 

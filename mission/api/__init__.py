@@ -10,8 +10,13 @@ Names that are not here may change without notice. Whatever is wrong with what y
 `AerofedError` whose message is what the command line prints.
 """
 
-from fl.federation.algorithms import Algorithm, Update
+from fl.config import LearningConfig
+from fl.data.custom_dataset import Samples
+from fl.data.custom_partition import Partition, PartitionTask
+from fl.federation.algorithms import Algorithm, StaleStart, Update
+from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
+from fl.radio.custom_radio import Radio
 from mission.api.comparing import compare
 from mission.api.configuring import channel, config
 from mission.api.figures import Figure
@@ -21,8 +26,10 @@ from mission.api.sweeps import Sweep, load_sweep, sweep
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig, RunConfig
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.run.callbacks import Callback, CallbackContext, RoundReport
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
 from mission.scenario.strategies import Sortie, Strategy
 
@@ -30,22 +37,34 @@ __all__ = [
     "AerofedError",
     "Algorithm",
     "Area",
+    "Callback",
+    "CallbackContext",
     "Channel",
     "Figure",
     "ImportanceStrategy",
     "InputError",
+    "LearningConfig",
     "MissionConfig",
+    "Partition",
+    "PartitionTask",
     "Planner",
+    "Radio",
     "RoundInfo",
+    "RoundLearning",
     "RoundPlan",
     "RoundProblem",
+    "RoundRecord",
+    "RoundReport",
     "Run",
     "RunConfig",
+    "Samples",
     "Sortie",
+    "StaleStart",
     "Strategy",
     "StrategyContext",
     "Sweep",
     "Update",
+    "UplinkRecord",
     "channel",
     "compare",
     "config",

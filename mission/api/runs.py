@@ -1,6 +1,5 @@
 """Runs: flown, gone on with, and read back as tables."""
 
-import asyncio
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -222,6 +221,8 @@ def _flown(fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool) -> Ru
 
 
 def _loop_is_running() -> bool:
+    import asyncio
+
     try:
         asyncio.get_running_loop()
     except RuntimeError:

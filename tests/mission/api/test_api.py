@@ -44,11 +44,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
 
 def test_the_public_names() -> None:
     assert aerofed.__all__ == [
-        "AerofedError", "Algorithm", "Area", "Channel", "Figure", "ImportanceStrategy",
-        "InputError", "MissionConfig", "Planner", "RoundInfo", "RoundPlan", "RoundProblem", "Run",
-        "RunConfig", "Sortie", "Strategy", "StrategyContext", "Sweep", "Update", "channel",
-        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep", "plan",
-        "resume", "run", "sweep",
+        "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "Figure",
+        "ImportanceStrategy", "InputError", "LearningConfig", "MissionConfig", "Partition",
+        "PartitionTask", "Planner", "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
+        "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
+        "StaleStart", "Strategy", "StrategyContext", "Sweep", "Update", "UplinkRecord", "channel",
+        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep",
+        "plan", "resume", "run", "sweep",
     ]  # fmt: skip
 
 
