@@ -120,7 +120,9 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         raise InputError(str(error)) from None
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
-        custom_strategy(mission.strategy, StrategyContext(mission, planner, devices_m, area))
+        custom_strategy(
+            mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
+        )
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
         else make_strategy(mission, planner, devices_m=devices_m, area=area)
     )
