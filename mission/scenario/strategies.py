@@ -35,7 +35,7 @@ class Strategy(Protocol):
 
     @property
     def approach_m(self) -> Floats | None:
-        """(2,) area coordinates in metres of where to be before the first round; None: above home."""
+        """(2,) where to be before the first round, area coordinates in m; None: above home."""
         ...
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
