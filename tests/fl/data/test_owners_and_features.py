@@ -1,6 +1,7 @@
 """Owners that the data tell, and features instead of images."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,9 +59,7 @@ def test_features_are_channels_of_one_pixel(tmp_path: Path) -> None:
         ({"features": np.ones((6, 2)), "owner": np.ones(4, int)}, "4 owner, but 6 labels"),
     ],
 )
-def test_what_does_not_fit_is_refused(
-    tmp_path: Path, arrays: dict[str, np.ndarray], words: str
-) -> None:
+def test_what_does_not_fit_is_refused(tmp_path: Path, arrays: dict[str, Any], words: str) -> None:
     np.savez(tmp_path / "a.npz", labels=np.arange(6) % 2, **arrays)
     with pytest.raises(DataDamagedError, match=words):
         npz.load("a.npz", tmp_path)
