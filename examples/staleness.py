@@ -3,8 +3,8 @@
 The paper weighs a device by the fairness of its community. Here its weight is its data share
 times the rounds since its last update arrived, so that no device is forgotten for long:
 
-    aerofed run configs/quickstart.toml --set mission.strategy=examples.staleness:make
-    aerofed sweep configs/quickstart.toml --strategies cov,examples.staleness:make
+    aerofed run quickstart --set mission.strategy=examples.staleness:make
+    aerofed sweep quickstart --strategies cov,examples.staleness:make
 """
 
 from dataclasses import dataclass

@@ -2,19 +2,22 @@
 
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.plugins import checked_name
-from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel
+from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
 PARTITIONS = ("labels", "dirichlet", "iid", "owners")
 GATES = ("average", "instantaneous")
 
+USUAL_DEVICES = 6  # of a community that says nothing of them
+
 Positive = Annotated[float, Field(gt=0.0)]
+Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Unheard = Literal["left-out", "zero"]
 Missed = Literal["lost-too", "unscheduled"]
 TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
@@ -24,10 +27,10 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-class ChannelConfig(_Frozen):
-    """A named channel and what to change in it."""
+class _NamedChannel(_Frozen):
+    """A channel by its name."""
 
-    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio")
+    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio.channel")
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
@@ -36,27 +39,6 @@ class ChannelConfig(_Frozen):
         description="lose packets with the 'average' PER, draw segment and shadowing of each "
         "('instantaneous'), or have a radio of your own give the PER, as "
         "'package.module:factory'; plans are made with the channel in any case",
-    )
-    alpha_los: Positive | None = Field(None, le=10.0, description="path-loss exponent, LoS")
-    alpha_nlos: Positive | None = Field(None, le=10.0, description="path-loss exponent, NLoS")
-    beta_los_db: float | None = Field(None, ge=-200.0, le=50.0, description="LoS gain at 1 m")
-    beta_nlos_db: float | None = Field(None, ge=-200.0, le=50.0, description="NLoS gain at 1 m")
-    sigma_los: Positive | None = Field(
-        None, le=10.0, description="standard deviation of the natural log of the LoS shadowing"
-    )
-    sigma_nlos: Positive | None = Field(
-        None, le=10.0, description="standard deviation of the natural log of the NLoS shadowing"
-    )
-    a1_per_rad: Positive | None = Field(
-        None, le=1000.0, description="slope of the LoS probability over the elevation"
-    )
-    a2: float | None = Field(None, ge=-100.0, le=100.0, description="offset of the LoS probability")
-    tx_power_db: float | None = Field(None, ge=-200.0, le=100.0, description="transmit power P")
-    noise_db: float | None = Field(
-        None, ge=-300.0, le=100.0, description="noise power N0, in the unit of P"
-    )
-    snr_threshold: Positive | None = Field(
-        None, le=1e6, description="SNR under which a packet is lost, linear (10 = 10 dB)"
     )
 
     @field_validator("preset")
@@ -70,6 +52,16 @@ class ChannelConfig(_Frozen):
     @classmethod
     def _gate(cls, gate: str) -> str:
         return checked_name(gate, GATES)
+
+
+if TYPE_CHECKING:  # that may not know what is made while the program runs
+    _Constants = _NamedChannel
+else:
+    _Constants = constants_model("_Constants", _NamedChannel, optional=True)
+
+
+class ChannelConfig(_Constants):
+    """A named channel and what to change in it."""
 
     def channel(self, *, altitude_m: float | None = None) -> Channel:
         """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
@@ -117,7 +109,32 @@ class CommunityConfig(_Frozen):
         None,
         description="for task = 'npz': the file's name in the data folder, or its absolute path",
     )
-    devices: int = Field(6, ge=1, le=1000, description="number of devices")
+    positions_m: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="x, y of each device in area coordinates; without it and positions_file they "
+        "are drawn from the seed",
+    )
+    positions_file: str | None = Field(
+        None,
+        description="where the devices stand: a CSV file with columns x, y or lat, lon, a run's "
+        "devices.csv, or GeoJSON points; columns or properties community (of a file for several) "
+        "and share count too. Beside the configuration, or an absolute path",
+    )
+    data_shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=1000,
+        description="how much data each device has against the others of its community; without "
+        "it all have alike",
+    )
+    devices: int = Field(
+        default_factory=lambda known: len(known.get("positions_m") or ()) or USUAL_DEVICES,
+        ge=1,
+        le=1000,
+        description="number of devices; as many as there are positions, where these are given",
+    )
     partition: str = Field(
         "labels",
         description="how samples are spread over the devices: by 'labels', 'dirichlet', 'iid', by "
@@ -161,17 +178,40 @@ class CommunityConfig(_Frozen):
         return self
 
     @model_validator(mode="after")
+    def _as_many_as_devices(self) -> Self:
+        if self.positions_m is not None and self.positions_file is not None:
+            raise ValueError("positions_m and positions_file: one of them, not both")
+        for name, values in (("positions_m", self.positions_m), ("data_shares", self.data_shares)):
+            # Of a file it is not known yet how many it holds.
+            if values is None or (self.positions_file is not None and name == "data_shares"):
+                continue
+            if len(values) != self.devices:
+                raise ValueError(
+                    f"{name} has {len(values)} entries for {self.devices} devices; there must be "
+                    "one for each"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _sizes_with_convnet_only(self) -> Self:
         if (self.network == "convnet") != (self.convnet is not None):
             raise ValueError(
-                "the table convnet belongs to network = 'convnet', which needs it; it may be empty"
+                "network = 'convnet' needs the table convnet, which may be empty"
+                if self.network == "convnet"
+                else f"the table convnet is for network = 'convnet' only; network = "
+                f"'{self.network}' has sizes of its own: leave it out"
             )
         return self
 
     @model_validator(mode="after")
     def _file_with_npz_only(self) -> Self:
         if (self.task == "npz") != (self.data_file is not None):
-            raise ValueError("data_file belongs to task = 'npz', which needs it")
+            raise ValueError(
+                "task = 'npz' needs data_file, the name of its .npz file"
+                if self.task == "npz"
+                else f"data_file is for task = 'npz' only; task = '{self.task}' has files of its "
+                "own: leave data_file out"
+            )
         if self.data_file is not None and ".." in PurePath(self.data_file).parts:
             raise ValueError(
                 "data_file stays in the data folder; a file elsewhere is given by its absolute path"
@@ -242,3 +282,14 @@ class LearningConfig(_Frozen):
     @classmethod
     def _algorithm(cls, algorithm: str) -> str:
         return checked_name(algorithm, ALGORITHMS)
+
+    @model_validator(mode="after")
+    def _share_with_test_only(self) -> Self:
+        # The default stands in every configuration that a run has written down.
+        share = type(self).model_fields["test_share"].default
+        if self.report_on == "validation" and self.test_share != share:
+            raise ValueError(
+                "test_share belongs to report_on = 'test'; on 'validation' images no test part is "
+                "held out"
+            )
+        return self

@@ -23,6 +23,12 @@ def first_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
+def kind_of(value: object) -> str:
+    """The type of a value with its article: 'an int', 'a Strategy'."""
+    name = type(value).__name__
+    return f"{'an' if name[:1].lower() in 'aeio' else 'a'} {name}"
+
+
 @dataclass(eq=False)
 class LearningError(Exception):
     """Root of the exceptions of this package."""
@@ -49,6 +55,9 @@ class SettingError(LearningInputError):
         return f"{self.key} = {self.value!r}: {self.allowed}"
 
 
+FETCHED = ("mnist", "fashion-mnist", "cifar10")  # tasks whose files are published
+
+
 @dataclass(eq=False)
 class DataMissingError(LearningInputError):
     """The files of a data set are not in the folder that was given."""
@@ -58,9 +67,15 @@ class DataMissingError(LearningInputError):
     wanted: str
 
     def __str__(self) -> str:
+        folder = self.folder or "FOLDER"
+        fetched = self.dataset in FETCHED
+        get = f"; get it by: aerofed data fetch {folder} --task {self.dataset}" if fetched else ""
         if self.folder is None:
-            return f"{self.dataset}: no data folder was given; it is to hold {self.wanted}"
-        return f"{self.dataset}: not found in {self.folder}; looked for {self.wanted}"
+            return (
+                f"{self.dataset}: needs files: give their folder by --data-dir FOLDER; wanted are "
+                f"{self.wanted}{get}"
+            )
+        return f"{self.dataset}: not found in {self.folder}; looked for {self.wanted}{get}"
 
 
 @dataclass(eq=False)
@@ -75,14 +90,24 @@ class DataDamagedError(LearningInputError):
 
 
 @dataclass(eq=False)
+class DataLayoutError(DataDamagedError):
+    """A data file that can be read, but is not laid out as Aerofed wants it."""
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+@dataclass(eq=False)
 class NetworkError(LearningInputError):
     """A network that cannot be used for a task."""
 
     network: str
     reason: str
+    community: str = ""  # whose it is, where that is known
 
     def __str__(self) -> str:
-        return f"network {self.network!r}: {self.reason}"
+        whose = f"community {self.community}: " if self.community else ""
+        return f"{whose}network {self.network!r}: {self.reason}"
 
 
 @dataclass(eq=False)

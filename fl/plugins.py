@@ -17,7 +17,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from fl.errors import LearningError, LearningInputError, first_line
+from fl.errors import LearningError, LearningInputError, first_line, kind_of
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 GROUP = "aerofed.plugins"
@@ -86,7 +86,7 @@ def find(name: str, *, key: str) -> Callable[..., Any]:
     except Exception as error:
         raise PluginError(key, name, f"cannot be imported: {first_line(error)}") from error
     if not callable(found):
-        raise PluginError(key, name, f"is a {type(found).__name__}, not callable")
+        raise PluginError(key, name, f"is {kind_of(found)}, not callable")
     made: Callable[..., Any] = found
     return made
 
@@ -107,8 +107,7 @@ def make(name: str, *arguments: object, key: str, members: tuple[str, ...]) -> A
         raise PluginError(
             key,
             name,
-            f"gives a {type(made).__name__} without {', '.join(missing)}; "
-            f"needed: {', '.join(members)}",
+            f"gives {kind_of(made)} without {', '.join(missing)}; needed: {', '.join(members)}",
         )
     return made
 

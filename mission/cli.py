@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from typing import Literal
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
@@ -9,7 +10,7 @@ from rich.console import Console
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
 from mission.base.terminal import Terminal
-from mission.commands import helps
+from mission.commands import helps, usage
 from native.errors import LibraryError
 
 
@@ -33,6 +34,7 @@ app = App(
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,
 )
+app.command("mission.commands.init:init", name="init", help=helps.INIT)
 app.command("mission.commands.run:run", name="run", help=helps.RUN)
 app.command("mission.commands.compare:compare", name="compare", help=helps.COMPARE)
 app.command("mission.commands.report:report", name="report", help=helps.REPORT)
@@ -58,6 +60,19 @@ data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)
 app.command(data)
 
 
+@app.command(help=helps.COMPLETION)
+def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
+    """Print what makes a shell complete commands and options on Tab.
+
+    Parameters
+    ----------
+    shell
+        bash, zsh or fish.
+    """
+    print(app.generate_completion(shell=shell), end="")
+    return 0
+
+
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
@@ -74,7 +89,7 @@ def call(tokens: Sequence[str] | None = None) -> int:
     try:
         result = app(tokens, exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        errors.print(f"aerofed: {error}")
+        errors.print(f"aerofed: {usage.in_words(error)}")
         return InputError.exit_code
     except AerofedError as error:
         for line in str(error).splitlines():

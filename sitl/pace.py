@@ -4,9 +4,9 @@ import asyncio
 import math
 import time
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Self
 
+from sitl.block import Block
 from sitl.links import Link
 from sitl.vehicle import Vehicle
 
@@ -42,8 +42,7 @@ class Simulation:
         self._free_running = free_running
         self._wake = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
-        self._body: asyncio.Task[object] | None = None
-        self._interrupted = False
+        self._block: Block | None = None
         self._breathed = -math.inf  # wall time
         self._on_time = -math.inf  # wall time at which the present simulated time is due
 
@@ -59,35 +58,28 @@ class Simulation:
         except BaseException:
             self._close()
             raise
-        self._body = asyncio.current_task()
+        self._block = Block()
         self._task = asyncio.create_task(self._run(), name="simulation")
         self._task.add_done_callback(self._stopped)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Stop and close the links; an error of the simulation ends the block that it failed in."""
-        task, body = self._task, self._body
-        self._task = self._body = None
-        if task is None:
+        task, block = self._task, self._block
+        self._task = self._block = None
+        if task is None or block is None:
             return
         task.cancel()
         (outcome,) = await asyncio.gather(task, return_exceptions=True)
         self._close()
-        if self._interrupted and body is not None:
-            body.uncancel()
+        block.leave()
         if isinstance(outcome, BaseException) and not isinstance(outcome, asyncio.CancelledError):
             raise outcome
 
     def _stopped(self, task: asyncio.Task[None]) -> None:
         """The simulation has ended: if by an error, nobody must wait for the vehicle any longer."""
-        if not task.cancelled() and task.exception() is not None and self._body is not None:
-            self._interrupted = True
-            self._body.cancel()
+        if not task.cancelled() and task.exception() is not None and self._block is not None:
+            self._block.end()
 
     async def _run(self) -> None:
         while True:

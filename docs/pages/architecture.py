@@ -26,7 +26,7 @@ def _body() -> Iterator[str]:
     ]["contracts"]
     yield from (
         "",
-        "`mission`, from above to below; a module imports only from rows under its own:",
+        "`mission`, from top to bottom. A package imports only from packages below it:",
     )
     yield from ("", "| package | what |", "|---|---|")
     for layer in _layers(contracts, "mission"):
@@ -34,20 +34,29 @@ def _body() -> Iterator[str]:
     for package in GROUPED:
         yield from (
             "",
-            f"`{package}`, besides its own modules:",
+            f"The packages of `{package}`:",
             "",
             "| package | what |",
             "|---|---|",
         )
         folders = sorted(path.parent.name for path in _folder(package).glob("*/__init__.py"))
         yield from (_row(f"{package}.{name}") for name in folders)
+    yield from ("", "The only places that import these libraries:")
     yield from ("", "| library | home |", "|---|---|")
+    for library, homes in _homes(contracts).items():
+        yield f"| {library} | {', '.join(f'`{home}`' for home in homes)} |"
+    yield ""
+
+
+def _homes(contracts: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """Where each third-party library may be imported, by the library's name."""
+    homes: dict[str, list[str]] = {}
     for contract in contracts:
         if contract["name"].startswith("home of "):
-            library = contract["name"].removeprefix("home of ")
-            homes = [line.split(" -> ")[0].rstrip(".*") for line in contract["ignore_imports"]]
-            yield f"| {library} | {', '.join(f'`{home}`' for home in homes)} |"
-    yield ""
+            for line in contract["ignore_imports"]:
+                module, library = line.split(" -> ")
+                homes.setdefault(library, []).append(module.rstrip(".*"))
+    return homes
 
 
 def _layers(contracts: list[dict[str, Any]], container: str) -> list[str]:

@@ -7,34 +7,42 @@ from mission.commands.planning import served_radius
 
 HEAD = """# Channels
 
-Generated from the code (`python docs/generate.py`). A channel says how likely a packet is lost at a
-given distance: its *packet error rate* (PER). `channel.preset` in a configuration chooses one of
-those below, and further keys of [`channel`](configuration.md#channel) change single numbers of it:
+Generated from the code (`python docs/generate.py`). A *channel* is a model of the radio between a
+device and the drone. It says how likely a packet is lost at a given distance: the *packet error
+rate* (PER).
+
+Choose one of the presets below, and change single numbers of it if you like. All keys are under
+[`channel`](configuration.md#channel):
 
     aerofed run --set channel.preset=urban
     aerofed link-budget --set channel.preset=urban --set channel.extra_gain_db=3
 
-`aerofed link-budget` prints the packet error rate of a channel over distance. The presets are for a
-flight at 60 m; with another `mission.altitude_m` the radii change.
+`aerofed link-budget` prints the packet error rate of a channel over distance.
 
-**Radius** is the horizontal distance up to which at least half of the packets arrive. The area of
-the quick start is 800 m wide. **Overhead** is the packet error rate straight above a device, the
-best that any flight can reach.
+## The presets
+
+| column | what |
+|---|---|
+| radius | horizontal distance up to which at least half of the packets arrive |
+| overhead | packet error rate straight above a device: the best that any flight can reach |
+
+Both are for a flight at 60 m; with another `mission.altitude_m` they change. For comparison: the
+area of the quick start is 800 m wide.
 
 """
 
 ABOUT = {
-    "suburban": "17 dB more power than the paper prints; our choice, see below",
-    "suburban+10dB": "10 dB more than printed: the path must pass close to a device",
+    "suburban": "17 dB more power than the paper prints, see below",
+    "suburban+10dB": "10 dB more than printed: the drone must fly close to a device",
     "suburban+15dB": "15 dB more than printed",
     "suburban+20dB": "20 dB more than printed",
     "suburban+30dB": "30 dB more: the paper's power read in dBW, its noise in dBm",
     "literal": "the paper's link budget as printed: nobody is reached",
-    "literal-log-variance": "as printed, its shadowing read as variances of a natural logarithm",
-    "suburban-log-variance": "the same reading of the shadowing, with 17 dB more power",
+    "literal-log-variance": "as printed, but sigma read as the variance of a natural logarithm",
+    "suburban-log-variance": "the same reading, with 17 dB more power",
     "urban": "line of sight as in a city (Al-Hourani et al. 2014)",
-    "dense-urban": "the same for a dense city",
-    "high-rise": "the same between high-rise buildings",
+    "dense-urban": "line of sight as in a dense city",
+    "high-rise": "line of sight as between high-rise buildings",
 }
 
 SYMBOLS = {
@@ -53,15 +61,25 @@ SYMBOLS = {
 }
 
 TAIL = """
-The paper's link budget as printed (`literal`) loses practically every packet even straight above a
-device, so at least one of its numbers differs from what its authors used. `suburban` adds 17 dB: a
-hover above the middle of the area then loses most packets, and a tour of 800 m delivers most.
+## Why the default has 17 dB more
 
-The model: a device at horizontal distance r sees the aircraft at the elevation
-theta = arctan(H / r). It is in line of sight with probability rho = 1 / (1 + exp(-a1 theta + a2)).
-The received power falls with the distance d to the power alpha, times a log-normal shadowing. The
-packet is lost where the signal-to-noise ratio stays below the threshold. `fl.radio.channel` has the
-formulas, and [learning](learning.md#radio) says how a packet's fate is drawn.
+With the paper's link budget as printed (`literal`), practically every packet is lost, even straight
+above a device. So at least one of its numbers is not what its authors used. `suburban` adds 17 dB.
+With those, a hover above the middle of the area loses most packets, and a tour of 800 m delivers
+most: where the drone flies makes a difference.
+
+## The model
+
+How the packet error rate of a device at horizontal distance r follows:
+
+1. The device sees the drone at the elevation theta = arctan(H / r).
+2. It is in line of sight with probability rho = 1 / (1 + exp(-a1 theta + a2)).
+3. The received power is P beta / d^alpha times a log-normal shadowing, at the distance d. Gain,
+   exponent and shadowing have other values in line of sight than without.
+4. The packet is lost if the signal-to-noise ratio is below the threshold.
+
+`fl.radio.channel` has the formulas. [Learning](learning.md#radio) says how the fate of a packet is
+drawn.
 """
 
 
@@ -76,14 +94,14 @@ def page() -> str:
         per = float(average_per(channel, 0.0))
         overhead = f"{per:.4f}" if per >= 0.0001 else "under 0.0001"
         lines.append(f"| `{name}`{mark} | {reach} | {overhead} | {ABOUT[name]} |")
-    lines += ["", "## The numbers", "", "What they all share:", "", "| key | value | what |"]
+    lines += ["", "## The numbers", "", "The same for all presets:", "", "| key | value | what |"]
     lines.append("|---|---:|---|")
     some = CHANNEL_PRESETS[DEFAULT_PRESET]
     for field in fields(Channel):
         if field.name not in differing:
             value = _of(some, field.name)
             lines.append(f"| `{field.name}` | {value} | {SYMBOLS[field.name]} |")
-    lines += ["", "What tells them apart:", ""]
+    lines += ["", "Different from preset to preset:", ""]
     lines.append("| preset | " + " | ".join(f"`{name}`" for name in differing) + " |")
     lines.append("|---|" + "---:|" * len(differing))
     for name, channel in presets:

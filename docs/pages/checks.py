@@ -61,6 +61,7 @@ def _example_faults(example: str) -> Iterator[str]:
 def _command_faults(command: str) -> Iterator[str]:
     """Whether the words and options of a command exist; it is not carried out."""
     try:
-        app.parse_args(shlex.split(command, comments=True), exit_on_error=False, print_error=False)
+        words = shlex.split(command.partition(" > ")[0], comments=True)
+        app.parse_args(words, exit_on_error=False, print_error=False)
     except CycloptsError as error:
         yield f"the command is refused: aerofed {command}: {error}"

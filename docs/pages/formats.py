@@ -9,30 +9,70 @@ from mission.log.records import DeviceRecord
 
 HEAD = """# What a run leaves
 
-Generated from the code (`python docs/generate.py`). Positions are area coordinates in metres:
-x east, y north from the south-west corner; heights are above home. Times are simulated.
+Generated from the code (`python docs/generate.py`). A run leaves one folder. It holds all that is
+needed to look at the run, to compute with it and to fly it again.
+
+| you want to | open |
+|---|---|
+| see where the drone flew and who was served | `figures/` |
+| compute with rounds, transmissions or accuracies | [`rounds.csv`](#roundscsv), \
+[`uplinks.csv`](#uplinkscsv), [`learning.csv`](#learningcsv), `devices.csv` |
+| follow the flight second by second | [`flight.mcap`](#flightmcap), see \
+[reading a log](reading-logs.md) |
+| know how the run ended, with which versions and data | `summary.json` |
+| fly the same again | `config.toml` |
+| fly one of its rounds again, or see it in QGroundControl | `plans/` |
+
+Symbols such as p_k, eps_k and psi are the paper's. The [glossary](glossary.md) has most of them,
+and [learning](learning.md#fairness-and-importance) the formulas.
+
+## Conventions
+
+- Positions are in metres: x to the east, y to the north, from the area's south-west corner. Heights
+  are above home.
+- Times are simulated, in seconds.
+- `plan_` is what was planned, `est_` what the autopilot believed (its estimate), `true_` what was
+  true in the simulation.
+- CSV files are UTF-8 with one header line. Numbers are written in their shortest exact form. `nan`
+  stands where there is no value (`null` in the log).
+- The same configuration and seed give the same bytes in a folder of the same name. Only
+  `summary.json` differs, by its wall times.
+
+## Files
+
+`aerofed run` leaves:
 
 | file | what |
 |---|---|
-| `config.toml` | the resolved configuration; `aerofed run config.toml` flies the same again |
-| `devices.csv` | a row a device: community, position, samples, weight p_k, `class:samples` |
-| `rounds.csv` | a row a round, see below; `accuracy_NAME` and `cov_NAME` for each community |
-| `uplinks.csv` | a row a scheduled device, see below |
-| `learning.csv` | a row a device after every round, see below |
-| `flight.mcap` | the flight log, see below |
+| `config.toml` | the whole configuration, defaults included; `aerofed run config.toml` flies the \
+same again |
+| `devices.csv` | a row for each device: community, position, samples, share of the data (p_k), \
+and how many samples of which class it has (`class:samples`), configured share; `positions_file` \
+takes it |
+| `rounds.csv` | a row for each round |
+| `uplinks.csv` | a row for each scheduled device of each round |
+| `learning.csv` | a row for each device after every round |
+| `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
-| `figures/` | `map.png`: all rounds on one map; `rounds.png`: who was served from where, \
-round by round, at most twelve; `learning.png`: accuracy, fairness and updates |
-| `checkpoint/` | what `aerofed run --resume` goes on from; in `interrupted/` the old log and \
+| `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
+| `figures/map.png` | all rounds on one map |
+| `figures/rounds.png` | who was served from where, round by round, at most twelve rounds |
+| `figures/learning.png` | accuracy, fairness and updates |
+| `checkpoint/` | what `aerofed run --resume` needs to go on; in `interrupted/` the old log and \
 tables until the new ones have caught up |
 
-`aerofed fly` leaves `config.toml`, the plan file, `flight.mcap`, `track.csv` (a row a sample: true
-and believed position), `figures/` (map; height, distance from the path, speed and error of the
-estimate) and `summary.json`.
+`aerofed fly` leaves:
 
-CSV files are UTF-8 with a header; numbers are written in their shortest exact form, `nan` where
-there is no value. The same configuration and seed give the same bytes.
+| file | what |
+|---|---|
+| `config.toml`, `flight.mcap`, `summary.json` | as above |
+| the plan file | as it was given |
+| `track.csv` | a row for each sample: true and believed position |
+| `figures/map.png` | the planned and the flown path |
+| `figures/profile.png` | height, distance from the path, speed, error of the estimate |
+
+`aerofed report` adds `report.html`.
 """
 
 
@@ -44,13 +84,17 @@ def _body() -> list[str]:
     """The tables' columns, then every topic of the log."""
     every = topics.TOPICS
     lines = [
-        *("", "## rounds.csv", "", *_fields(topics.ROUNDS)),
-        *("", "`accuracy` and `cov` are a column a community: `accuracy_digits`, `cov_digits`."),
-        *("", "## uplinks.csv", "", *_fields(topics.UPLINKS)),
-        *("", "## learning.csv", "", *_columns(DeviceRecord)),
+        *("", "## rounds.csv", "", "One row for each round.", "", *_fields(topics.ROUNDS)),
+        *("", "`accuracy` and `cov` have a column for each community, with its name:"),
+        "`accuracy_digits`, `cov_digits`.",
+        *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
+        *("", *_fields(topics.UPLINKS)),
+        *("", "## learning.csv", "", "One row for each device after every round."),
+        *("", *_columns(DeviceRecord)),
         *("", "## flight.mcap", ""),
-        "An MCAP file, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library:",
-        "zstd chunks, indexes and statistics, `log_time` in simulated nanoseconds. Topics with a",
+        "The flight log, for Foxglove, Lichtblick, PlotJuggler, rerun and every MCAP library.",
+        "[Reading a log](reading-logs.md) says how to open it. It is an MCAP file with zstd",
+        "chunks, indexes and statistics; `log_time` is in simulated nanoseconds. Topics with a",
         "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
         *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
         *(

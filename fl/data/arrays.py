@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.dataset import Dataset, Pixels, Provenance, Split, checked
-from fl.errors import DataDamagedError
+from fl.errors import DataLayoutError
 
 MOST_CLASSES = 2**16
 
@@ -29,7 +29,7 @@ def dataset_of(
     """The data set of these arrays; `names` are those of x and y, of both splits, in errors.
 
     Raises:
-        DataDamagedError: shapes, types or values are not what they must be.
+        DataLayoutError: shapes, types or values are not what they must be.
     """
     source = provenance.source
     x_train, y_train, x_test, y_test = names or ("x_train", "y_train", "x_test", "y_test")
@@ -52,11 +52,11 @@ def labels(array: NDArray[Any], key: str, source: str) -> NDArray[np.int64]:
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise DataDamagedError(
+        raise DataLayoutError(
             source, f"{key} is {array.dtype} {array.shape}; wanted integers (n,) or (n, 1)"
         )
     if len(array) and int(array.max()) >= MOST_CLASSES:
-        raise DataDamagedError(
+        raise DataLayoutError(
             source, f"{key} holds a label {array.max()}; at most {MOST_CLASSES - 1}"
         )
     return array.astype(np.int64)
@@ -64,7 +64,7 @@ def labels(array: NDArray[Any], key: str, source: str) -> NDArray[np.int64]:
 
 def _owners(array: NDArray[Any], train: Split, source: str) -> NDArray[np.int64]:
     if array.ndim != 1 or array.dtype.kind not in "iu" or len(array) != len(train.labels):
-        raise DataDamagedError(
+        raise DataLayoutError(
             source,
             f"owner is {array.dtype} {array.shape}; wanted integers ({len(train.labels)},), one "
             "for each training sample",
@@ -80,7 +80,7 @@ def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:
     if array.ndim == 3:
         array = array[..., np.newaxis]
     if array.ndim != 4 or array.shape[3] not in (1, 3, 4):
-        raise DataDamagedError(
+        raise DataLayoutError(
             source,
             f"{key} is {array.shape}; wanted images, (n, height, width) or"
             " (n, height, width, channels) with 1, 3 or 4 channels, or features, (n, features)",
@@ -89,19 +89,19 @@ def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:
         return np.ascontiguousarray(array)
     if array.dtype.kind == "f":
         if not np.all((array >= 0.0) & (array <= 1.0)):
-            raise DataDamagedError(source, f"{key} holds floats outside [0, 1]")
+            raise DataLayoutError(source, f"{key} holds floats outside [0, 1]")
         return np.ascontiguousarray(array, dtype=np.float32)
-    raise DataDamagedError(source, f"{key} is of type {array.dtype}; wanted bytes or floats")
+    raise DataLayoutError(source, f"{key} is of type {array.dtype}; wanted bytes or floats")
 
 
 def _features(array: NDArray[Any], key: str, source: str) -> Pixels:
     """As images of one pixel, whose channels are the features: each is scaled by itself."""
     if array.dtype.kind != "f" or array.shape[1] == 0:
-        raise DataDamagedError(
+        raise DataLayoutError(
             source, f"{key} is {array.dtype} {array.shape}; features are floats, one at least"
         )
     with np.errstate(over="ignore"):
         found = np.ascontiguousarray(array, dtype=np.float32)
     if not np.isfinite(found).all():
-        raise DataDamagedError(source, f"{key} holds features that are no finite float32")
+        raise DataLayoutError(source, f"{key} holds features that are no finite float32")
     return found[:, np.newaxis, np.newaxis, :]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.errors import DataDamagedError
+from fl.errors import DataLayoutError
 
 Pixels = NDArray[np.uint8] | NDArray[np.float32]
 Labels = NDArray[np.int64]
@@ -83,24 +83,24 @@ def checked(
     provenance: Provenance,
     owners: Labels | None = None,
 ) -> Dataset:
-    """A data set whose splits fit together; `DataDamagedError` names what does not."""
+    """A data set whose splits fit together; `DataLayoutError` names what does not."""
     source = provenance.source
     for name, split in (("training", train), ("validation", validation)):
         count = len(split.labels)
         if count == 0:
-            raise DataDamagedError(source, f"no {name} images")
+            raise DataLayoutError(source, f"no {name} images")
         if len(split.images) != count:
-            raise DataDamagedError(
+            raise DataLayoutError(
                 source, f"{len(split.images)} {name} images, but {count} {name} labels"
             )
         low, high = int(split.labels.min()), int(split.labels.max())
         if low < 0 or high >= classes:
             bad = low if low < 0 else high
-            raise DataDamagedError(
+            raise DataLayoutError(
                 source, f"{name} label {bad} is outside the classes 0 to {classes - 1}"
             )
     if train.images.shape[1:] != validation.images.shape[1:]:
-        raise DataDamagedError(
+        raise DataLayoutError(
             source,
             f"training images of {train.images.shape[1:]},"
             f" validation images of {validation.images.shape[1:]}",

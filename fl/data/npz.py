@@ -20,7 +20,7 @@ from fl.data.arrays import Arrays, dataset_of, labels
 from fl.data.bounded import LARGEST_BYTES
 from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
 from fl.data.official import md5
-from fl.errors import DataDamagedError, DataMissingError, first_line
+from fl.errors import DataDamagedError, DataLayoutError, DataMissingError, first_line
 
 LAYOUTS = (
     ("x_train", "y_train", "x_test", "y_test"),
@@ -49,10 +49,10 @@ def load(name: str, data_dir: Path) -> Dataset:
         with np.load(path, allow_pickle=False) as archive:
             layout = next((keys for keys in LAYOUTS if set(keys) <= set(archive.files)), None)
             if layout is None:
-                raise DataDamagedError(
+                raise DataLayoutError(
                     path,
-                    f"holds {', '.join(archive.files) or 'nothing'}; wanted"
-                    f" {' or '.join('(' + ', '.join(keys) + ')' for keys in LAYOUTS)}",
+                    f"holds the arrays {', '.join(archive.files) or '(none)'}; wanted are"
+                    f" {', or '.join(', '.join(keys) for keys in LAYOUTS)}",
                 )
             arrays = [archive[key] for key in layout]
             owner = archive[OWNER] if OWNER in archive.files else None
@@ -84,7 +84,7 @@ def _held_out(
     classes = labels(y, layout[1], str(path))
     for name, array in ((layout[0], x), (OWNER, owner)):
         if array is not None and (array.ndim == 0 or len(array) != len(classes)):
-            raise DataDamagedError(
+            raise DataLayoutError(
                 path, f"{len(array) if array.ndim else 0} {name}, but {len(classes)} {layout[1]}"
             )
     held = held_out(classes, share=HELD_OUT, seed=0)

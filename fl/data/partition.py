@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fl.errors import SettingError
 
 Indices = NDArray[np.int64]
+Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 DIRICHLET_TRIES = 100
@@ -48,11 +49,14 @@ def check_owners(devices: int, classes: int, *, per_device: int, coverage: bool)
         )
 
 
-def by_labels(labels: Indices, owns: Bools, *, rng: np.random.Generator) -> list[Indices]:
-    """Split the samples of each class at random and equally over the devices that own it.
+def by_labels(
+    labels: Indices, owns: Bools, *, rng: np.random.Generator, weights: Floats | None = None
+) -> list[Indices]:
+    """Split the samples of each class at random over the devices that own it: equally, or in
+    proportion to `weights`, (devices,).
 
-    Shares differ by one sample at most; which owners get one more is drawn. The samples of a
-    class without an owner are used by nobody.
+    Equal shares differ by one sample at most; which owners get one more is drawn. The samples of
+    a class without an owner are used by nobody.
     """
     shares: list[list[Indices]] = [[] for _ in owns]
     for label in range(owns.shape[1]):
@@ -60,8 +64,9 @@ def by_labels(labels: Indices, owns: Bools, *, rng: np.random.Generator) -> list
         if owners.size == 0:
             continue
         samples = rng.permutation(np.flatnonzero(labels == label))
-        parts = np.array_split(samples, owners.size)
-        for owner, part in zip(rng.permutation(owners), parts, strict=True):
+        dealt = rng.permutation(owners)
+        parts = _split(samples, len(dealt), None if weights is None else weights[dealt])
+        for owner, part in zip(dealt, parts, strict=True):
             shares[owner].append(part)
     return _finish([np.concatenate(s) if s else np.empty(0, np.int64) for s in shares])
 
@@ -73,16 +78,21 @@ def by_dirichlet(
     classes: int,
     alpha: float,
     rng: np.random.Generator,
+    weights: Floats | None = None,
 ) -> list[Indices]:
-    """Split each class over all devices in proportions drawn from Dirichlet(alpha).
+    """Split each class over all devices in proportions drawn from Dirichlet(alpha), whose mean
+    are the `weights` where there are any.
 
     Drawn again until every device has a sample (Yurochkin et al. 2019, Hsu et al. 2019).
     """
+    spread = np.full(devices, alpha)
+    if weights is not None:
+        spread *= weights / weights.mean()
     for _ in range(DIRICHLET_TRIES):
         shares: list[list[Indices]] = [[] for _ in range(devices)]
         for label in range(classes):
             samples = rng.permutation(np.flatnonzero(labels == label))
-            cuts = np.cumsum(rng.dirichlet(np.full(devices, alpha)))[:-1] * samples.size
+            cuts = np.cumsum(rng.dirichlet(spread))[:-1] * samples.size
             for share, part in zip(shares, np.split(samples, cuts.astype(np.int64)), strict=True):
                 share.append(part)
         joined = [np.concatenate(share) for share in shares]
@@ -96,9 +106,18 @@ def by_dirichlet(
     )
 
 
-def iid(samples: int, *, devices: int, rng: np.random.Generator) -> list[Indices]:
-    """Split all samples at random and equally over the devices."""
-    return _finish(list(np.array_split(rng.permutation(samples), devices)))
+def iid(
+    samples: int, *, devices: int, rng: np.random.Generator, weights: Floats | None = None
+) -> list[Indices]:
+    """Split all samples at random over the devices: equally, or in proportion to `weights`."""
+    return _finish(_split(rng.permutation(samples), devices, weights))
+
+
+def _split(samples: Indices, parts: int, weights: Floats | None) -> list[Indices]:
+    if weights is None:
+        return list(np.array_split(samples, parts))
+    ends = np.round(np.cumsum(weights) / weights.sum() * len(samples)).astype(np.int64)
+    return list(np.split(samples, ends[:-1]))
 
 
 def by_owner(owners: Indices, *, devices: int, rng: np.random.Generator) -> list[Indices]:

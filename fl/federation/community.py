@@ -3,7 +3,7 @@
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from fl.data import partition
 from fl.data.custom_partition import PartitionTask, custom_partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out
 from fl.data.load import load
-from fl.errors import SettingError
+from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
 from fl.training.device import check_device
@@ -156,9 +156,12 @@ def build(
             loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
         rng = stream(f"fl/{config.name}/partition")
         test_share = learning.test_share if learning.report_on == "test" else None
-        built.append(
-            _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
-        )
+        try:
+            built.append(
+                _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
+            )
+        except NetworkError as error:
+            raise replace(error, community=config.name) from error
     return Federation(tuple(built), learning, make_algorithm(learning), stream)
 
 
@@ -211,6 +214,7 @@ def _community(
 def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> list[Indices]:
     """The samples of each device."""
     labels, classes, devices = dataset.labels, dataset.classes, config.devices
+    weights = None if config.data_shares is None else np.array(config.data_shares)
     match config.partition:
         case "labels":
             owns = partition.draw_owners(
@@ -220,13 +224,18 @@ def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator)
                 coverage=config.coverage,
                 rng=rng,
             )
-            return partition.by_labels(labels, owns, rng=rng)
+            return partition.by_labels(labels, owns, rng=rng, weights=weights)
         case "dirichlet":
             return partition.by_dirichlet(
-                labels, devices=devices, classes=classes, alpha=config.dirichlet_alpha, rng=rng
+                labels,
+                devices=devices,
+                classes=classes,
+                alpha=config.dirichlet_alpha,
+                rng=rng,
+                weights=weights,
             )
         case "iid":
-            return partition.iid(len(labels), devices=devices, rng=rng)
+            return partition.iid(len(labels), devices=devices, rng=rng, weights=weights)
         case "owners":
             if dataset.owners is None:
                 raise SettingError(

@@ -169,12 +169,12 @@ def play_round(
     trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
     for (index, devices), result in zip(parts, results, strict=True):
         trained[index].update(zip(devices, result, strict=True))
-    lessons = in_parallel(
+    learnt = in_parallel(
         [partial(_learn, federation, state, *each) for each in enumerate(trained)],
         workers=workers,
     )
-    correct = [lesson.measured.validation for lesson in lessons]
-    losses = np.concatenate([lesson.losses for lesson in lessons])
+    correct = [each.measured.validation for each in learnt]
+    losses = np.concatenate([each.losses for each in learnt])
     cov = state.cov.copy()
     if number % period == 0:
         for index, community in enumerate(federation.communities):
@@ -186,15 +186,15 @@ def play_round(
     eps = _device_accuracy(federation, correct)
     after = FederationState(
         rounds=number,
-        models=tuple(lesson.model for lesson in lessons),
-        algorithm=tuple(lesson.algorithm for lesson in lessons),
+        models=tuple(each.model for each in learnt),
+        algorithm=tuple(each.algorithm for each in learnt),
         eps_history=_frozen(np.vstack([state.eps_history, eps])[-(period + 1) :]),
         eps_received=_frozen(eps_received),
         cov=_frozen(cov),
         missed=_frozen(~(delivered if federation.learning.missed == "lost-too" else scheduled)),
         correct=tuple(correct),
-        reported=tuple(lesson.measured.reporting for lesson in lessons),
-        buffers=tuple(lesson.buffers for lesson in lessons),
+        reported=tuple(each.measured.reporting for each in learnt),
+        buffers=tuple(each.buffers for each in learnt),
     )
     return after, _round_learning(federation, after, losses)
 

@@ -9,9 +9,12 @@ when the SNR stays under a threshold.
 import math
 from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, Field, create_model
+from pydantic.fields import FieldInfo
 
 from fl.errors import SettingError
 from fl.native.library import normal_shares
@@ -23,22 +26,43 @@ NEPERS_PER_DB = math.log(10.0) / 10.0
 REFERENCE_DISTANCE_M = 1.0
 
 
+def _shadowing(segment: str) -> Any:
+    words = f"standard deviation of the natural log of the {segment} shadowing"
+    return Field(gt=0.0, le=10.0, description=words)
+
+
 @dataclass(frozen=True)
 class Channel:
-    """Constants of one channel. dB values are powers; sigma is of the natural logarithm."""
+    """Constants of one channel; the settings and the files of planning problems are made of them.
 
-    altitude_m: float  # H, the height the plan assumes
-    alpha_los: float
-    alpha_nlos: float
-    beta_los_db: float  # gain at 1 m
-    beta_nlos_db: float
-    sigma_los: float  # standard deviation of ln(xi)
-    sigma_nlos: float
-    a1_per_rad: float  # rho = 1 / (1 + exp(-a1 theta + a2)), theta in radians
-    a2: float
-    tx_power_db: float  # P
-    noise_db: float  # N0, in the unit of P
-    snr_threshold: float  # gamma_0, linear
+    dB values are powers; sigma is of the natural logarithm.
+    """
+
+    altitude_m: Annotated[float, Field(gt=0.0, le=1e7, description="H, which the plan assumes")]
+    alpha_los: Annotated[float, Field(gt=0.0, le=10.0, description="path-loss exponent, LoS")]
+    alpha_nlos: Annotated[float, Field(gt=0.0, le=10.0, description="path-loss exponent, NLoS")]
+    beta_los_db: Annotated[float, Field(ge=-200.0, le=50.0, description="LoS gain at 1 m")]
+    beta_nlos_db: Annotated[float, Field(ge=-200.0, le=50.0, description="NLoS gain at 1 m")]
+    sigma_los: Annotated[float, _shadowing("LoS")]  # standard deviation of ln(xi)
+    sigma_nlos: Annotated[float, _shadowing("NLoS")]
+    # rho = 1 / (1 + exp(-a1 theta + a2)), theta in radians
+    a1_per_rad: Annotated[
+        float,
+        Field(gt=0.0, le=1000.0, description="slope of the LoS probability over the elevation"),
+    ]
+    a2: Annotated[float, Field(ge=-100.0, le=100.0, description="offset of the LoS probability")]
+    tx_power_db: Annotated[float, Field(ge=-200.0, le=100.0, description="transmit power P")]
+    noise_db: Annotated[
+        float, Field(ge=-300.0, le=100.0, description="noise power N0, in the unit of P")
+    ]
+    snr_threshold: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            le=1e6,
+            description="SNR under which a packet is lost, linear (10 = 10 dB)",
+        ),
+    ]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -52,6 +76,22 @@ class Channel:
     def per(self, distance_m: ArrayLike, height_m: ArrayLike | None = None) -> Floats:
         """Average packet error rate in [0, 1] over horizontal distances, as `average_per`."""
         return average_per(self, distance_m, height_m=height_m)
+
+
+def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:
+    """A model of the constants, each with its limits and words, beside the fields of `base`.
+
+    `optional`: all but the altitude, None by default.
+    """
+    made: dict[str, Any] = {}
+    for constant, hint in get_type_hints(Channel, include_extras=True).items():
+        _, told = get_args(hint)
+        assert isinstance(told, FieldInfo)
+        if not optional:
+            made[constant] = (hint, ...)
+        elif constant != "altitude_m":
+            made[constant] = (hint | None, Field(None, description=told.description))
+    return create_model(name, __base__=base, **made)
 
 
 @dataclass(frozen=True)

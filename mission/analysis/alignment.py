@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import polyline
-
-Floats = NDArray[np.float64]
+from mission.base.arrays import Floats
 
 _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample

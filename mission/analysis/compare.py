@@ -8,16 +8,16 @@ straights and at corners stand apart.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure
+from mission.base.arrays import Floats
 from mission.base.columns import told
 from mission.base.errors import InputError
-from mission.log.values import FlightData, Floats
+from mission.log.values import FlightData
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,13 @@ class Comparison:
     # Length of the planned polyline, and horizontal length of the true track.
     plan_path_m: Annotated[float, _sum("plan_path_m"), Label("planned path (m)", 1)]
     flown_path_m: Annotated[float, _sum("flown_path_m"), Label("flown path (m)", 1)]
-    duration_s: Annotated[float, _sum("duration_s"), Label("duration (s)", 1)]  # simulated
+    # At planned speed from the first metre to the last, and as flown; simulated.
+    plan_duration_s: Annotated[
+        float,
+        Made(lambda items: sum(item.plan_duration_s for item in items)),
+        Label("duration planned (s)", 1),
+    ]
+    duration_s: Annotated[float, _sum("duration_s"), Label("duration (s)", 1)]
     # Horizontal distance of the true track to the planned polyline.
     cross_track_rms_m: Annotated[float, _of(_rms, "cross_m"), Label("cross-track rms (m)", 3)]
     cross_track_max_m: Annotated[float, _of(_max, "cross_m"), Label("cross-track max (m)", 3)]
@@ -94,18 +100,18 @@ class Comparison:
     corner_cut_max_m: Annotated[float, _of(_max, "corner_cut_m"), Label("corner cut max (m)", 3)]
     # True height against the planned one.
     height_rms_m: Annotated[float, _of(_rms, "height_m"), Label("height error rms (m)", 3)]
-    height_max_m: Annotated[float, _of(_max_abs, "height_m")]
+    height_max_m: Annotated[float, _of(_max_abs, "height_m"), Label("height error max (m)", 3)]
     # True position at a slot against its waypoint: along the path, and horizontal distance.
     slot_along_rms_m: Annotated[
         float, _of(_rms, "slot_along_m"), Label("slot along-track rms (m)", 3)
     ]
     slot_along_max_m: Annotated[float, _of(_max_abs, "slot_along_m")]
     slot_miss_rms_m: Annotated[float, _of(_rms, "slot_miss_m"), Label("slot miss rms (m)", 3)]
-    slot_miss_max_m: Annotated[float, _of(_max, "slot_miss_m")]
+    slot_miss_max_m: Annotated[float, _of(_max, "slot_miss_m"), Label("slot miss max (m)", 3)]
     # Instant of a slot against flight at constant planned speed.
     slot_late_mean_s: Annotated[float, _of(_mean, "slot_late_s"), Label("slot late mean (s)", 3)]
     slot_late_max_s: Annotated[float, _of(_max, "slot_late_s"), Label("slot late max (s)", 3)]
-    # Steps with a scheduled device, and those of them that were never reached.
+    # Steps with a scheduled device, or the places of a plan file, and those never reached.
     slots: Annotated[int, Made(lambda items: sum(i.slots for i in items))]
     slots_missed: Annotated[
         int,
@@ -134,6 +140,12 @@ class Comparison:
         Label("arrivals expected", 2),
     ]
     delivered: Annotated[int, _count("delivered"), Label("arrived", 0)]
+    # 0..1 of the capacity at the end.
+    battery_remaining: Annotated[
+        float,
+        Made(lambda items: items[-1].record.battery_remaining),
+        Label("battery left (0..1)", 3),
+    ]
 
 
 @dataclass(frozen=True)
@@ -153,9 +165,7 @@ class DeviceComparison:
 class RunComparison:
     """One run: every round, all of them together, and device by device."""
 
-    source: Path
-    name: str
-    about: str  # name, strategy and seed
+    run: LoadedRun
     rounds: tuple[Comparison, ...]
     total: Comparison
     devices: tuple[DeviceComparison, ...]
@@ -163,7 +173,7 @@ class RunComparison:
     def to_json(self) -> dict[str, Any]:
         """Plain values; NaN as None."""
         return {
-            "source": str(self.source),
+            "source": str(self.run.path),
             "rounds": [_plain(item) for item in self.rounds],
             "total": _plain(self.total),
             "devices": [_plain(item) for item in self.devices],
@@ -190,9 +200,7 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
         why = f": {loaded.notice}" if loaded.notice else ""
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
     return RunComparison(
-        source=loaded.path,
-        name=loaded.name,
-        about=loaded.about,
+        run=loaded,
         rounds=tuple(_numbers([item], item.record.round) for item in measured),
         total=_numbers(measured, None),
         devices=tuple(

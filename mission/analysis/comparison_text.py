@@ -7,12 +7,12 @@ from rich import box
 from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
-from mission.analysis.compare_plan import PlanFlight, PlannedAndFlown
 from mission.analysis.measure import CORNER_M
 from mission.base.columns import told
 
 _Cell = Callable[[Comparison], str]
 
+_WIDE = 80
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
@@ -62,7 +62,12 @@ _RADIO: _Columns = (
 
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
-    """One run: the path, the slots and the radio (a row a round, and the total), the devices."""
+    """One run: the path, the slots and the radio (a row a round, and the total), the devices.
+
+    A flight of a plan file has none of them but numbers, one below the other.
+    """
+    if comparison.run.data.plan_file is not None:
+        return side_by_side([comparison], width=_WIDE)
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
     return (
         _table("Path", comparison, _PATH, caption),
@@ -93,26 +98,20 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 
     As many tables as it takes for none to be wider than `width` characters.
     """
-    names = [item.name for item in comparisons]
-    rows = _labelled([item.total for item in comparisons])
-    return _columns("Runs side by side", "whole run", names, rows, width)
+    names = [item.run.name for item in comparisons]
+    title = "Planned and flown" if len(comparisons) == 1 else "Runs side by side"
+    return _columns(title, "whole run", names, labelled(comparisons), width)
 
 
-def flights_side_by_side(flights: Sequence[PlanFlight], *, width: int) -> tuple[Table, ...]:
-    """Several flights of plan files, as `side_by_side`."""
-    names = [item.run.name for item in flights]
-    rows = _labelled([item.numbers for item in flights])
-    return _columns("Flights side by side", "flight", names, rows, width)
-
-
-def _labelled(
-    items: Sequence[Comparison] | Sequence[PlannedAndFlown],
-) -> list[tuple[str, int, list[float]]]:
-    """Label, digits and values of every number that has a label."""
-    return [
-        (label.text, label.digits, [float(getattr(item, name)) for item in items])
-        for name, label in told(type(items[0]), Label)
+def labelled(comparisons: Sequence[RunComparison]) -> list[tuple[str, int, list[float]]]:
+    """Label, digits and values of every number that has a label, and a value in any run."""
+    served = any(item.devices for item in comparisons)
+    rows = [
+        (label.text, label.digits, [float(getattr(item.total, name)) for item in comparisons])
+        for name, label in told(Comparison, Label)
+        if served or name not in ("scheduled", "expected", "delivered")
     ]
+    return [row for row in rows if not all(map(math.isnan, row[2]))]
 
 
 def _columns(

@@ -1,6 +1,7 @@
 """A run read back: from its folder, or from its log alone; a killed one as far as it came."""
 
 import json
+import math
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from mission.base import polyline
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
 from mission.log.errors import DamagedLogError
 from mission.log.read.contents import load_damaged
 from mission.log.read.reader import decode, read_log
-from mission.log.records import RoundRecord
-from mission.log.values import NS_PER_S, FlightData, Floats, Track
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
+from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
 _FINISHED = "finished"
 _FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small
@@ -37,14 +40,13 @@ class LoadedRun:
 
     @property
     def about(self) -> str:
-        """Which run, strategy and seed it is: a line for pictures."""
-        return self.told("strategy", "seed")
-
-    def told(self, *keys: str) -> str:
-        """The name, and what summary or configuration say of `keys`."""
-        config = self._config
+        """Which run it is, with strategy or plan file, and seed: a line for pictures."""
+        config, plan_file = self._config, self.data.plan_file
         known = {**config.get("mission", {}), **config, **self.summary}
-        return " · ".join([self.name, *(f"{key} {known[key]}" for key in keys if key in known)])
+        keys = ("strategy", "seed") if plan_file is None else ("seed",)
+        facts = [f"{key} {known[key]}" for key in keys if key in known]
+        source = [] if plan_file is None else [f"plan file {plan_file.source}"]
+        return " · ".join([self.name, *facts, *source])
 
     @property
     def state(self) -> str:
@@ -62,7 +64,7 @@ class LoadedRun:
         """What a reader has to know of a run that is not finished; empty for one that is."""
         if not self.state:
             return ""
-        if not self._resumable:
+        if not (self.summary.get("resumable") and RunFolder(self.path).resumable):
             return f"{self.state}; this is what was flown"
         count = len(self.data.rounds)
         done = f"{count} {'round of it is' if count == 1 else 'rounds of it are'} here"
@@ -76,14 +78,6 @@ class LoadedRun:
         except (UnicodeDecodeError, tomllib.TOMLDecodeError):
             return {}
 
-    @property
-    def _resumable(self) -> bool:
-        """What another autopilot than ours flew cannot be flown again."""
-        config = self._config
-        external = config.get("link", {}).get("kind") == "external"
-        firmware = config.get("vehicle", {}).get("autopilot", "built-in") != "built-in"
-        return (self.path / "checkpoint").is_dir() and not external and not firmware
-
 
 def load_run(path: Path) -> LoadedRun:
     """A run's folder or a log file by itself.
@@ -94,7 +88,7 @@ def load_run(path: Path) -> LoadedRun:
         InputError: neither; the folder has no log; the log is damaged, or not one of ours.
     """
     if path.is_file():
-        return LoadedRun(path, read_log(path), {}, cut=False)
+        return LoadedRun(path, _with_its_flight(read_log(path)), {}, cut=False)
     if not path.is_dir():
         raise InputError(f"{path}: no such run folder or log file")
     folder = RunFolder(path)
@@ -105,11 +99,22 @@ def load_run(path: Path) -> LoadedRun:
         raise InputError(f"{path}: not a run folder: it has no {log.name}")
     summary = _summary(folder.summary)
     try:
-        return LoadedRun(path, read_log(log), summary, cut=False)
+        return LoadedRun(path, _with_its_flight(read_log(log)), summary, cut=False)
     except DamagedLogError:
         if summary.get("status", _FINISHED) == _FINISHED:
             raise
-    return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary, cut=True)
+    data = _with_its_flight(_whole_rounds(decode(load_damaged(log))))
+    return LoadedRun(path, data, summary, cut=True)
+
+
+def reached(run: FlightData) -> dict[int, EventRecord]:
+    """The first passage of each place of a plan file that was reached, by number of the item."""
+    places = run.plan_file.places_m if run.plan_file else {}
+    passed: dict[int, EventRecord] = {}
+    for event in run.events:
+        if event.kind == "reached" and event.seq is not None and event.seq in places:
+            passed.setdefault(event.seq, event)
+    return passed
 
 
 def flown(run: FlightData, record: RoundRecord, *, track: Track | None = None) -> Track:
@@ -133,7 +138,7 @@ def extent(run: FlightData, *, margin: float) -> tuple[Floats, Floats]:
     """
     size = np.array(run.area.size_m)
     points = [np.zeros((1, 2)), size[None], run.truth.pos_m[:, :2]]
-    points += [plan.waypoints_m for plan in run.plans]
+    points += [plan.route_m for plan in run.plans]
     points += [
         zone.outline_m
         for zone in run.fence
@@ -148,6 +153,34 @@ def _whole_rounds(data: FlightData) -> FlightData:
     """Without what was flushed of a round that did not end."""
     ended = {record.round for record in data.rounds}
     return replace(data, uplinks=tuple(item for item in data.uplinks if item.round in ended))
+
+
+def _with_its_flight(data: FlightData) -> FlightData:
+    """A plan file's flight as a round that serves nobody: to its last place, or as far as it came.
+
+    No round where the vehicle never got as far as its mission.
+    """
+    if data.plan_file is None or not data.plans or not len(data.truth.t_ns):
+        return data
+    plan = data.plans[0]
+    last = reached(data).get(max(data.plan_file.places_m))
+    end_ns = int(data.truth.t_ns[-1]) if last is None else last.t_ns
+    track = data.truth.between(plan.t_ns, end_ns)
+    if not len(track.t_ns):
+        return data
+    flown_m = polyline.length(track.pos_m[:, :2])
+    battery = data.battery.remaining
+    record = replace(
+        UNKNOWN_ROUND,
+        round=plan.round,
+        start_t_s=plan.t_ns / NS_PER_S,
+        duration_s=(end_ns - plan.t_ns) / NS_PER_S,
+        plan_path_m=plan.path_m,
+        flown_path_m=flown_m,
+        budget_used_m=flown_m,
+        battery_remaining=float(battery[-1]) if len(battery) else math.nan,
+    )
+    return replace(data, plans=(plan,), rounds=(record,))
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -1,15 +1,17 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mission.analysis.alignment import align, closest_approach
-from mission.analysis.load import flown
+from mission.analysis.load import flown, reached
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
@@ -20,14 +22,15 @@ class Measured:
     """One round's samples and slots, from which its numbers and the run's are made."""
 
     record: RoundRecord
+    plan_duration_s: float
     cross_m: Floats
     straight: Floats  # cross-track of the samples on straights
     corner_cut_m: Floats
-    height_m: Floats
+    height_m: Floats  # error over the track; at the places of a plan file, whose heights vary
     slot_along_m: Floats
     slot_miss_m: Floats
     slot_late_s: Floats
-    slots: int
+    slots: int  # steps with a scheduled device; or the places of a plan file
     estimate_m: Floats
     estimate_height_m: Floats
     plan_per: Floats
@@ -43,7 +46,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     if not len(truth.t_ns):
         raise InputError(f"round {record.round}: the log has no position in its time")
     xy = truth.pos_m[:, :2]
-    fit = align(xy, plan.waypoints_m)
+    fit = align(xy, plan.route_m)
     from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
     cuts = [
         closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
@@ -56,12 +59,16 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     miss = np.array(
         [(item.true_x_m - item.plan_x_m, item.true_y_m - item.plan_y_m) for item in reached]
     ).reshape(-1, 2)
-    heading = np.array([_heading(plan.waypoints_m, item.step) for item in reached]).reshape(-1, 2)
+    at = route_index(plan)
+    heading = np.array([_heading(plan.route_m, int(at[item.step])) for item in reached]).reshape(
+        -1, 2
+    )
     error = belief.pos_m - truth.pos_m
     plan_per = np.array([item.plan_per for item in uplinks])
     true_per = np.array([item.true_per for item in uplinks])
-    return Measured(
+    measured = Measured(
         record=record,
+        plan_duration_s=float(plan.ideal_slot_s[-1]),
         cross_m=fit.cross_m,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
@@ -77,10 +84,34 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         true_per=true_per,
         per_shift=true_per - plan_per,
     )
+    return measured if run.plan_file is None else _at_places(measured, run)
+
+
+def _at_places(measured: Measured, run: FlightData) -> Measured:
+    """With the places of the plan file in place of slots."""
+    places_m = run.plan_file.places_m if run.plan_file else {}
+    away_m = [np.array(event.true_m) - places_m[seq] for seq, event in reached(run).items()]
+    miss = np.array(away_m).reshape(-1, 3)
+    return replace(
+        measured,
+        height_m=miss[:, 2],
+        slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
+        slots=len(places_m),
+    )
 
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
     return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
+
+
+def route_index(plan: PlanRecord) -> NDArray[np.int64]:
+    """(N,) which points of the route are the waypoints, in their order."""
+    found: list[int] = []
+    for waypoint in plan.waypoints_m:
+        first = found[-1] + 1 if found else 0
+        same = (plan.route_m[first:] == waypoint).all(axis=1)
+        found.append(first + int(same.argmax()))
+    return np.array(found)
 
 
 def _heading(waypoints_m: Floats, step: int) -> Floats:

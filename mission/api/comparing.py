@@ -36,9 +36,12 @@ def compare(
         raise InputError(f"compare: rounds = {rounds}: must be at least 1")
     loaded = [run if isinstance(run, Run) else load(run) for run in runs]
     found = [compare_run(run._loaded, rounds=rounds) for run in loaded]
-    names = [item.name for item in found]
+    names = [item.run.name for item in found]
     rows = [
-        {"run": item.name if names.count(item.name) == 1 else str(item.source), **asdict(numbers)}
+        {
+            "run": item.run.name if names.count(item.run.name) == 1 else str(item.run.path),
+            **asdict(numbers),
+        }
         for item in found
         for numbers in (item.rounds if by_round else (item.total,))
     ]

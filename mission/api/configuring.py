@@ -22,8 +22,8 @@ def config(
     """A run's configuration: `source`, with single keys set over it, checked as a whole.
 
     Args:
-        source: "quickstart", "paper" or "paper-sweep", which come along; the path of a TOML file;
-            or a configuration, which stays as it is.
+        source: "quickstart", "paper", "paper-sweep" or "town", which come along; the path of a TOML
+            file; or a configuration, which stays as it is.
         overrides: values by dotted key, as on the command line: {"mission.rounds": 3}.
 
     Raises:
@@ -77,13 +77,4 @@ def folder(path: Path | str | None, what: str) -> Path | None:
 
 
 def _found(source: Source) -> "Path | RunConfig":
-    from mission.config.loading import built_in_names, builtin_config
-
-    if not isinstance(source, str):
-        return source
-    if source in built_in_names():
-        return builtin_config(f"{source}.toml")
-    if not Path(source).exists() and not source.endswith(".toml"):
-        names = ", ".join(map(repr, built_in_names()))
-        raise InputError(f"{source!r}: no configuration; give a TOML file, or one of {names}")
-    return Path(source)
+    return Path(source) if isinstance(source, str) else source

@@ -152,7 +152,7 @@ def run(
     has a thread with a loop of its own then.
 
     Args:
-        source: "quickstart", "paper" or "paper-sweep"; a TOML file; or a configuration.
+        source: "quickstart", "paper", "paper-sweep", "town"; a TOML file; or a configuration.
         overrides: values by dotted key: {"mission.rounds": 3, "mission.strategy": "no_cov"}.
         out: new or empty folder for the results; default: a new one under runs/.
         data_dir: folder with the data sets' files, where tasks need files.

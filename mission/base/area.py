@@ -4,13 +4,14 @@ Area coordinates are x east, y north in metres from the south-west corner of the
 vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
+from mission.base.airspace import OPEN, Airspace
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +23,7 @@ class Area:
     size_m: tuple[float, float]  # width (x), height (y)
     home_m: tuple[float, float]
     home: GeodeticPoint
+    airspace: Airspace = field(default=OPEN, compare=False)  # where in it may be flown
 
     @property
     def frame(self) -> LocalFrame:

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rich.console import Console
+from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,11 @@ class RunConsole:
         """A line for people."""
         if not self.quiet:
             self.out.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    def show(self, table: Table) -> None:
+        """A table for people."""
+        if not self.quiet:
+            self.out.print(table)
 
     @contextmanager
     def waiting(self, what: str) -> Iterator[None]:

@@ -1,9 +1,10 @@
 """What is wrong with a configuration, a line a key: where it stands, its value, what it may be."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -15,6 +16,8 @@ _LONG = 60  # characters of a value that are shown
 _TABLE = "a table"
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
+Given: TypeAlias = Mapping[str, str]  # keys of the command line -> the options that set them
+NOTHING: Given = MappingProxyType({})
 
 
 def explain(
@@ -23,12 +26,13 @@ def explain(
     source: str,
     *,
     notation: Notation = "TOML",
-    given: Collection[str] = (),
+    given: Given = NOTHING,
     giver: str = "command line",
 ) -> list[str]:
     """A line for each wrong key of what was read from `source`, a file or a place in one.
 
-    Keys in `given` were set by `giver` and are not blamed on the file.
+    Keys in `given` were set by `giver` and are not blamed on the file; each has the option that
+    set it, or nothing for `--set`.
     """
     items = error.errors()
     # Pydantic counts the elements of a list without those that it refuses.
@@ -49,10 +53,12 @@ def refusal(
     reason: str,
     source: str,
     *,
-    given: Collection[str] = (),
+    given: Given = NOTHING,
     giver: str = "command line",
 ) -> str:
     """The line about one key and its value."""
+    if option := given.get(name):
+        return f"{option} {value}: {reason}"
     return f"{_Blame(source, given, giver).on(name)}: {name} = {shown(value)}: {reason}"
 
 
@@ -67,7 +73,7 @@ class _Blame:
     """Where a wrong key may come from."""
 
     source: str
-    given: Collection[str]
+    given: Given
     giver: str
 
     def on(self, name: str) -> str:
@@ -102,6 +108,8 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, blame: _Blame) -> s
             reason = f"must be {words}{_choice(value, key)}"
             if notation == "TOML":
                 reason += _heading(value, key)
+    if option := blame.given.get(name):
+        return f"{option} {value}: {reason}"
     return f"{blame.on(name)}: {name or 'configuration'}{equals}: {reason}"
 
 

@@ -1,9 +1,8 @@
 """Lengths along a polyline, in the unit of its points."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from mission.base.arrays import Floats
 
 
 def legs(points: Floats) -> Floats:

@@ -36,11 +36,32 @@ LIBRARIES = (
 _LOCK = ".lock"
 
 
+class _Inside:
+    """The path of a file or folder in a run's folder."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, folder: "RunFolder", owner: object) -> Path:
+        return folder.path / self._name
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """Where a run leaves what it flew and learnt."""
 
     path: Path
+
+    config = _Inside("config.toml")
+    devices = _Inside("devices.csv")
+    rounds = _Inside("rounds.csv")
+    uplinks = _Inside("uplinks.csv")
+    learning = _Inside("learning.csv")
+    log = _Inside("flight.mcap")
+    plans = _Inside("plans")
+    summary = _Inside("summary.json")
+    checkpoint = _Inside("checkpoint")
+    figures = _Inside("figures")
 
     @classmethod
     def create(cls, path: Path) -> Self:
@@ -116,46 +137,6 @@ class RunFolder:
             or fnmatch(name, "learning-*.bin")
             for name in left
         )
-
-    @property
-    def config(self) -> Path:
-        return self.path / "config.toml"
-
-    @property
-    def devices(self) -> Path:
-        return self.path / "devices.csv"
-
-    @property
-    def rounds(self) -> Path:
-        return self.path / "rounds.csv"
-
-    @property
-    def uplinks(self) -> Path:
-        return self.path / "uplinks.csv"
-
-    @property
-    def learning(self) -> Path:
-        return self.path / "learning.csv"
-
-    @property
-    def log(self) -> Path:
-        return self.path / "flight.mcap"
-
-    @property
-    def plans(self) -> Path:
-        return self.path / "plans"
-
-    @property
-    def summary(self) -> Path:
-        return self.path / "summary.json"
-
-    @property
-    def checkpoint(self) -> Path:
-        return self.path / "checkpoint"
-
-    @property
-    def figures(self) -> Path:
-        return self.path / "figures"
 
     def status(self) -> str | None:
         """How the run ended as its summary says; None without a readable summary."""

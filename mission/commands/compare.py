@@ -3,8 +3,9 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
 from rich.console import Console
 
 from mission.base.errors import InputError
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def compare(
     run: Path,
     *others: Path,
-    as_json: bool = False,
+    as_json: Annotated[bool, Parameter(name=("--json", "--as-json"), negative=())] = False,
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:
@@ -37,28 +38,18 @@ def compare(
     as_json
         Print JSON, with every number at full precision, instead of tables.
     figure
-        Draw them into this file too, runs round by round: .png, .svg or .pdf.
+        Draw them into this file too, runs round by round, flights of plan files along the plan:
+        .png, .svg or .pdf.
     rounds
         Only the first rounds, up to this number: so that runs of different length compare.
     """
-    from mission.analysis.compare_plan import is_plan_flight
     from mission.analysis.load import load_run
 
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
     loaded = [load_run(path) for path in (run, *others)]
     aside = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    flights = [item for item in loaded if is_plan_flight(item)]
-    if flights and len(flights) < len(loaded):
-        other = next(item for item in loaded if not is_plan_flight(item))
-        raise InputError(
-            f"{other.path}: not a flight of aerofed fly; flights of plan files and runs cannot "
-            "stand side by side"
-        )
-    if flights:
-        data = _flights(flights, as_json=as_json, figure=figure)
-    else:
-        data = _runs(loaded, aside, rounds=rounds, as_json=as_json, figure=figure)
+    data = _runs(loaded, aside, rounds=rounds, as_json=as_json, figure=figure)
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")
@@ -95,30 +86,8 @@ def _runs(
 def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
     counts = [len(item.rounds) for item in found]
     if len(set(counts)) > 1:
-        each = ", ".join(f"{item.name} {n}" for item, n in zip(found, counts, strict=True))
+        each = ", ".join(f"{item.run.name} {n}" for item, n in zip(found, counts, strict=True))
         aside.print(
             f"runs of different length (rounds: {each}): their sums do not compare; "
             f"--rounds {min(counts)} takes the rounds that all of them have"
         )
-
-
-def _flights(
-    loaded: Sequence["LoadedRun"], *, as_json: bool, figure: Path | None
-) -> list[dict[str, Any]]:
-    from mission.analysis.compare_plan import plain_numbers, plan_flight
-    from mission.analysis.comparison_text import flights_side_by_side
-
-    found = [plan_flight(item) for item in loaded]
-    if figure is not None:
-        from mission.figures.flight import profiles
-        from mission.figures.render import save
-
-        save(profiles(found), figure)
-    if not as_json:
-        if len(found) == 1:
-            print("\n".join(found[0].numbers.lines()))
-        else:
-            console = Terminal()
-            for table in flights_side_by_side(found, width=console.width):
-                console.print(table)
-    return [{"source": str(item.run.path), **plain_numbers(item.numbers)} for item in found]

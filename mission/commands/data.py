@@ -9,6 +9,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColum
 
 from mission.base.errors import InputError, LinkLostError
 from mission.base.terminal import Terminal
+from mission.commands.options import Json, print_json
 
 if TYPE_CHECKING:
     from fl.data.fetch import TaskCheck
@@ -17,7 +18,7 @@ Task = Literal["mnist", "fashion-mnist", "cifar10"]
 Tasks = Annotated[tuple[Task, ...], Parameter(name="--task", negative=(), consume_multiple=True)]
 
 
-def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
+def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = False) -> int:
     """Download data sets from their official locations; a file is kept if its checksum is right.
 
     Files that are there already and right are left alone.
@@ -30,17 +31,21 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
         Each data set gets a folder of its name in it.
     task
         Which data sets.
+    as_json
+        Print the files' paths as a JSON list.
     """
     from fl.data.fetch import fetch as download
     from fl.errors import FetchError, SettingError
 
     console = _console()
+    done: list[Path] = []
     with Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         DownloadColumn(),
         console=console,
         transient=True,
+        disable=as_json,
     ) as bar:
         shown: dict[str, TaskID] = {}
 
@@ -56,12 +61,15 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10")) -> int:
                 raise LinkLostError(str(error)) from None
             except SettingError as error:
                 raise InputError(str(error)) from None
-            for path in paths:
+            done += paths
+            for path in () if as_json else paths:
                 console.print(path)
+    if as_json:
+        print_json(done)
     return 0
 
 
-def check(folder: Path, *, task: Tasks | None = None) -> int:
+def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> int:
     """Read every data set in a folder as a run would, and say what was found.
 
     Example: aerofed data check data
@@ -72,6 +80,8 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
         The data folder.
     task
         Which data sets must be there. Default: those that are, and one at least.
+    as_json
+        Print what was found as a JSON list.
     """
     from fl.data.fetch import TASKS
     from fl.data.fetch import check as look
@@ -82,16 +92,20 @@ def check(folder: Path, *, task: Tasks | None = None) -> int:
             f" or a sub-folder for each: aerofed data check {folder.absolute().parent}"
         )
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
+        raise InputError(f"{folder}: no such folder; aerofed data fetch {folder} makes it")
     found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or TASKS))
     console = _console()
-    for item in found:
+    for item in () if as_json else found:
         console.print(f"{item.task}: {item.status}: {item.detail}")
+    if as_json:
+        print_json(found)
     bad = {"damaged"} if task is None else {"damaged", "missing"}
     if any(item.status in bad for item in found):
         return InputError.exit_code
     if all(item.status == "missing" for item in found):
-        raise InputError(f"{folder}: holds none of the data sets")
+        raise InputError(
+            f"{folder}: holds none of the data sets; aerofed data fetch {folder} downloads them"
+        )
     return 0
 
 

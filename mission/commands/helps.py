@@ -1,8 +1,13 @@
 """Help of the commands that are imported only when they are called: a line and an example."""
 
+INIT = """Write a configuration of your own, with comments, to begin from.
+
+Example: aerofed init
+Example: aerofed init paper --out my-paper"""
+
 RUN = """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
-Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6
+Example: aerofed run paper --data-dir data --rounds 6 --out paper6
 Example: aerofed run --gcs udpout://127.0.0.1:14550 --set link.speed=1
 Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540"""
 
@@ -22,7 +27,7 @@ Example: aerofed plan --problem problems.json --out plans.json --figure pictures
 
 LINK_BUDGET = """Who can be reached from where: packet error rate over distance.
 
-Example: aerofed link-budget configs/paper.toml --set channel.extra_gain_db=3"""
+Example: aerofed link-budget paper --set channel.extra_gain_db=3"""
 
 LOG = """Look into flight logs, mend and export them.
 
@@ -68,7 +73,7 @@ Example: aerofed fly survey.plan --out survey"""
 
 SWEEP = """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
 
-Example: aerofed sweep configs/paper.toml --data-dir data --seeds 3 --set learning.mu=0,0.1"""
+Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1"""
 
 DATA = """Fetch the data sets from where they are published, and check a folder.
 
@@ -85,3 +90,7 @@ Example: aerofed data check data"""
 REPRODUCTION = """A sweep's outcome as Markdown tables, beside what the paper reports.
 
 Example: aerofed reproduction paper-sweep --out table.md"""
+
+COMPLETION = """Print what makes a shell complete commands and options on Tab.
+
+Example: aerofed completion bash > ~/.local/share/bash-completion/completions/aerofed"""

@@ -10,11 +10,12 @@ from rich.table import Table
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import Terminal
+from mission.commands.options import Json, plain, print_json
 
 Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
 
 
-def recover(log: Path, out: Path | None = None) -> int:
+def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
     """Save everything sound of a log that was cut short or damaged, as a complete log.
 
     Example: aerofed log recover runs/quickstart/flight.mcap
@@ -25,11 +26,16 @@ def recover(log: Path, out: Path | None = None) -> int:
         The log, or its run's folder; it stays as it is.
     out
         The new log. Default: beside the old one, named *.recovered.mcap.
+    as_json
+        Print what was saved and what was lost as JSON.
     """
     from mission.log.read.recover import recover as save
 
     log = _file(log)
     saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
+    if as_json:
+        print_json(saved)
+        return 0
     console = _console()
     console.print(
         f"{saved.target}: {saved.messages} messages, {saved.attachments} attachments, "
@@ -43,7 +49,7 @@ def recover(log: Path, out: Path | None = None) -> int:
     return 0
 
 
-def info(log: Path) -> int:
+def info(log: Path, *, as_json: Json = False) -> int:
     """Say what is in a log: topics, schemas, rates, attachments, metadata.
 
     Example: aerofed log info runs/quickstart/flight.mcap
@@ -52,11 +58,17 @@ def info(log: Path) -> int:
     ----------
     log
         A complete, sound log, or its run's folder; anything else is refused.
+    as_json
+        Print it as JSON.
     """
     from mission.log.read.inspection import info as look
 
     log = _file(log)
     found = look(log)
+    if as_json:
+        topics = [{**plain(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
+        print_json({**plain(found), "messages": found.messages, "topics": topics})
+        return 0
     console = _console()
     console.print(
         f"{log}: {found.size_bytes / 1e6:.2f} MB, {found.messages} messages, "
@@ -78,7 +90,7 @@ def info(log: Path) -> int:
     return 0
 
 
-def check(log: Path) -> int:
+def check(log: Path, *, as_json: Json = False) -> int:
     """Verify every checksum, the numbering and the index of a log.
 
     Example: aerofed log check runs/quickstart/flight.mcap
@@ -88,11 +100,16 @@ def check(log: Path) -> int:
     log
         The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes,
         but gaps.
+    as_json
+        Print the findings as JSON.
     """
     from mission.log.read.inspection import check as verify
 
     log = _file(log)
     findings = verify(log)
+    if as_json:
+        print_json({"log": log, "sound": not findings, "findings": findings})
+        return LIMITS_NOT_MET if findings else 0
     console = _console()
     for finding in findings:
         console.print(f"{log}: {finding}")
@@ -107,6 +124,7 @@ def export(
     out: Path | None = None,
     *,
     to: Form,
+    as_json: Json = False,
 ) -> int:
     """Write a log's contents as tables, or its paths for a map.
 
@@ -123,8 +141,14 @@ def export(
         battery, wind and innovations; kml: devices, planned and flown paths; tlog: raw MAVLink,
         where the run recorded it; attachments: the files inside the log (configuration, a Foxglove
         layout).
+    as_json
+        Print the new files' paths as a JSON list.
     """
-    for path in _write(_file(log), out, to):
+    written = _write(_file(log), out, to)
+    if as_json:
+        print_json(written)
+        return 0
+    for path in written:
         _console().print(path)
     return 0
 
@@ -150,7 +174,7 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
     return export_csv(log, folder) if to == "csv" else export_attachments(log, folder)
 
 
-def diff(first: Path, second: Path) -> int:
+def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     """Say where two logs differ.
 
     Example: aerofed log diff a/flight.mcap b/flight.mcap
@@ -161,11 +185,16 @@ def diff(first: Path, second: Path) -> int:
         A log, or its run's folder.
     second
         Another. Exit code 0: they say the same; 6: they differ.
+    as_json
+        Print the differences as JSON.
     """
     from mission.log.read.inspection import diff as compare
 
     console = _console()
     lines = compare(_file(first), _file(second))
+    if as_json:
+        print_json({"same": not lines, "differences": lines})
+        return LIMITS_NOT_MET if lines else 0
     for line in lines:
         console.print(line)
     if lines:

@@ -1,6 +1,9 @@
 """Options that several commands have, and what is made of them."""
 
+import json
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +21,18 @@ LIVE_PORT = 8765  # that Foxglove proposes
 
 Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]
 Flag = Annotated[bool, Parameter(negative=())]
+Json = Annotated[bool, Parameter(name="--json", negative=())]
+
+# Options of their own that set a key: what is wrong with one is said of the option.
+_OPTIONS = {
+    "seed": "--seed",
+    "mission.rounds": "--rounds",
+    "planner.kind": "--method",
+    "planner.gap": "--gap",
+    "link.gcs": "--gcs",
+    "link.url": "--vehicle",
+    "vehicle.aircraft.wind.speed_mps": "--wind",
+}
 
 
 def load(
@@ -35,8 +50,32 @@ def load(
     from mission.config.overrides import parse_override
 
     overrides = dict(parse_override(text) for text in set_)
-    overrides |= {key: value for key, value in (options or {}).items() if value is not None}
-    return load_config(config or builtin_config("quickstart.toml"), overrides)
+    mine = {key: value for key, value in (options or {}).items() if value is not None}
+    named = {key: _OPTIONS[key] for key in mine if key in _OPTIONS}
+    source = config or builtin_config("quickstart.toml")
+    return load_config(source, overrides | mine, options=named)
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON; what JSON has no number for (NaN, infinity) as null."""
+    Terminal(soft_wrap=True, highlight=False, markup=False).print(
+        json.dumps(plain(value), indent=2, allow_nan=False)
+    )
+
+
+def plain(value: Any) -> Any:
+    """A value of dataclasses, paths and arrays as JSON has it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def console(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = False) -> RunConsole:

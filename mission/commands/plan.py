@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rich import box
 from rich.console import Console
@@ -10,7 +10,7 @@ from rich.table import Table
 
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
-from mission.commands.options import Overrides, load
+from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
@@ -24,10 +24,11 @@ def plan(
     out: Path | None = None,
     figure: Path | None = None,
     qgc: Path | None = None,
-    method: str | None = None,
+    method: Literal["certified", "sqp", "paper", "paper_literal"] | None = None,
     gap: float | None = None,
     data_dir: Path | None = None,
     set_: Overrides = (),
+    as_json: Json = False,
 ) -> int:
     """Plan rounds without flying them.
 
@@ -44,16 +45,18 @@ def plan(
     qgc
         QGroundControl plan of the configuration's first round.
     method
-        certified, sqp, paper or paper_literal; overrides planner.kind.
+        The planner; overrides planner.kind.
     gap
         certified: relative gap that is enough; overrides planner.gap.
     data_dir
         Folder with the data sets' files, where the configuration's tasks need files.
     set_
         Override any key of the configuration: --set mission.steps=8
+    as_json
+        Print the plans as JSON, as --out writes them.
     """
     from mission.commands.planning import plan_problems
-    from mission.planner.files import NamedProblem, read_problems
+    from mission.planner.files import NamedProblem, plans_as_json, read_problems
 
     for path in (out, qgc):
         if path is not None and path.exists():
@@ -82,13 +85,16 @@ def plan(
     )
     if qgc is not None and scenario is not None:
         _write_qgc(qgc, problems[0], planned.plans[0], scenario)
-    _print(planned.plans)
+    if as_json:
+        print_json(plans_as_json(planned.plans))
+    else:
+        _print(planned.plans)
     if planned.failure is not None:
         raise planned.failure
     return 0
 
 
-def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
+def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Json = False) -> int:
     """Print the packet error rate over distance, the served radius, and the logistic fit.
 
     Parameters
@@ -97,11 +103,17 @@ def link_budget(config: Path | None = None, *, set_: Overrides = ()) -> int:
         TOML file whose channel is shown. Without one, the quick start's.
     set_
         Override any key: --set channel.preset=literal
+    as_json
+        Print JSON, with every number at full precision.
     """
     from mission.commands.planning import budget_report
 
     resolved = load(config, set_)
     report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
+    if as_json:
+        about = {"preset": resolved.channel.preset, "altitude_m": resolved.mission.altitude_m}
+        print_json({**about, **report.numbers, "warning": report.warning})
+        return 0
     console = Terminal(soft_wrap=True, highlight=False, markup=False)
     console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
     for line in report.lines:

@@ -2,9 +2,10 @@
 
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,6 +90,7 @@ class BudgetReport:
     """The link budget as lines of text, and a warning where there is one."""
 
     lines: tuple[str, ...]
+    numbers: Mapping[str, Any]  # the same for programs
     warning: str | None
 
 
@@ -98,7 +100,8 @@ def budget_report(channel: Channel) -> BudgetReport:
     fit = fit_logistic(channel)
     lines = [str(overhead), "", "distance m   PER"]
     distances = np.array(BUDGET_DISTANCES_M, dtype=np.float64)
-    for distance, per in zip(distances, average_per(channel, distances), strict=True):
+    per_at = average_per(channel, distances)
+    for distance, per in zip(distances, per_at, strict=True):
         lines.append(f"{distance:10.0f}   {per:.4f}")
     radius = served_radius(channel)
     lines += [
@@ -114,7 +117,14 @@ def budget_report(channel: Channel) -> BudgetReport:
             f"PER straight overhead is {overhead.per:.3f}: most packets are lost wherever the "
             "aircraft flies; choose another channel preset or raise tx_power_db"
         )
-    return BudgetReport(tuple(lines), warning)
+    numbers = {
+        "overhead": overhead,
+        "distance_m": distances,
+        "per": per_at,
+        "served_radius_m": radius,
+        "logistic": fit,
+    }
+    return BudgetReport(tuple(lines), numbers, warning)
 
 
 def served_radius(channel: Channel, *, per: float = 0.5) -> float:

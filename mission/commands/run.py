@@ -1,5 +1,8 @@
 """`aerofed run`."""
 
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +11,16 @@ from cyclopts import Parameter
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
-from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, console, load
+from mission.commands.options import (
+    LIVE_PORT,
+    RUNS,
+    Flag,
+    Json,
+    Overrides,
+    console,
+    load,
+    print_json,
+)
 
 
 def run(
@@ -25,16 +37,18 @@ def run(
     live_port: int = LIVE_PORT,
     log_mavlink: Flag = False,
     resume: Path | None = None,
+    no_report: Flag = False,
     quiet: Flag = False,
+    as_json: Json = False,
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
-    Example: aerofed run configs/paper.toml --data-dir data --rounds 6 --out paper6
+    Example: aerofed run paper --data-dir data --rounds 6 --out paper6
 
     Parameters
     ----------
     config
-        TOML file. Without one, the quick-start mission is flown.
+        TOML file, or quickstart, paper or town. Without one, the quick-start mission is flown.
     out
         Folder for the results; it must be new or empty. Default: a new one under runs/.
     data_dir
@@ -61,16 +75,22 @@ def run(
         time, so such a log is not the same twice; all other files and topics still are.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting.
+    no_report
+        Leave out report.html, the page that is written into the folder at the end.
     quiet
         Print nothing but errors.
+    as_json
+        Print nothing but the run's summary as JSON, at the end.
     """
-    watching = console(quiet=quiet, live=live, live_port=live_port, log_mavlink=log_mavlink)
+    watching = console(
+        quiet=quiet or as_json, live=live, live_port=live_port, log_mavlink=log_mavlink
+    )
     stopwatch = Stopwatch()
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
         if any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
-        return _resume(resume, watching, stopwatch)
+        return _resume(resume, watching, stopwatch, no_report=no_report, as_json=as_json)
     options = {
         "seed": seed,
         "mission.rounds": rounds,
@@ -96,10 +116,20 @@ def run(
         load_data(resolved, data_dir)
         # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
         from mission.run.session import fly_session
-    return fly_session(resolved, folder, data_dir=data_dir, console=watching, stopwatch=stopwatch)
+    with _summary_of(folder, as_json=as_json):
+        return fly_session(
+            resolved,
+            folder,
+            data_dir=data_dir,
+            console=watching,
+            stopwatch=stopwatch,
+            page=None if no_report else _page,
+        )
 
 
-def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch) -> int:
+def _resume(
+    path: Path, watching: RunConsole, stopwatch: Stopwatch, *, no_report: bool, as_json: bool
+) -> int:
     from mission.base.run_folder import RunFolder
     from mission.run.resume import read_checkpoint
 
@@ -107,4 +137,26 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch) -> int:
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
-    return resume_session(path, console=watching, stopwatch=stopwatch)
+    with _summary_of(path, as_json=as_json):
+        page = None if no_report else _page
+        return resume_session(path, console=watching, stopwatch=stopwatch, page=page)
+
+
+def _page(folder: Path) -> None:
+    from mission.report.page import write_report
+
+    write_report(folder)
+
+
+@contextmanager
+def _summary_of(folder: Path, *, as_json: bool) -> Iterator[None]:
+    """Print the summary of the run in a folder after the block, however that ends."""
+    from mission.base.run_folder import RunFolder
+
+    try:
+        yield
+    finally:
+        summary = RunFolder(folder).summary
+        if as_json and summary.is_file():
+            values = json.loads(summary.read_text(encoding="utf-8"))
+            print_json({"folder": folder, **values})

@@ -5,7 +5,7 @@ from typing import Literal
 
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
-from mission.commands.options import RUNS, Overrides
+from mission.commands.options import RUNS, Flag, Json, Overrides, print_json
 
 _PIPE_WIDTH = 160  # a file needs no line breaks
 ALL = "cov,no_cov,barycenter,rectangular,ideal"
@@ -24,18 +24,20 @@ def sweep(
     run_figures: bool = True,
     engine: Literal["joblib", "ray"] = "joblib",
     address: str | None = None,
+    no_report: Flag = False,
+    as_json: Json = False,
 ) -> int:
     """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
 
     An interrupted sweep goes on when the same command is given again; seeds, strategies and
     values may be added then.
 
-    Example: aerofed sweep configs/paper.toml --data-dir data --seeds 3 --set learning.mu=0,0.1
+    Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1
 
     Parameters
     ----------
     config
-        TOML file.
+        TOML file, or quickstart, paper, paper-sweep or town.
     strategies
         Which to compare, separated by commas; package.module:factory is one of your own.
     seeds
@@ -57,6 +59,10 @@ def sweep(
     address
         Of the Ray cluster; without one, Ray is started on this machine. With a cluster, OUT and
         the data folder must be visible to all its machines.
+    no_report
+        Leave out report.html, the page that is written into the folder at the end.
+    as_json
+        Print nothing but the results, a row a run, as JSON at the end.
     """
     from mission.sweep.execute.choice import check_options
     from mission.sweep.grid import make_grid, parse_axis
@@ -77,16 +83,36 @@ def sweep(
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
 
-    console = Terminal()
+    console = Terminal(quiet=as_json)
     if not console.is_terminal:
-        console = Terminal(width=_PIPE_WIDTH)
-    return execute(
-        grid,
-        out or RUNS / f"sweep-{grid.base.name}",
-        data_dir=data_dir,
-        run_figures=run_figures,
-        engine=engine,
-        jobs=jobs,
-        address=address,
-        console=console,
-    )
+        console = Terminal(width=_PIPE_WIDTH, quiet=as_json)
+    folder = out or RUNS / f"sweep-{grid.base.name}"
+    try:
+        return execute(
+            grid,
+            folder,
+            data_dir=data_dir,
+            run_figures=run_figures,
+            engine=engine,
+            jobs=jobs,
+            address=address,
+            console=console,
+            page=None if no_report else _page,
+        )
+    finally:
+        if as_json and (folder / "sweep.json").is_file():
+            _print_results(folder)
+
+
+def _page(folder: Path) -> None:
+    from mission.report.sweep_page import write_sweep_report
+
+    write_sweep_report(folder, folder / "report.html")
+
+
+def _print_results(folder: Path) -> None:
+    from mission.sweep.state import read_sweep
+
+    state = read_sweep(folder)
+    runs = [{**result.point.keys, **result.summary} for result in state.results]
+    print_json({"folder": folder, "runs": runs, "missing": state.missing})

@@ -6,20 +6,24 @@ Anything wrong becomes one line per key: file, dotted path, value, what is allow
 import json
 import tomllib
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from mission.base.errors import InputError
-from mission.base.explain import explain, refusal
+from mission.base.explain import NOTHING, explain, refusal
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
+from mission.config.world import with_world
+
+SHIPPED = ("quickstart", "paper", "paper-sweep", "town")  # names that stand for a file
 
 
 def builtin_config(name: str) -> Path:
-    """A configuration that comes with the product, installed or in a checkout."""
+    """A file that comes with the product, installed or in a checkout."""
     package = Path(__file__).parents[1]
     for folder in (package / "configs", package.parent / "configs"):
         if (folder / name).is_file():
@@ -27,41 +31,62 @@ def builtin_config(name: str) -> Path:
     raise InputError(f"built-in configuration {name} is missing from the installation")
 
 
-def built_in_names() -> tuple[str, ...]:
-    """The configurations that come with the product, without their `.toml`."""
-    return tuple(
-        sorted(path.stem for path in builtin_config("quickstart.toml").parent.glob("*.toml"))
-    )
+def shipped_files(name: str) -> tuple[Path, ...]:
+    """The shipped configuration of that name, and the files that it names."""
+    config = builtin_config(f"{name}.toml")
+    return (config, *sorted(config.parent.glob(f"{name}-*.geojson")))
+
+
+def config_file(path: Path) -> Path:
+    """The file itself, or the shipped configuration of that name where there is no such file.
+
+    Raises:
+        InputError: neither; says which names are known.
+    """
+    if path.is_file() or path.suffix or len(path.parts) != 1:
+        return path
+    if str(path) in SHIPPED:
+        return builtin_config(f"{path}.toml")
+    close = get_close_matches(str(path), SHIPPED, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise InputError(f"{path}: no such configuration file; shipped are {', '.join(SHIPPED)}{hint}")
 
 
 def load_config(
     source: Path | RunConfig,
     overrides: Mapping[str, Any] | None = None,
     *,
+    options: Mapping[str, str] = NOTHING,
     giver: str = "command line",
 ) -> RunConfig:
-    """Read a TOML file, or take a configuration; apply overrides by dotted path, and validate.
+    """Read a TOML file, or a shipped configuration by its name, or take a configuration; apply
+    overrides by dotted path, and validate.
 
-    `giver` is what an error calls the place that the overrides come from.
+    `giver` is what an error calls the place that the overrides come from; `options` says which of
+    them an option of the command line made.
 
     Raises:
         InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
             names a file, parameter or module that is not there; a line for each.
     """
     if isinstance(source, RunConfig):
-        name, data = "configuration", source.model_dump(mode="json", exclude_none=True)
+        path = Path("configuration")
+        data = source.model_dump(mode="json", exclude_none=True)
     else:
-        name, data = str(source), _read(source)
-    given = frozenset(overrides or {})
+        path = config_file(source)
+        data = _read(path)
+    name = str(path)
     for dotted, value in (overrides or {}).items():
         override(data, dotted, value, source=name, giver=giver)
+    given = {key: options.get(key, "") for key in overrides or {}}
     try:
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         lines = explain(error, RunConfig, name, given=given, giver=giver)
         raise InputError("\n".join(lines)) from None
-    lines = [refusal(*item, name, given=given, giver=giver) for item in problems(config)]
+    config = with_world(config, path, given=given)
+    lines = [refusal(*problem, name, given=given, giver=giver) for problem in problems(config)]
     if lines:
         raise InputError("\n".join(lines))
     return config

@@ -1,14 +1,17 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig
 from fl.plugins import checked_name, is_plugin
 from flightdyn.state import GeodeticPoint
+from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
@@ -23,6 +26,36 @@ class _Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
+Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=500)]
+HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
+
+
+class NoFlyConfig(_Model):
+    """An area that must not be flown: paths lead around it, and the vehicle has it as its fence."""
+
+    name: str = Field("no entry", min_length=1, max_length=60, description="for maps and messages")
+    polygon_m: Corners = Field(description="its corners in area coordinates")
+    from_m: float = Field(
+        0.0, ge=-100, le=5000, description="height above home where it begins; lower may be flown"
+    )
+    to_m: float | None = Field(
+        None, ge=-100, le=5000, description="height above home where it ends; none: nowhere"
+    )
+
+    @model_validator(mode="after")
+    def _an_area(self) -> Self:
+        if crossing(np.array(self.polygon_m)):
+            raise ValueError(f"polygon_m of {self.name!r} crosses itself, or has no area")
+        if self.to_m is not None and self.to_m <= self.from_m:
+            raise ValueError(f"to_m = {self.to_m:g} must be above from_m = {self.from_m:g}")
+        return self
+
+    def counts_at(self, altitude_m: float) -> bool:
+        """Whether a flight at that height above home must keep out of it."""
+        top = math.inf if self.to_m is None else self.to_m
+        return self.from_m - HEIGHT_MARGIN_M < altitude_m < top + HEIGHT_MARGIN_M
+
+
 class AreaConfig(_Model):
     """The ground that the devices stand on. x points east, y north, from the south-west corner."""
 
@@ -35,11 +68,40 @@ class AreaConfig(_Model):
     home_alt_msl_m: float = Field(
         130.0, ge=-400, le=5000, description="ground altitude above mean sea level"
     )
+    no_fly: tuple[NoFlyConfig, ...] = Field((), description="areas that must not be flown")
+    no_fly_file: str | None = Field(
+        None,
+        description="the same as GeoJSON polygons, with properties name, from_m and to_m. Beside "
+        "the configuration, or an absolute path",
+    )
+    fence_m: Corners | None = Field(
+        None, description="corners of the area that flights stay within, in area coordinates"
+    )
+    fence_file: str | None = Field(None, description="the same as one GeoJSON polygon")
+    margin_m: float = Field(
+        15.0,
+        ge=5,
+        le=500,
+        description="how far paths stay away from areas that must not be flown, and from the fence",
+    )
 
-    def build(self) -> Area:
-        """The area with its local frame."""
+    @model_validator(mode="after")
+    def _one_fence(self) -> Self:
+        if self.fence_m is not None and self.fence_file is not None:
+            raise ValueError("fence_m and fence_file: one of them, not both")
+        if self.fence_m is not None and crossing(np.array(self.fence_m)):
+            raise ValueError("fence_m crosses itself, or has no area")
+        return self
+
+    def build(self, altitude_m: float | None = None) -> Area:
+        """The area with its local frame, and where in it may be flown at that height above home;
+        everywhere, where nothing is flown."""
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
-        return Area(self.size_m, self.home_m, home)
+        if altitude_m is None:
+            return Area(self.size_m, self.home_m, home)
+        rings = [np.array(zone.polygon_m) for zone in self.no_fly if zone.counts_at(altitude_m)]
+        fence = None if self.fence_m is None else np.array(self.fence_m)
+        return Area(self.size_m, self.home_m, home, Airspace(tuple(rings), fence, self.margin_m))
 
 
 STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
@@ -61,7 +123,7 @@ class MissionConfig(_Model):
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
-    path_budget_m: float = Field(800.0, ge=0, le=20_000, description="L_max, metres a round")
+    path_budget_m: float = Field(800.0, gt=0, le=20_000, description="L_max, metres a round")
     total_budget_m: float = Field(
         40_000.0,
         gt=0,

@@ -91,5 +91,5 @@ def _beginning(key: Key) -> Any:
     if key.inner(0) is None:
         return {} if _holds(key) else None
     field = next(item for item in reversed(key.bounds) if isinstance(item, FieldInfo))
-    default = field.get_default(call_default_factory=True)
+    default = field.get_default(call_default_factory=True, validated_data={})
     return [] if default is PydanticUndefined else list(default)

@@ -9,11 +9,12 @@ import numpy as np
 from mission.analysis.alignment import align
 from mission.analysis.compare import RunComparison
 from mission.analysis.load import flown
+from mission.base.arrays import Floats, Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
 from mission.figures.frame import thin
 from mission.figures.style import BAD, COOL, GOOD, GRID, WARM, table
-from mission.log.values import FlightData, Floats, InnovationTrack, Ints, WindTrack
+from mission.log.values import FlightData, InnovationTrack, WindTrack
 
 _POINTS = 400  # of a line over time: more cannot be told apart
 _TOLERANCE = 0.02  # metres that thinning may move a line
@@ -55,7 +56,7 @@ def along_chart(run: FlightData) -> alt.LayerChart:
     """Cross-track error along the path; of several rounds the parameter `shown` chooses one."""
     plans = {plan.round: plan for plan in run.plans}
     fits = {
-        record.round: align(flown(run, record).pos_m[:, :2], plans[record.round].waypoints_m)
+        record.round: align(flown(run, record).pos_m[:, :2], plans[record.round].route_m)
         for record in run.rounds
         if record.round in plans
     }

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mission.analysis.load import extent, flown
+from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
     FENCE,
@@ -20,7 +21,7 @@ from mission.figures.style import (
     named,
     table,
 )
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
@@ -42,13 +43,17 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     for zone in run.fence:
         closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
         lines.append(("fence" if zone.keep_in else "no entry", 0, closed))
-    lines += [("planned", plan.round, plan.waypoints_m) for plan in plans]
+    lines += [("planned", plan.round, plan.route_m) for plan in plans]
     records = {record.round: record for record in run.rounds}
     lines += [
         ("flown", plan.round, thin(flown(run, records[plan.round]).pos_m[:, :2], TOLERANCE_M))
         for plan in plans
         if plan.round in records
     ]
+    if run.plan_file is not None and run.rounds:
+        end_ns = int(flown(run, run.rounds[0]).t_ns[-1])
+        rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
+        lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
     return lines
 
 
@@ -89,8 +94,19 @@ class Frame:
             self.chart(area).mark_rect(fill=None, stroke=GRID, strokeWidth=1.4).encode(
                 x2="x2", y2="y2"
             ),
+            *self._areas(run),
             home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
             _label(home, "home", dy=14),
+        ]  # fmt: skip
+
+    def _areas(self, run: FlightData) -> list[alt.Chart]:
+        """What must not be flown, filled: a polygon is a closed line."""
+        rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
+        return [
+            alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))])).mark_line(
+                strokeWidth=0, fill=FENCE, fillOpacity=0.12, clip=True
+            ).encode(self.x(), self.y(), order="step:Q")
+            for ring in rings
         ]  # fmt: skip
 
     def lines(self, lines: Lines) -> list[alt.Chart]:

@@ -7,8 +7,10 @@ from typing import TypeAlias
 import altair as alt
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.frame import Frame, line_table, run_lines
+from mission.figures.places import places
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
@@ -23,7 +25,7 @@ from mission.figures.style import (
     table,
 )
 from mission.log.records import RoundRecord, UplinkRecord
-from mission.log.values import FlightData, Floats, PlanRecord
+from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0
@@ -69,7 +71,7 @@ def round_maps(run: FlightData, about: str) -> alt.ConcatChart:
 
 
 def round_map(
-    run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH
+    run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH, about: str = ""
 ) -> alt.LayerChart:
     """A map of one round; of several, of which the parameter `shown` chooses one.
 
@@ -81,11 +83,13 @@ def round_map(
         *frame.ground(run),
         *_links(run, frame, served),
         *frame.lines(run_lines(run, plans)),
-        *frame.waypoints(plans),
+        *(frame.waypoints(plans) if run.plan_file is None else places(frame, run)),
         *_devices(run, frame, [(p.round, p.importance, served[p.round]) for p in plans]),
     ]
     title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
-    return frame.finished(layers).properties(title=alt.TitleParams(title))
+    return frame.finished(layers).properties(
+        title=heading(title, about) if about else alt.TitleParams(title)
+    )
 
 
 def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
@@ -94,6 +98,8 @@ def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
 
 
 def _round_title(run: FlightData, plan: PlanRecord) -> str:
+    if run.plan_file is not None:
+        return "Planned and flown; numbers: items of the plan"
     record = record_of(run, plan)
     if record is None:
         return f"round {plan.round}: planned"

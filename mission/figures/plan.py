@@ -6,6 +6,7 @@ import numpy as np
 from mission.figures.charts import LayerChart
 from mission.figures.render import heading
 from mission.figures.style import (
+    FENCE,
     INK,
     PAPER,
     PLANNED,
@@ -37,7 +38,7 @@ def plan_picture(
         f"value {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
         f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m"
     )
-    every = np.vstack((problem.devices_m, plan.waypoints_m))
+    every = np.vstack((problem.devices_m, plan.route_m, *problem.airspace.keep_out))
     low, high = every.min(axis=0), every.max(axis=0)
     air = _AIR * float((high - low).max() or 1.0)
     low, high = low - air, high + air
@@ -65,6 +66,7 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
     )  # fmt: skip
     path = table(step=np.arange(len(plan.waypoints_m)), x=plan.waypoints_m[:, 0],
                  y=plan.waypoints_m[:, 1])  # fmt: skip
+    route = table(step=np.arange(len(plan.route_m)), x=plan.route_m[:, 0], y=plan.route_m[:, 1])
     count, served = len(problem.devices_m), np.isin(np.arange(len(problem.devices_m)), devices)
     dots = table(
         device=np.arange(count), x=problem.devices_m[:, 0], y=problem.devices_m[:, 1],
@@ -74,8 +76,9 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
     device = alt.Chart(dots).encode(x, y)
     start = way.transform_filter("datum.step == 0")
     return [
+        *_outlines(problem, x, y),
         alt.Chart(links).mark_rule(strokeWidth=1.3).encode(x, y, colour, x2="x2", y2="y2"),
-        way.mark_line(stroke=PLANNED, strokeWidth=1.8).encode(order="step:Q"),
+        alt.Chart(route).mark_line(stroke=PLANNED, strokeWidth=1.8).encode(x, y, order="step:Q"),
         way.mark_point(fill=PAPER, stroke=PLANNED, size=32, opacity=1),
         start.mark_point(fill=PLANNED, stroke=PLANNED, shape="square", size=70, opacity=1),
         start.mark_text(text="start", dy=-13, fontSize=10, color=SOFT),
@@ -88,6 +91,24 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
         ),
         device.mark_text(align="left", dx=8, dy=-7, fontSize=9, color=INK).encode(text="device:Q"),
     ]  # fmt: skip
+
+
+def _outlines(problem: RoundProblem, x: alt.X, y: alt.Y) -> list[alt.Chart]:
+    """Areas that must not be flown, and the fence."""
+    space = problem.airspace
+    made = []
+    for ring, fill in (
+        *((ring, FENCE) for ring in space.keep_out),
+        *(((space.keep_in, None),) if space.keep_in is not None else ()),
+    ):
+        closed = np.vstack((ring, ring[:1]))
+        data = table(step=np.arange(len(closed)), x=closed[:, 0], y=closed[:, 1])
+        made.append(
+            alt.Chart(data)
+            .mark_line(stroke=FENCE, strokeWidth=1.4, fill=fill, fillOpacity=0.12, clip=True)
+            .encode(x, y, order="step:Q")
+        )
+    return made
 
 
 def _scale(low: float, high: float) -> alt.Scale:

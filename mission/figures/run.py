@@ -9,8 +9,9 @@ from mission.analysis.compare import Comparison, RunComparison
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
+from mission.figures.flight import profiles
 from mission.figures.learning import learning_charts
-from mission.figures.maps import overview, round_maps
+from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.render import Chart, save, save_all, stacked
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
@@ -24,8 +25,8 @@ _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
 def draw_run(folder: Path) -> tuple[Path, ...]:
     """Draw a run's pictures into `folder/figures`: `map.png`, `rounds.png`, `learning.png`.
 
-    A picture for which the run has no data (nothing flown, no round finished) is left out.
-    Returns the files that were written.
+    Of a plan file's flight they are `map.png` and `profile.png`. A picture for which there are no
+    data (nothing flown, no round finished) is left out. Returns the files that were written.
 
     Raises:
         InputError: the folder is not a run, or the pictures cannot be written.
@@ -37,6 +38,11 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     """The pictures of a run, by the name of their file."""
     run, about = loaded.data, loaded.about
     pictures: dict[str, Chart] = {}
+    if run.plan_file is not None:
+        if run.rounds:
+            pictures["map.png"] = round_map(run, run.plans, about=about)
+            pictures["profile.png"] = profiles([loaded])
+        return pictures
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run, about)
         pictures["rounds.png"] = round_maps(run, about)
@@ -57,13 +63,18 @@ def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:
 
 
 def comparison_figure(runs: Sequence[RunComparison]) -> alt.VConcatChart:
-    """Runs against each other, round by round: tracking, timing, objective and arrivals."""
+    """Runs against each other, round by round: tracking, timing, objective and arrivals.
+
+    Flights of plan files, which have no rounds, stand against each other along their plans.
+    """
+    if all(run.run.data.plan_file is not None for run in runs):
+        return profiles([run.run for run in runs])
     charts = [
         line_chart(
             title,
             [
                 Series(
-                    run.about,
+                    run.run.about,
                     community_colour(index),
                     [item.round or 0 for item in run.rounds],
                     [value(item) for item in run.rounds],

@@ -6,10 +6,45 @@ from collections.abc import Sequence
 import numpy as np
 
 from mission.base.area import Area
-from mission.log.values import Floats, Zone
+from mission.base.arrays import Floats
+from mission.log.values import Zone
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.safety.fence import Circle, Polygon, compile_fence
+from sitl.autopilot.values.enums import Command, Frame, MissionType
 from sitl.autopilot.values.messages import MissionItem
+
+
+def fence_items(area: Area) -> list[MissionItem]:
+    """The fence of an area's airspace as it is uploaded; nothing where it is open."""
+    space = area.airspace
+    rings = [(Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION, ring) for ring in space.keep_out]
+    if space.keep_in is not None:
+        rings.append((Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, space.keep_in))
+    items: list[MissionItem] = []
+    for command, ring in rings:
+        for ned in area.to_ned(ring, 0.0):
+            place = area.frame.to_geodetic(ned)
+            items.append(
+                MissionItem(
+                    seq=len(items),
+                    command=command,
+                    frame=Frame.GLOBAL,
+                    params=(float(len(ring)), 0.0, 0.0, 0.0),
+                    x=place.lat_deg,
+                    y=place.lon_deg,
+                    z=0.0,
+                    mission_type=MissionType.FENCE,
+                )
+            )
+    return items
+
+
+def airspace_zones(area: Area) -> tuple[Zone, ...]:
+    """The areas and the fence of an area's airspace, for the log and the maps."""
+    space = area.airspace
+    zones = [Zone(ring, keep_in=False) for ring in space.keep_out]
+    return (*zones, *(() if space.keep_in is None else (Zone(space.keep_in, keep_in=True),)))
+
 
 _CORNERS = 72  # of a circle: its outline lies within a thousandth of the radius
 

@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
+from mission.base.airspace import OPEN, Airspace
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
 from mission.planner.problem import RoundPlan, RoundProblem
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -66,18 +65,21 @@ class FlightPlan:
 def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
     """Merge consecutive waypoints closer than `SAME_PLACE_M` to the first of them.
 
-    `hold_s` is the hover at every stop but the first; with one stop in all, at that one.
+    `hold_s` is the hover at every stop but the first; with one stop in all, at that one. Corners
+    between waypoints are stops without a step, and without a hover.
     """
     groups: list[tuple[Floats, list[int]]] = []
-    for step, point in enumerate(plan.waypoints_m):
+    steps = {int(at): step for step, at in enumerate(plan.stops_at)}
+    for at, point in enumerate(plan.route_m):
+        here = [steps[at]] if at in steps else []
         if groups and float(np.linalg.norm(point - groups[-1][0])) <= SAME_PLACE_M:
-            groups[-1][1].append(step)
+            groups[-1][1].extend(here)
         else:
-            groups.append((np.asarray(point, dtype=np.float64), [step]))
+            groups.append((np.asarray(point, dtype=np.float64), here))
     alone = len(groups) == 1
     return tuple(
-        Stop(point, tuple(steps), hold_s if alone or index > 0 else 0.0)
-        for index, (point, steps) in enumerate(groups)
+        Stop(point, tuple(served), hold_s if served and (alone or index > 0) else 0.0)
+        for index, (point, served) in enumerate(groups)
     )
 
 
@@ -93,7 +95,11 @@ def flight_of_round(
     return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
 
 
-def direct_flight(start_m: Floats, end_m: Floats, *, mission: MissionConfig) -> FlightPlan:
-    """Straight from one point (2,) of the area to another, serving nobody."""
-    stops = (Stop(start_m, ()), Stop(end_m, ()))
-    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, mission.acceptance_radius_m)
+def direct_flight(
+    start_m: Floats, end_m: Floats, *, mission: MissionConfig, airspace: Airspace = OPEN
+) -> FlightPlan:
+    """The shortest way from one point (2,) of the area to another, serving nobody."""
+    stops = tuple(Stop(point, ()) for point in airspace.way(start_m, end_m))
+    widest_m = mission.acceptance_radius_m
+    radius_m = widest_m if airspace.is_open else min(widest_m, airspace.margin_m / 2.0)
+    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)

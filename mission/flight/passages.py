@@ -7,11 +7,9 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.base.arrays import Floats
 from mission.flight.track import Flight, Passage
-
-Floats = NDArray[np.float64]
 
 _ARRIVED_M = 1.0  # of the closest approach, where a hover follows
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base import polyline
+from mission.base.arrays import Floats, Ints
 from sitl.observer import VehicleEvent, VehicleSample
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +25,7 @@ class Passage:
 class Flight:
     """One stretch of flight, from order to end."""
 
-    t_ns: NDArray[np.int64]  # (T,)
+    t_ns: Ints  # (T,)
     true_ned_m: Floats  # (T, 3)
     est_ned_m: Floats  # (T, 3)
     battery_remaining: float

@@ -3,16 +3,17 @@
 A field with words stands in the log's records, one without (its time) beside them.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Bools, Floats, Ints
 from mission.log.records import (
     MAYBE,
     NUMBER,
@@ -24,9 +25,6 @@ from mission.log.records import (
     UplinkRecord,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 XYZ = tuple[float, float, float]
 
 NS_PER_S = 1_000_000_000
@@ -98,11 +96,58 @@ class PlanRecord:
     ideal_slot_s: Annotated[
         Floats, NUMBERS, "(N,) seconds after the start at which a step is passed at speed"
     ]
+    route_m: Annotated[
+        Floats, PAIRS, "(P, 2) path as it is flown: waypoints, and corners around areas"
+    ]
+
+    @property
+    def route_height_m(self) -> Floats:
+        """(P,) planned height above home of each point of the route."""
+        if len(self.route_m) == len(self.height_m):
+            return self.height_m
+        return np.full(len(self.route_m), self.altitude_m)  # around areas only rounds fly
 
     @property
     def path_m(self) -> float:
         """Length of the planned polyline."""
-        return polyline.length(self.waypoints_m)
+        return polyline.length(self.route_m)
+
+
+@dataclass(frozen=True)
+class PlanFileRecord:
+    """The plan file that a log's only flight carries out: `aerofed fly` left it."""
+
+    source: str  # its name
+    places_m: Mapping[int, Floats]  # (3,) where an item leads, by its number
+    rally_m: tuple[Floats, ...] = ()  # (3,) each: where a return may lead beside home
+
+    KEY = "plan flight"  # of the metadata, by which such a log is known
+
+    def to_text(self) -> dict[str, str]:
+        """As MCAP metadata."""
+        places = {str(seq): place.tolist() for seq, place in self.places_m.items()}
+        rally = [place.tolist() for place in self.rally_m]
+        return {
+            "plan": self.source,
+            "places_m": json.dumps(places),
+            **({"rally_m": json.dumps(rally)} if rally else {}),
+        }
+
+    @classmethod
+    def from_text(cls, values: Mapping[str, str]) -> Self:
+        """The inverse of `to_text`.
+
+        Raises:
+            KeyError, ValueError: a key is missing or not what it should be.
+        """
+        places = json.loads(values["places_m"]).items()
+        return cls(
+            source=values["plan"],
+            places_m={int(seq): np.array(place, dtype=np.float64) for seq, place in places},
+            rally_m=tuple(
+                np.array(at, dtype=np.float64) for at in json.loads(values.get("rally_m", "[]"))
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -179,6 +224,7 @@ class FlightData:
     innovations: Mapping[str, InnovationTrack]  # by sensor; empty where the vehicle tells none
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
+    plan_file: PlanFileRecord | None = None  # None: the rounds of a run
 
 
 def area_to_text(area: Area) -> dict[str, str]:

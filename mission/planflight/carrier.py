@@ -4,15 +4,13 @@ import asyncio
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fl.radio.channel import CHANNEL_PRESETS
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.contact import look_at_vehicle
@@ -21,15 +19,14 @@ from mission.flight.flyers.simulated import SIMULATED_POSITIONS, SimulatedFlyer,
 from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits
 from mission.flight.pilot.pilot import Pilot
+from mission.log.values import PlanRecord
 from mission.log.write.writer import FlightLog
 from mission.planflight.prepare import PreparedPlan, prepare_plan
-from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem
 
-Floats = NDArray[np.float64]
 Say = Callable[[str], None]
 
 _SHORT_M = 20.0  # of its last place, a flight that says it has passed it
@@ -247,29 +244,25 @@ def _wait_s(items: list[MissionItem], seq: int) -> float:
 
 
 def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
-    """The planned path, as the log has it for rounds: one round that serves nobody."""
+    """The planned path, as the log has it for rounds: one that serves nobody."""
     points = area_xyz(ready.area, ready.path.points_ned_m)
-    plan = RoundPlan(points[:, :2], np.zeros((len(points), 0), dtype=bool), value=0.0)
-    channel = replace(CHANNEL_PRESETS["suburban"], altitude_m=ready.path.top_m)
-    problem = RoundProblem(
-        devices_m=np.zeros((0, 2)),
-        importance=np.zeros(0),
-        start_m=points[0, :2],
-        steps=len(points),
-        per_step=1,
-        path_budget_m=plan.path_m,
-        channel=channel,
-    )
     speed_mps = polyline.length(points) / ready.path.duration_s
-    slots_s = (polyline.along(points) / speed_mps).tolist()
-    log.plan(
-        t_ns,
-        1,
-        problem,
-        plan,
-        speed_mps=speed_mps,
-        ideal_slot_s=slots_s,
-        height_m=points[:, 2],
+    log.plan_record(
+        PlanRecord(
+            round=1,
+            t_ns=t_ns,
+            waypoints_m=points[:, :2],
+            schedule=np.zeros((len(points), 0), dtype=bool),
+            importance=np.zeros(0),
+            value=0.0,
+            upper_bound=math.nan,
+            path_budget_m=ready.path.path_m,
+            speed_mps=speed_mps,
+            altitude_m=ready.path.top_m,
+            height_m=points[:, 2],
+            ideal_slot_s=polyline.along(points) / speed_mps,
+            route_m=points[:, :2],
+        )
     )
 
 

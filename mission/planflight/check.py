@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.flying import route
@@ -21,8 +21,6 @@ from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, MissionResult
 from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0
@@ -198,14 +196,7 @@ def _path(
         start=route.Start(np.zeros(3), on_ground=True),
         frame=flight.frame,
         home=flight.home,
-        limits=route.Limits(
-            cruise_mps=p["MPC_XY_CRUISE"],
-            max_speed_mps=p["MPC_XY_VEL_MAX"],
-            climb_mps=p["MPC_Z_VEL_MAX_UP"],
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            takeoff_mps=p["MPC_TKO_SPEED"],
-            acceptance_m=p["NAV_ACC_RAD"],
-        ),
+        limits=route.Limits.of(p),
     )
     points: list[Floats] = [np.zeros(3)]
     duration_s = 0.0

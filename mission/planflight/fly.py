@@ -1,40 +1,34 @@
-"""One `aerofed fly`: a plan file flown by the simulated vehicle or an external autopilot, planned
-against flown.
+"""One `aerofed fly`: a run of one flight that serves nobody, by a plan file.
+
+The simulated vehicle or an external autopilot flies it; it is planned against flown as a run is.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mission.analysis.compare_plan import (
-    KEY,
-    METADATA,
-    PlanFlight,
-    flight_metadata,
-    plain_numbers,
-    plan_flight,
-    was_flown,
-)
-from mission.analysis.load import load_run
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.comparison_text import tables
+from mission.analysis.load import load_run, reached
 from mission.base import csv_text
 from mission.base.console import RunConsole
-from mission.base.errors import INTERRUPTED, FlightError
-from mission.base.interrupts import one_interruption, run_flight
-from mission.base.run_folder import RunFolder, environment, write_atomically
+from mission.base.errors import FlightError
+from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.models import RunConfig
 from mission.flight.flyers.ports import check_link
 from mission.flight.plan_file import read_plan_file
-from mission.log.live.view import live_views
-from mission.log.values import Devices, FlightData
+from mission.log.live.view import LiveView, live_views
+from mission.log.values import Devices, FlightData, PlanFileRecord
 from mission.log.write.writer import FlightLog
 from mission.planflight.carrier import PlanCarrier, area_xyz, make_carrier
 from mission.planflight.prepare import PreparedPlan, prepare_plan
-from mission.run.outcome import Outcome
-
-Floats = NDArray[np.float64]
+from mission.run.budget import RunTotals
+from mission.run.recorded import fly_recorded
+from mission.run.summary import Summary
 
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
 
@@ -46,7 +40,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: RunConsole
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
-    stopwatch, outcome = Stopwatch(), Outcome()
+    stopwatch = Stopwatch()
     with stopwatch("setup"):
         ready = prepare_plan(config, read_plan_file(source))
         check_link(config.link)
@@ -54,102 +48,86 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: RunConsole
         folder = RunFolder.create(path)
         with folder.unless_refused():
             carrier = make_carrier(ready, say=console.say)
-        about = _begin(folder, carrier)
-        ready = carrier.ready
-    nobody = Devices(np.zeros((0, 2)), ())
-    with (
-        one_interruption(),
-        FlightLog(
-            folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
-        ) as log,
-    ):
-        _attach(log, ready)
+        write_atomically(folder.config, carrier.ready.config.to_toml())
+        write_atomically(folder.path / source.name, source.read_bytes())
+    summary = Summary(
+        folder,
+        name=source.stem,
+        plan=source.name,
+        seed=config.seed,
+        resumable=False,
+        position_source=carrier.position_source,
+    )
+    opening = _recording(carrier, folder, stopwatch, live)
+    return fly_recorded(opening, summary, console=console, stopwatch=stopwatch)
+
+
+@dataclass
+class _PlanFlight:
+    """The plan while it is flown, and what became of it."""
+
+    carrier: PlanCarrier
+    log: FlightLog
+    stopwatch: Stopwatch
+    totals: RunTotals = field(default_factory=lambda: RunTotals.before(0))
+    comparison: RunComparison | None = None
+
+    async def run(self) -> None:
+        """Fly it."""
         try:
-            with stopwatch("fly"), outcome.flight():
-                run_flight(carrier.fly(log))
+            with self.stopwatch("fly"):
+                await self.carrier.fly(self.log)
         finally:
-            if outcome.status != "finished":
-                folder.write_summary({**outcome.summary, **about})
-    flight = None
-    with stopwatch("figures"), outcome.post_processing():
-        flight = _left_behind(folder)
-        if flight is not None and outcome.status == "finished":
-            _check_end(flight)
-    numbers = {} if flight is None else {KEY: plain_numbers(flight.numbers)}
-    times = _times(carrier.t_ns, stopwatch)
-    # Last of all: a folder that says "finished" has everything.
-    folder.write_summary({**outcome.summary, **about, **numbers, **times})
-    outcome.raise_error(folder.path)
-    if outcome.status == "interrupted":
-        console.say(f"interrupted; what was flown is in {folder.path}")
-        return INTERRUPTED
-    if flight is not None:
-        for line in (*flight.numbers.lines(), f"results in {folder.path}"):
-            console.say(line)
-    return 0
+            self.totals.sim_s = self.carrier.t_ns / 1e9
+
+    def conclude(self, summary: Summary) -> None:
+        """Compare what was flown with its plan, and draw it; nothing where nothing was.
+
+        Raises:
+            FlightError: the last place was never reached.
+        """
+        run = load_run(summary.folder.path)
+        if not run.data.rounds:
+            return
+        self.totals.add(run.data.rounds[0])
+        write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
+        self.comparison = compare_run(run)
+        numbers = self.comparison.to_json()["total"].items()
+        summary.add(planned_and_flown={key: value for key, value in numbers if value is not None})
+        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
+
+        draw_run(summary.folder.path)
+        last = max(self.carrier.ready.path.places)
+        if last not in reached(run.data):
+            raise FlightError(f"item {last} was never reached")
+
+    def show(self, console: RunConsole) -> None:
+        """The comparison."""
+        for table in tables(self.comparison) if self.comparison else ():
+            console.show(table)
 
 
-def _begin(folder: RunFolder, carrier: PlanCarrier) -> dict[str, Any]:
-    """Write what the flight begins with; returns what its summary says of it."""
-    ready = carrier.ready
-    source = ready.plan.path
-    write_atomically(folder.config, ready.config.to_toml())
-    write_atomically(folder.path / source.name, source.read_bytes())
-    seed = ready.config.seed
-    about = {
-        "name": source.stem,
-        "plan": source.name,
-        "seed": seed,
-        "position_source": carrier.position_source,
-        **environment(),
-    }
-    folder.write_summary({"status": "running", **about})
-    return about
+@contextmanager
+def _recording(
+    carrier: PlanCarrier, folder: RunFolder, stopwatch: Stopwatch, live: tuple[LiveView, ...]
+) -> Iterator[_PlanFlight]:
+    """The flight with its log, and what is needed to understand that."""
+    ready, nobody = carrier.ready, Devices(np.zeros((0, 2)), ())
+    with FlightLog(
+        folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
+    ) as log:
+        log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
+        log.attach(ready.plan.path.name, "text/plain", ready.plan.text.encode())
+        log.metadata(PlanFileRecord.KEY, _places(ready).to_text())
+        yield _PlanFlight(carrier, log, stopwatch)
 
 
-def _attach(log: FlightLog, ready: PreparedPlan) -> None:
-    """What is needed to understand the log."""
-    log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
-    log.attach(ready.plan.path.name, "text/plain", ready.plan.text.encode())
-    log.metadata(METADATA, _metadata(ready))
-
-
-def _check_end(flight: PlanFlight) -> None:
-    last = max(flight.places_m)
-    if last not in flight.reached:
-        raise FlightError(f"item {last} was never reached")
-
-
-def _times(t_ns: int, stopwatch: Stopwatch) -> dict[str, Any]:
-    sim_s, wall_s = t_ns / 1e9, stopwatch.wall_s
-    return {
-        "simulated_s": sim_s,
-        "real_time_factor": sim_s / wall_s["fly"],
-        "wall_s": {**wall_s, "total": stopwatch.total_s},
-    }
-
-
-def _left_behind(folder: RunFolder) -> PlanFlight | None:
-    """Track and figures of what was flown, read from the log; None where nothing was."""
-    run = load_run(folder.path)
-    if not was_flown(run):
-        return None
-    flight = plan_flight(run)
-    write_atomically(folder.path / "track.csv", _track_csv(run.data))
-    from mission.figures.flight import draw_flight  # with it Altair, which nothing before needs
-
-    draw_flight(flight, folder.figures)
-    return flight
-
-
-def _metadata(ready: PreparedPlan) -> dict[str, str]:
-    """What the log has to hold beside the plan's path."""
+def _places(ready: PreparedPlan) -> PlanFileRecord:
     area, path = ready.area, ready.path
-    return flight_metadata(
-        ready.plan.path.name,
-        {seq: area_xyz(area, ned[None])[0] for seq, ned in path.places.items()},
-        [area_xyz(area, ned[None])[0] for ned in path.rally_ned_m],
-        duration_s=path.duration_s,
+    return PlanFileRecord(
+        source=ready.plan.path.name,
+        places_m={seq: area_xyz(area, ned[None])[0] for seq, ned in path.places.items()},
+        rally_m=tuple(area_xyz(area, ned[None])[0] for ned in path.rally_ned_m),
     )
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.planner.native.library import Devices, Limits, Relaxation
-from mission.planner.problem import Floats, RoundProblem
+from mission.planner.problem import RoundProblem
 from mission.planner.reward import conjugates, reward_table
 
 # Tables are made for multiples of this reach, so that the rounds of a mission share them.

@@ -6,6 +6,8 @@ Everything here uses the exact average PER, so that plans of all methods are com
 import numpy as np
 
 from fl.radio.channel import average_per
+from mission.base import polyline
+from mission.base.airspace import cut
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.problem import Bools, Floats, RoundPlan, RoundProblem
 from mission.planner.schedule import assign
@@ -51,13 +53,42 @@ def fit_budget(waypoints_m: Floats, path_budget_m: float) -> Floats:
 def finish(
     problem: RoundProblem, waypoints_m: Floats, *, upper_bound: float = float("nan"), nodes: int = 0
 ) -> RoundPlan:
-    """The plan along the given waypoints with its optimal schedule and true objective."""
-    schedule = assign(success(problem, waypoints_m), problem.importance, problem.per_step)
-    waypoints = np.array(waypoints_m, dtype=np.float64)
+    """The plan along the given waypoints with its optimal schedule and true objective.
+
+    Where not everywhere may be flown, waypoints are moved out of where they may not be, and the
+    path leads around; what the budget does not pay for of that is left out.
+    """
+    waypoints, via = allowed_path(problem, waypoints_m)
+    schedule = assign(success(problem, waypoints), problem.importance, problem.per_step)
     value = objective(problem, waypoints, schedule)
     waypoints.flags.writeable = False
     schedule.flags.writeable = False
-    return RoundPlan(waypoints, schedule, value, upper_bound, nodes)
+    return RoundPlan(waypoints, schedule, value, upper_bound, nodes, via)
+
+
+def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tuple[Floats, ...]]:
+    """Waypoints (N, 2), moved to where may be flown, and corners (C, 2) between each and the next.
+
+    The start stays. A waypoint to which no way leads is where the one before it is; the path ends
+    where the budget does.
+    """
+    space, waypoints = problem.airspace, np.array(waypoints_m, dtype=np.float64)
+    if space.is_open:
+        return waypoints, ()
+    waypoints[1:] = space.moved(waypoints[1:])
+    left_m, via = problem.path_budget_m, []
+    for n in range(1, len(waypoints)):
+        try:
+            way = space.way(waypoints[n - 1], waypoints[n])
+        except ValueError:
+            way = waypoints[[n - 1, n - 1]]
+        way_m = polyline.length(way)
+        if way_m > left_m:
+            way = cut(way, left_m)
+            waypoints[n] = way[-1]
+        via.append(way[1:-1])
+        left_m = max(0.0, left_m - way_m)
+    return waypoints, tuple(via)
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
@@ -134,9 +165,14 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
     away = float(np.hypot(*(plan.waypoints_m[0] - problem.start_m)))
     if away > LENGTH_TOLERANCE_M:
         raise InfeasiblePlanError(f"the first waypoint lies {away:.4f} m from the start")
-    over = path_length(plan.waypoints_m) - problem.path_budget_m
+    if plan.via_m and len(plan.via_m) != problem.steps - 1:
+        raise InfeasiblePlanError(
+            f"corners between {len(plan.via_m)} pairs of waypoints: must be {problem.steps - 1}"
+        )
+    over = plan.path_m - problem.path_budget_m
     if over > LENGTH_TOLERANCE_M:
         raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its budget")
+    _check_airspace(problem, plan)
     busiest = int(plan.schedule.sum(axis=1).max(initial=0))
     if busiest > problem.per_step:
         raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
@@ -146,3 +182,17 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
     real = objective(problem, plan.waypoints_m, plan.schedule)
     if not np.isclose(real, plan.value, rtol=1e-9, atol=1e-12):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
+
+
+def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:
+    space, route = problem.airspace, plan.route_m
+    free = space.free(route)
+    # From a start that is not free it must first get out.
+    first = int(free.argmax()) if free.any() else len(route)
+    crossed = np.flatnonzero(~space.clear(route[first:-1], route[first + 1 :]))
+    if len(crossed):
+        a, b = route[first + crossed[0]], route[first + crossed[0] + 1]
+        raise InfeasiblePlanError(
+            f"the leg from ({a[0]:.1f}, {a[1]:.1f}) to ({b[0]:.1f}, {b[1]:.1f}) leads nearer than "
+            f"{space.margin_m:g} m to an area that must not be flown, or to the fence"
+        )

@@ -1,20 +1,20 @@
 """Planning problems and plans as JSON files.
 
 A problem file is a list of objects; the keys are those of `ProblemEntry`. A plan file maps each
-problem's id to its waypoints (N, 2), schedule (N, K) of 0 and 1, value, upper bound and gap
-(null where the method proves none), nodes and seconds.
+problem's id to its waypoints (N, 2), the route that is flown (P, 2), schedule (N, K) of 0 and 1,
+value, upper bound and gap (null where the method proves none), nodes and seconds.
 """
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fl.radio.channel import Channel
+from fl.radio.channel import Channel, constants_model
 from mission.base.explain import explain, shown
 from mission.base.run_folder import write_atomically
 from mission.planner.errors import PlanInputError
@@ -22,29 +22,22 @@ from mission.planner.problem import RoundPlan, RoundProblem
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0, le=1e7)]
 Point = tuple[Number, Number]
 
 MOST_SHOWN = 10  # wrong entries named in one message
 
 
-class ChannelEntry(BaseModel):
-    """The constants of `fl.radio.channel.Channel`; sigma is of the natural logarithm."""
+class _Entry(BaseModel):
+    # Strict: neither texts nor true and false are numbers.
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
+    )
 
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
-    altitude_m: Positive
-    alpha_los: Number
-    alpha_nlos: Number
-    beta_los_db: Number
-    beta_nlos_db: Number
-    sigma_los: Positive
-    sigma_nlos: Positive
-    a1_per_rad: Number
-    a2: Number
-    tx_power_db: Number
-    noise_db: Number
-    snr_threshold: Positive
+if TYPE_CHECKING:  # that may not know what is made while the program runs
+    ChannelEntry = _Entry
+else:
+    ChannelEntry = constants_model("ChannelEntry", _Entry, optional=False)
 
 
 class ProblemEntry(BaseModel):
@@ -119,8 +112,13 @@ def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    content = {entry.id: _plan(entry) for entry in plans}
+    content = plans_as_json(plans)
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, Any]:
+    """Plans by the ids of their problems, as a plan file has them."""
+    return {entry.id: _plan(entry) for entry in plans}
 
 
 def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:
@@ -168,6 +166,7 @@ def _plan(entry: NamedPlan) -> dict[str, Any]:
     proven = bool(np.isfinite(plan.upper_bound))
     return {
         "waypoints": plan.waypoints_m.tolist(),
+        "route": plan.route_m.tolist(),
         "schedule": plan.schedule.astype(int).tolist(),
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,

@@ -6,8 +6,9 @@ Where the packet error rate rises from the first metre on, that costs more than 
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.planner.evaluate import objective
-from mission.planner.problem import Floats, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 
 MOST_LOST = 0.01  # of the plan's value, with every corner cut as far as allowed
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest radius
@@ -18,11 +19,14 @@ SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one; no flight tel
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:
     """The widest acceptance radius in metres, up to `widest_m`, that costs the plan 1 % at most.
 
-    Where none does, the narrowest.
+    Where none does, the narrowest. Corners around areas are cut by half of the margin at most.
     """
+    if not problem.airspace.is_open:
+        widest_m = min(widest_m, problem.airspace.margin_m / 2.0)
     radii = [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
     for radius in radii:
-        flown = objective(problem, cut_corners(plan.waypoints_m, radius), plan.schedule)
+        passed = cut_corners(plan.route_m, radius)[plan.stops_at]
+        flown = objective(problem, passed, plan.schedule)
         if flown >= (1.0 - MOST_LOST) * plan.value:
             return radius
     return radii[-1]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fl.radio.channel import Channel
 from mission.base import polyline
+from mission.base.airspace import OPEN, Airspace
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -27,6 +28,7 @@ class RoundProblem:
     per_step: int  # K_bar, devices that one step serves at most, 1 or more
     path_budget_m: float  # L_max, metres, 0 or more
     channel: Channel  # with the planned height in altitude_m
+    airspace: Airspace = OPEN  # where may be flown
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class RoundPlan:
     value: float  # its objective, checked to 1e-9
     upper_bound: float = field(default=float("nan"))  # NaN where the method proves none
     nodes: int = 0  # of a search, for people
+    # (N - 1) of (C, 2): corners to fly over between a waypoint and the next; empty: none at all.
+    via_m: tuple[Floats, ...] = ()
 
     @property
     def gap(self) -> float:
@@ -47,9 +51,23 @@ class RoundPlan:
         return (self.upper_bound - self.value) / self.upper_bound
 
     @property
+    def route_m(self) -> Floats:
+        """(P, 2) the polyline to fly: the waypoints, and the corners between them."""
+        if not self.via_m:
+            return self.waypoints_m
+        legs = zip(self.waypoints_m, (*self.via_m, np.empty((0, 2))), strict=True)
+        return np.vstack([np.vstack((waypoint[None], corners)) for waypoint, corners in legs])
+
+    @property
+    def stops_at(self) -> NDArray[np.int64]:
+        """(N,) which points of the route are the waypoints."""
+        corners = [len(leg) for leg in self.via_m] or [0] * (len(self.waypoints_m) - 1)
+        return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))
+
+    @property
     def path_m(self) -> float:
         """Length of the planned polyline in metres."""
-        return polyline.length(self.waypoints_m)
+        return polyline.length(self.route_m)
 
 
 class Planner(Protocol):

@@ -16,12 +16,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.radio.channel import Channel, average_per
-from mission.planner.problem import Floats
-
-Ints = NDArray[np.int64]
+from mission.base.arrays import Floats, Ints
 
 FINE_M = 0.25  # grid on which f is sampled and maximised
 SLOPES = 48  # B-spline intervals of H over s

@@ -6,8 +6,8 @@ vertices; shortest augmenting paths find one directly.
 
 import numpy as np
 
+from mission.base.arrays import Bools, Floats
 from mission.planner.native import library
-from mission.planner.problem import Bools, Floats
 
 
 def assign(success: Floats, importance: Floats, per_step: int) -> Bools:

@@ -15,6 +15,7 @@ import osqp
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from mission.base.arrays import Floats, Ints
 from mission.planner.arrays import instance
 from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
@@ -25,8 +26,7 @@ from mission.planner.evaluate import (
     plan_without_moving,
 )
 from mission.planner.native.library import Devices, Limits, explore
-from mission.planner.problem import Floats, RoundPlan, RoundProblem
-from mission.planner.reward import Ints
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 DIRECTIONS = 12

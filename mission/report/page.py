@@ -5,22 +5,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mission.analysis.compare import Comparison, RunComparison, compare_run
-from mission.analysis.compare_plan import is_plan_flight, plan_flight
-from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.comparison_text import labelled
+from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
+from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.render import card
-from mission.log.values import FlightData
+from mission.log.values import NS_PER_S, FlightData, PlanFileRecord
 from mission.report.about import about
-from mission.report.flight_page import flight_html
 from mission.report.html import page
 
 _HEADS = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
           "PER planned", "PER true", "objective planned", "true", "lost %", "arrived")  # fmt: skip
+_PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
 REPORT_NAME = "report.html"
 
 
@@ -34,13 +37,11 @@ def write_report(path: Path, target: Path | None = None) -> Path:
         InputError: neither, damaged, without a finished round, or `target` cannot be written.
     """
     run = load_run(path)
-    if is_plan_flight(run):
-        text = flight_html(plan_flight(run))
-    elif run.data.rounds:
-        text = report_html(run)
-    else:
+    if not run.data.rounds:
         why = f": {run.notice}" if run.notice else ""
-        raise InputError(f"{path}: no round was finished, so there is nothing to report{why}")
+        done = "finished" if run.data.plan_file is None else "flown"
+        raise InputError(f"{path}: no round was {done}, so there is nothing to report{why}")
+    text = report_html(run)
     target = target or (path / REPORT_NAME if path.is_dir() else path.with_suffix(".html"))
     write_atomically(target, text)
     return target
@@ -56,14 +57,25 @@ def report_html(loaded: LoadedRun) -> str:
     if comparison is not None:
         numbers = [item.round for item in comparison.rounds]
         chart = round_map(run, [plan for plan in run.plans if plan.round in numbers])
-        flown = {
-            "map": card(chart, is_map=True),
-            "rounds": numbers,
-            "details": [(item.round, _facts(item)) for item in comparison.rounds],
-            "flight": [card(chart) for chart in flight_charts(run, comparison)],
-            "radio": [card(chart) for chart in radio_charts(run, comparison)],
-            "table": (_HEADS, [_row(item) for item in (*comparison.rounds, comparison.total)]),
-        }
+        flown |= {"map": card(chart, is_map=True), "rounds": numbers}
+        if run.plan_file is None:
+            flown |= {
+                "details": [(f"Round {i.round}", i.round, _facts(i)) for i in comparison.rounds],
+                "flight": [card(chart) for chart in flight_charts(run, comparison)],
+                "radio": [card(chart) for chart in radio_charts(run, comparison)],
+                "table": (
+                    "Every round",
+                    _HEADS,
+                    [_row(item) for item in (*comparison.rounds, comparison.total)],
+                ),
+            }
+        else:
+            facts = [(text, _number(of[0], digits)) for text, digits, of in labelled([comparison])]
+            flown |= {
+                "details": [("The mission, to its last place", numbers[0], facts)],
+                "flight": [card(chart) for chart in profile_charts([loaded])],
+                "table": ("Places", _PLACE_HEADS, _places(run, run.plan_file)),
+            }
     return page(
         "run.html",
         title=str(summary.get("name", loaded.path.stem)),
@@ -71,15 +83,16 @@ def report_html(loaded: LoadedRun) -> str:
         good=status == "finished",
         facts=[
             *loaded.about.split(" · ")[1:],
-            f"{len(run.devices.community)} devices of {len(run.devices.communities)} communities",
+            *_devices(run),
         ],
         notice=loaded.notice,
+        plan_file=run.plan_file is not None,
         tiles=_tiles(run, comparison, summary),
-        learning=[card(chart) for chart in learning_charts(run)],
+        learning=[card(chart) for chart in learning_charts(run)] if run.learning else [],
         estimator=[card(chart) for chart in estimator_charts(run)],
         conditions=[card(chart) for chart in condition_charts(run)],
         about=about(loaded),
-        footer="Aerofed report. Positions are metres in the area: x east, y north.",
+        footer="Aerofed report. Positions are metres: x east, y north; heights are above home.",
         **flown,
     )
 
@@ -88,11 +101,16 @@ def _tiles(
     run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]
 ) -> list[tuple[str, str]]:
     last = run.rounds[-1]
-    tiles = [(f"{len(run.rounds)}", "rounds")]
-    tiles += [(f"{100 * value:.1f} %", f"accuracy {name}") for name, value in last.accuracy.items()]
-    delivered = sum(record.delivered for record in run.rounds)
-    scheduled = sum(record.scheduled for record in run.rounds)
-    tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
+    if run.plan_file is None:
+        delivered = sum(record.delivered for record in run.rounds)
+        scheduled = sum(record.scheduled for record in run.rounds)
+        accuracy = last.accuracy.items()
+        tiles = [(f"{len(run.rounds)}", "rounds")]
+        tiles += [(f"{100 * value:.1f} %", f"accuracy {name}") for name, value in accuracy]
+        tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
+    else:
+        places = len(run.plan_file.places_m)
+        tiles = [(f"{len(reached(run))} / {places}", "places reached")]
     if comparison is not None:
         total = comparison.total
         tiles += [
@@ -105,6 +123,27 @@ def _tiles(
         if "real_time_factor" in summary:
             tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
     return tiles
+
+
+def _devices(run: FlightData) -> list[str]:
+    count, groups = len(run.devices.community), len(run.devices.communities)
+    return [f"{count} devices of {groups} communities"] if count else []
+
+
+def _places(run: FlightData, plan_file: PlanFileRecord) -> list[list[str]]:
+    """Where the aircraft was on the instant at which it reported an item as reached."""
+    passed, rows = reached(run), []
+    for seq, place in plan_file.places_m.items():
+        cells = [str(seq), *(f"{value:.1f}" for value in place)]
+        event = passed.get(seq)
+        if event is None:
+            cells += ["not reached", "–", "–"]
+        else:
+            miss = np.array(event.true_m) - place
+            at_s = (event.t_ns - run.plans[0].t_ns) / NS_PER_S
+            cells += [f"{at_s:.1f}", f"{np.hypot(*miss[:2]):.2f}", f"{miss[2]:+.2f}"]
+        rows.append(cells)
+    return rows
 
 
 def _facts(item: Comparison) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from mission.base.run_folder import write_atomically
 from mission.figures.render import card
@@ -13,11 +13,17 @@ from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictu
 from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts, gain_maps
 from mission.sweep.outcome.gain_map import compared
 from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
-from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
+from mission.sweep.outcome.view import (
+    ACCURACY,
+    FAIRNESS,
+    REST,
+    Cells,
+    final_rounds,
+    outcome,
+    over_seeds,
+)
 from mission.sweep.results import RunResult
 from mission.sweep.state import SweepState, read_sweep
-
-Table: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows
 
 # Section of each picture.
 _SECTIONS = {
@@ -77,7 +83,7 @@ def sweep_html(state: SweepState) -> str:
         tiles=_headline(results),
         missing=[(item.run, item.why) for item in state.missing],
         unfinished=f"{done} of {planned} {_UNFINISHED}",
-        outcome=_outcome(state),
+        outcome=outcome(results, (ACCURACY, *FAIRNESS, *REST), seeds=state.seeds),
         outcome_note=f"accuracy, CoV and Jain index: {final_rounds(results)}; {_ARRIVED}",
         finals=[card(final_chart(results, name)) for name in communities],
         method=METHOD,
@@ -125,33 +131,7 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
     ]
 
 
-def _outcome(state: SweepState) -> Table:
-    results = state.results
-    communities = communities_of(results)
-    heads = ["strategy", "seeds", *(f"{name} %" for name in communities)]
-    heads += [*(f"CoV {name}" for name in communities), "Jain"]
-    heads += [*(f"{name} arrived %" for name in communities), "scheduled arrived %"]
-    heads += ["PER planned", "PER true", "rounds", "km flown"]
-    rows = [
-        [
-            label,
-            state.seeds(label),
-            *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
-            *(number(over_seeds(runs, f"final_cov_{name}"), 2) for name in communities),
-            number(over_seeds(runs, "final_jain_communities"), 3),
-            *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
-            percent(over_seeds(runs, "delivered_share")),
-            number(over_seeds(runs, "plan_per"), 3),
-            number(over_seeds(runs, "true_per"), 3),
-            number(over_seeds(runs, "rounds"), 0),
-            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
-        ]
-        for label, runs in groups_of(results).items()
-    ]
-    return heads, rows
-
-
-def _runs(results: Sequence[RunResult]) -> Table:
+def _runs(results: Sequence[RunResult]) -> Cells:
     communities = communities_of(results)
     heads = ["run", "seed", *(f"{name} %" for name in communities), "rounds", "km flown"]
     heads += ["delivered", "minutes simulated", "wall minutes"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.base.arrays import Ints
 from mission.config.models import MissionConfig
 from mission.log.records import RoundRecord
 
@@ -17,7 +17,7 @@ _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in bi
 class RunTotals:
     """Sums over the finished rounds; those of a flight under way are not in them yet."""
 
-    last_heard: NDArray[np.int64]  # (K,) round of each device's last update; 0: none yet
+    last_heard: Ints  # (K,) round of each device's last update; 0: none yet
     rounds_done: int = 0
     budget_used_m: float = 0.0
     flown_m: float = 0.0
@@ -26,6 +26,7 @@ class RunTotals:
     delivered: int = 0
     battery_changes: int = 0
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
+    untrained: dict[str, float] = field(default_factory=dict)  # the same, before the first
 
     @classmethod
     def before(cls, devices: int) -> Self:

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.errors import CheckpointError
 from fl.federation.checkpoint import from_bytes, to_bytes
 from fl.federation.rounds import Federation, FederationState, RoundLearning
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.planner.problem import RoundPlan
@@ -28,7 +28,7 @@ from mission.scenario.strategies import Sortie
 class RoundMemory:
     """One finished round: what flying it again does not tell."""
 
-    importance: NDArray[np.float64]  # (K,)
+    importance: Floats  # (K,)
     sortie: Sortie | None  # None: ideal
     learnt: RoundLearning
     true_objective: float  # flying again must give this very number
@@ -113,6 +113,7 @@ def _plain_sortie(sortie: Sortie) -> dict[str, Any]:
     plan = sortie.plan
     return {
         "waypoints_m": plan.waypoints_m.tolist(),
+        "via_m": [corners.tolist() for corners in plan.via_m],
         "schedule": np.argwhere(plan.schedule).tolist(),
         "value": float(plan.value),
         "upper_bound": float(plan.upper_bound),
@@ -130,7 +131,14 @@ def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
         for step, device in plan["schedule"]:
             schedule[step, device] = True
         sortie = Sortie(
-            RoundPlan(waypoints, schedule, plan["value"], plan["upper_bound"], plan["nodes"]),
+            RoundPlan(
+                waypoints,
+                schedule,
+                plan["value"],
+                plan["upper_bound"],
+                plan["nodes"],
+                tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
+            ),
             hold_s=plan["hold_s"],
             cost_m=plan["cost_m"],
         )

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools
+from mission.base.console import RunConsole
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import users_code
 from mission.log.records import RoundRecord, UplinkRecord
@@ -17,9 +16,8 @@ from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
 from mission.run.learning import learn
 from mission.run.round_result import Recorder, RoundResult
+from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)
@@ -51,8 +49,34 @@ class Experiment(ABC):
         federation = self.scenario.federation
         # A resumed run has the last round's models, and records the first ones again.
         state = self.state if self.state.rounds == 0 else learning.init(federation)
-        self.recorder.learnt(0, learning.untrained(federation, state))
+        untrained = learning.untrained(federation, state)
+        self.totals.untrained = dict(untrained.accuracy)
+        self.recorder.learnt(0, untrained)
         await self._run()
+
+    def conclude(self, summary: Summary) -> None:
+        """Draw what was flown, from the finished log and tables."""
+        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
+
+        draw_run(summary.folder.path)
+
+    def show(self, console: RunConsole) -> None:
+        """What the rounds came to."""
+        shares = ", ".join(
+            f"{name} {wall_s:.1f} s" for name, wall_s in self.stopwatch.wall_s.items()
+        )
+        totals, mission = self.totals, self.scenario.config.mission
+        done = totals.rounds_done
+        if self.finished and done < mission.rounds:
+            console.say(
+                f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
+                f"round {done + 1}"
+            )
+        console.say(
+            f"{done} round{'' if done == 1 else 's'}, {self.flown()}, "
+            f"{totals.delivered}/{totals.scheduled} updates delivered; "
+            f"{self.stopwatch.total_s:.1f} s ({shares})"
+        )
 
     @abstractmethod
     async def _run(self) -> None:

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.user_code import plugins_of_learning
+from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.open import Flyers
+from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
 from mission.log.records import RoundRecord, UplinkRecord
@@ -25,9 +26,6 @@ from mission.run.gate import slots, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(kw_only=True)
@@ -44,7 +42,7 @@ class FlownExperiment(Experiment):
     async def _run(self) -> None:
         try:
             async with self.flyers.open(
-                self.observers, folder=self.folder, tap=self.tap, say=self.recorder.notice
+                Attached(self.observers, self.folder, self.recorder.notice, self.tap)
             ) as flyer:
                 try:
                     await self._rounds(flyer)
@@ -65,6 +63,8 @@ class FlownExperiment(Experiment):
         self._stage = "take-off"
         self.recorder.phase("take-off")
         with self.stopwatch("fly"):
+            if fence := fence_items(self.scenario.area):
+                await flyer.set_fence(fence)
             await flyer.take_off()
             if self.strategy.approach_m is not None:
                 await flyer.go_to(self.strategy.approach_m)
@@ -142,6 +142,7 @@ class FlownExperiment(Experiment):
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
             channel=scenario.channel,
+            airspace=scenario.area.airspace,
         )
 
     def _importance(self) -> Floats:

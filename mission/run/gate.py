@@ -4,18 +4,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fl.radio.channel import Channel
 from fl.radio.custom_radio import CustomRadio
 from fl.radio.uplink import Gate, deliver
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
-
-Floats = NDArray[np.float64]
 
 
 def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:

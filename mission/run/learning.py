@@ -1,14 +1,10 @@
 """One round of learning as a run records it."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fl.errors import DivergedError
 from fl.federation import rounds as learning
+from mission.base.arrays import Bools
 from mission.base.errors import TrainingError
 from mission.base.user_code import plugins_of_learning
-
-Bools = NDArray[np.bool_]
 
 
 def learn(

@@ -34,23 +34,30 @@ class Outcome:
             self.error = AerofedError("out of memory")
 
     @contextmanager
-    def post_processing(self) -> Iterator[None]:
-        """Draw and tabulate in the block what was flown."""
+    def aside(self, what: str) -> Iterator[None]:
+        """Do in the block what a flight needs beside itself, such as its log."""
         try:
             yield
         except KeyboardInterrupt:
-            if self.status == "finished":
+            if self.error is None:
                 self.status = "interrupted"
         except AerofedError as failure:
             self._consequence(failure)
         except MemoryError:
-            self._consequence(AerofedError("figures: out of memory"))
-        # What a library says that finds no memory for what it loads.
-        except (ImportError, OSError) as failure:
-            self._consequence(AerofedError(f"figures: {first_line(failure)}"))
+            self._consequence(AerofedError(f"{what}: out of memory"))
         except Exception:  # a bug: the run is over all the same
             self.status = "failed"
             raise
+
+    @contextmanager
+    def post_processing(self) -> Iterator[None]:
+        """Draw and tabulate in the block what was flown."""
+        with self.aside("figures"):
+            try:
+                yield
+            # What a library says that finds no memory for what it loads.
+            except (ImportError, OSError) as failure:
+                raise AerofedError(f"figures: {first_line(failure)}") from failure
 
     def _consequence(self, failure: AerofedError) -> None:
         if self.error is None:  # otherwise of what went wrong before

@@ -2,7 +2,6 @@
 
 import time
 from collections import deque
-from typing import Protocol
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.live import Live
@@ -12,46 +11,27 @@ from rich.text import Text
 from mission.log.records import RoundRecord
 
 
-class Progress(Protocol):
-    """Shows a run as it goes."""
+class Progress:
+    """Shows a run as it goes; this one shows nothing."""
 
     def phase(self, name: str) -> None:
         """What is going on now."""
-        ...
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         """A round is over."""
-        ...
 
     def notice(self, text: str) -> None:
         """Something that a person should know."""
-        ...
 
     def close(self) -> None:
         """Leave the terminal as it should stay."""
-        ...
 
 
-class Quiet:
-    """Shows nothing."""
+class PlainLines(Progress):
+    """A line a round, for pipes and logs, where phases would only be noise."""
 
-    def notice(self, text: str) -> None: ...
-
-    def phase(self, name: str) -> None: ...
-
-    def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None: ...
-
-    def close(self) -> None: ...
-
-
-class PlainLines:
-    """A line a round, for pipes and logs."""
-
-    def __init__(self, console: Console, *, rounds: int) -> None:
-        self._console, self._rounds = console, rounds
-
-    def phase(self, name: str) -> None:
-        """Phases would only be noise in a file."""
+    def __init__(self, console: Console, *, rounds: int, flown: bool) -> None:
+        self._console, self._rounds, self._flown = console, rounds, flown
 
     def notice(self, text: str) -> None:
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
@@ -62,24 +42,22 @@ class PlainLines:
             f"t {record.start_t_s + record.duration_s:.0f} s, {real_time_factor:.0f}x, "
             f"objective {record.true_objective:.3f} flown, {record.plan_objective:.3f} planned "
             f"({_change(record)})"
-            if _is_flown(record)
-            else "nothing flown"
+            if self._flown and _takes_time(record)
+            else f"nothing flown, objective {record.true_objective:.3f}"
         )
         self.notice(
             f"round {record.round}/{self._rounds}: {flight}, "
             f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}"
         )
 
-    def close(self) -> None: ...
 
-
-class LiveTable:
+class LiveTable(Progress):
     """A table that grows by a row a round; under it what is going on, and for how long."""
 
     ROWS = 12  # of the newest rounds; a terminal has no room for hundreds
 
-    def __init__(self, console: Console, *, rounds: int) -> None:
-        self._rounds = rounds
+    def __init__(self, console: Console, *, rounds: int, flown: bool) -> None:
+        self._rounds, self._flown = rounds, flown
         # The newest rounds, each with how much faster than real time it was flown.
         self._newest: deque[tuple[RoundRecord, float]] = deque(maxlen=self.ROWS)
         self._phase, self._since_s = "starting", time.monotonic()
@@ -111,7 +89,7 @@ class LiveTable:
 
     def _table(self) -> Table:
         newest, _ = self._newest[-1]
-        flown = _is_flown(newest)
+        flown = self._flown and _takes_time(newest)
         # Narrow enough for two communities in 80 columns.
         table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
@@ -135,8 +113,8 @@ class LiveTable:
         return table
 
 
-def _is_flown(record: RoundRecord) -> bool:
-    """Whether the round was flown: a hover takes time, `ideal` takes none."""
+def _takes_time(record: RoundRecord) -> bool:
+    """Whether the round is one of flight: a hover takes time, `ideal` takes none."""
     return record.duration_s > 0.0
 
 
@@ -144,12 +122,13 @@ def _change(record: RoundRecord) -> str:
     """What the flight made of the planned objective."""
     if record.plan_objective == 0.0:
         return "0.0 %"
-    return f"{100 * (record.true_objective / record.plan_objective - 1):+.1f} %"
+    share = 100 * (record.true_objective / record.plan_objective - 1)
+    return f"{round(share, 1) + 0.0:+.1f} %"  # never -0.0
 
 
-def make_progress(console: Console, *, rounds: int, quiet: bool) -> Progress:
-    """The progress that fits where it goes; at most `rounds` are to come."""
+def make_progress(console: Console, *, rounds: int, flown: bool, quiet: bool) -> Progress:
+    """The progress that fits where it goes; at most `rounds` are to come, `flown` or not."""
     if quiet:
-        return Quiet()
+        return Progress()
     kind = LiveTable if console.is_terminal else PlainLines
-    return kind(console, rounds=rounds)
+    return kind(console, rounds=rounds, flown=flown)

@@ -132,8 +132,12 @@ def recording(
     """Open log (`mirrors` see it too) and tables; they are closed whole however the block ends."""
     devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:
+        mission = scenario.config.mission
         progress = make_progress(
-            console.out, rounds=scenario.config.mission.rounds, quiet=console.quiet
+            console.out,
+            rounds=mission.rounds,
+            flown=mission.flight != "none",
+            quiet=console.quiet,
         )
         stack.callback(progress.close)
         log = stack.enter_context(

@@ -2,16 +2,15 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
-from mission.base.errors import INTERRUPTED, InputError
+from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.interrupts import one_interruption, run_flight
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import plugins_of_learning
@@ -25,7 +24,7 @@ from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.ideal_experiment import IdealExperiment
-from mission.run.outcome import Outcome
+from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
 from mission.run.resume import data_dir_of, read_checkpoint
 from mission.run.setup import set_up
@@ -33,7 +32,6 @@ from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
-_DRAWING = "drawing figures"
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,13 @@ def fly_session(
     workers: int | None = None,
     figures: bool = True,
     stopwatch: Stopwatch | None = None,
+    page: Page | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
 
     Up to `workers` devices (default: one a core) train at a time. `figures` says whether its
-    pictures are drawn. `stopwatch` may have been counting the set-up already.
+    pictures are drawn. `stopwatch` may have been counting the set-up already. `page` makes a
+    page of the folder, last of all.
 
     Everything that can be refused is refused before the folder is made. An interrupted or failed
     run keeps what was flown, with a readable log, a summary that says how it ended, and a
@@ -90,10 +90,16 @@ def fly_session(
         with stopwatch("setup"):
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
-        return _fly(ready, console, stopwatch, workers=workers, figures=figures)
+        return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
-def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | None = None) -> int:
+def resume_session(
+    path: Path,
+    *,
+    console: RunConsole,
+    stopwatch: Stopwatch | None = None,
+    page: Page | None = None,
+) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
@@ -132,7 +138,7 @@ def resume_session(path: Path, *, console: RunConsole, stopwatch: Stopwatch | No
         ready = _Ready(
             scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
         )
-        return _fly(ready, console, stopwatch)
+        return _fly(ready, console, stopwatch, page=page)
 
 
 def _fly(
@@ -142,50 +148,30 @@ def _fly(
     *,
     workers: int | None = None,
     figures: bool = True,
+    page: Page | None = None,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
+    config = ready.scenario.config
     summary = Summary(
         folder,
-        ready.scenario,
+        name=config.name,
+        strategy=config.mission.strategy,
+        seed=config.seed,
+        resumed_after_round=len(ready.memory) or None,
+        resumable=not flyers.no_resume,
         position_source=flyers.position_source,
-        remembered=len(ready.memory),
+        data=ready.scenario.data_sources(),
     )
-    summary.started()
-    outcome = Outcome()
-    with (
-        one_interruption(),
-        _experiment(ready, console, stopwatch, workers=workers) as experiment,
-    ):
-        try:
-            with outcome.flight():
-                run_flight(experiment.run())
-        finally:
-            with outcome.post_processing():
-                ready.callbacks.close()
-            if outcome.status != "finished":
-                summary.ended(outcome, experiment.totals, stopwatch)
-    if outcome.status == "finished":
-        InterruptedFiles(folder).discard()
-    try:
-        # The figures read the finished log and tables.
-        if figures:
-            with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
-                from mission.figures.run import draw_run  # with it Altair, needed only here
-
-                draw_run(folder.path)
-    finally:
-        # Last of all: a folder that says "finished" has everything.
-        summary.ended(outcome, experiment.totals, stopwatch)
-    outcome.raise_error(folder.path)
-    for line in _closing_lines(experiment, stopwatch):
-        console.say(line)
-    console.say(f"results in {folder.path}")
-    if outcome.status == "interrupted":
-        again = f"; aerofed run --resume {folder.path} goes on"
-        console.say(f"interrupted{'' if flyers.no_resume else again}")
-        return INTERRUPTED
-    return 0
+    return fly_recorded(
+        _experiment(ready, console, stopwatch, workers=workers),
+        summary,
+        console=console,
+        stopwatch=stopwatch,
+        figures=figures,
+        page=page,
+        goes_on="" if flyers.no_resume else f"; aerofed run --resume {folder.path} goes on",
+    )
 
 
 @contextmanager
@@ -193,16 +179,19 @@ def _experiment(
     ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
-    with recording(
-        ready.scenario,
-        ready.folder,
-        ready.checkpoint,
-        fence=ready.flyers.fence(),
-        console=console,
-        stopwatch=stopwatch,
-        mirrors=ready.live,
-        callbacks=ready.callbacks,
-    ) as recorder:
+    with (
+        closing(ready.callbacks),
+        recording(
+            ready.scenario,
+            ready.folder,
+            ready.checkpoint,
+            fence=ready.flyers.fence(),
+            console=console,
+            stopwatch=stopwatch,
+            mirrors=ready.live,
+            callbacks=ready.callbacks,
+        ) as recorder,
+    ):
         log, strategy = recorder.log, ready.scenario.strategy
         kind = (
             IdealExperiment
@@ -228,20 +217,3 @@ def _experiment(
 
 def _callbacks(folder: RunFolder, config: RunConfig) -> Callbacks:
     return make_callbacks(config.callbacks, CallbackContext(folder.path, config))
-
-
-def _closing_lines(experiment: Experiment, stopwatch: Stopwatch) -> list[str]:
-    shares = ", ".join(f"{name} {wall_s:.1f} s" for name, wall_s in stopwatch.wall_s.items())
-    totals, mission = experiment.totals, experiment.scenario.config.mission
-    done, lines = totals.rounds_done, []
-    if experiment.finished and done < mission.rounds:
-        lines.append(
-            f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
-            f"round {done + 1}"
-        )
-    lines.append(
-        f"{done} round{'' if done == 1 else 's'}, {experiment.flown()}, "
-        f"{totals.delivered}/{totals.scheduled} updates delivered; "
-        f"{stopwatch.total_s:.1f} s ({shares})"
-    )
-    return lines

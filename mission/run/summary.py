@@ -6,34 +6,27 @@ from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
 from mission.run.outcome import Outcome
-from mission.scenario.scenario import Scenario
 
 
 class Summary:
     """Written whole each time; "finished" last of all, so that such a folder has everything."""
 
-    def __init__(
-        self, folder: RunFolder, scenario: Scenario, *, position_source: str, remembered: int
-    ) -> None:
-        config = scenario.config
-        self._folder = folder
-        self._about = {
-            "name": config.name,
-            "strategy": config.mission.strategy,
-            "seed": config.seed,
-            "resumed_after_round": remembered or None,
-            "position_source": position_source,
-            "data": scenario.data_sources(),
-            **environment(),
-        }
+    def __init__(self, folder: RunFolder, **about: Any) -> None:
+        """`about`: what the run is."""
+        self.folder = folder
+        self._about = about | environment()
+
+    def add(self, **about: Any) -> None:
+        """Say more of the run the next time."""
+        self._about |= about
 
     def started(self) -> None:
         """Nothing has happened yet."""
-        self._folder.write_summary({"status": "running", **self._about})
+        self.folder.write_summary({"status": "running", **self._about})
 
     def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
         """How, and how far it came."""
-        self._folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
+        self.folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
 
 def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:
@@ -48,5 +41,6 @@ def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, Any]:
         "delivered": totals.delivered,
         "scheduled": totals.scheduled,
         "accuracy": totals.accuracy,
+        "untrained_accuracy": totals.untrained,
         "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
     }

@@ -6,6 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.errors import kind_of
 from mission.base.area import Area
 from mission.base.errors import InputError, PlanError
 from mission.base.user_code import make_from, users_code
@@ -103,7 +104,7 @@ class CustomStrategy:
         with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
             sortie: Any = self.inner.sortie(round_index, problem)
         if not isinstance(sortie, Sortie):
-            self._refuse(f"sortie() gives a {type(sortie).__name__}, not a Sortie")
+            self._refuse(f"sortie() gives {kind_of(sortie)}, not a Sortie")
         try:
             with users_code(self.path, key=KEY, doing="its plan"):
                 check_plan(problem, sortie.plan)

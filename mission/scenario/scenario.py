@@ -3,12 +3,13 @@
 Nothing of the vehicle is imported: with its filter it takes longer than planning does.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fl.config import CommunityConfig
 from fl.errors import LearningInputError
 from fl.federation import rounds as learning
 from fl.plugins import is_plugin
@@ -16,14 +17,14 @@ from fl.radio.channel import Channel, link_budget
 from fl.radio.custom_radio import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import STRATEGIES, RunConfig
+from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
 from mission.scenario.strategies import Strategy, make_strategy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,28 @@ class Scenario:
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
             channel=self.channel,
+            airspace=self.area.airspace,
         )
 
     def devices_csv(self) -> str:
-        """Where every device stands and what it owns: `labels` lists class:samples."""
-        lines = ["device,community,x_m,y_m,samples,p,labels"]
+        """Where every device stands and what it owns: `labels` lists class:samples, `share` is
+        empty where none is configured. `communities.N.positions_file` takes it."""
+        lines = ["device,community,x_m,y_m,samples,p,labels,share"]
         communities = self.federation.communities
         counts = [row for community in communities for row in community.counts]
-        for device, (place, row) in enumerate(zip(self.devices_m, counts, strict=True)):
+        shares = [
+            "" if shared is None else repr(shared)
+            for c in self.config.communities
+            for shared in c.data_shares or (None,) * c.devices
+        ]
+        places = zip(self.devices_m, counts, shares, strict=True)
+        for device, (place, row, share) in enumerate(places):
             owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
             x, y = place.tolist()
             p = float(self.federation.p[device])
             lines.append(
-                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned}"
+                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned},"
+                f"{share}"
             )
         return "\n".join(lines) + "\n"
 
@@ -81,7 +91,7 @@ class Scenario:
             lines.append("learning.device = 'cuda' is experimental: nobody has flown with it yet")
         for community in self.federation.communities:
             source = community.dataset.provenance
-            if not source.official:
+            if not source.official and community.config.task != "npz":  # one's own are as they are
                 lines.append(
                     f"{community.name}: data in {source.source} are intact, but not the official "
                     "files (a subset?); used as they are"
@@ -99,6 +109,22 @@ class Scenario:
         return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
 
 
+def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
+    """(K, 2) where the devices stand: as configured, else where they were drawn."""
+    devices_m, first = drawn_m.copy(), 0
+    for index, community in enumerate(communities):
+        if community.positions_file is not None:
+            raise InputError(
+                f"communities.{index}.positions_file = {community.positions_file!r}: not read yet; "
+                "load_config, or with_world, reads it"
+            )
+        if community.positions_m is not None:
+            devices_m[first : first + community.devices] = community.positions_m
+        first += community.devices
+    devices_m.flags.writeable = False
+    return devices_m
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -106,10 +132,11 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     streams = RandomStreams(config.seed)
-    area = config.area.build()
+    area = config.area.build(config.mission.altitude_m)
+    check_start(config)
     count = sum(community.devices for community in config.communities)
-    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
-    devices_m.flags.writeable = False
+    drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    devices_m = _placed(config.communities, drawn_m)
     try:
         channel = config.channel.channel(altitude_m=config.mission.altitude_m)
         radio = make_radio(config.channel.gate, channel)

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,8 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         mine = [item for item in learnt if item.community == name and item.round > 0]
         row[f"participation_{name}"] = _mean([math.isfinite(item.loss) for item in mine])
         last = records[-FINAL_ROUNDS:]
+        if name in summary.get("untrained_accuracy", {}):  # not of runs before 0.2
+            row[f"untrained_accuracy_{name}"] = float(summary["untrained_accuracy"][name])
         row[f"final_accuracy_{name}"] = _mean([record.accuracy[name] for record in last])
         row[f"final_cov_{name}"] = _mean([record.cov[name] for record in last])
     row["final_jain_communities"] = _mean(

@@ -1,8 +1,9 @@
 """One `aerofed sweep`: the runs that are not done yet, then tables and figures of all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TypeAlias
 
 from rich.console import Console
 
@@ -18,6 +19,8 @@ from mission.sweep.progress import Bar, Lines, SweepProgress
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
 from mission.sweep.timeleft import TimeLeft, duration
+
+Page: TypeAlias = Callable[[Path], object]
 
 
 class RunsFailedError(AerofedError):
@@ -38,8 +41,9 @@ def sweep(
     jobs: int | None,
     address: str | None,
     console: Console,
+    page: Page | None = None,
 ) -> int:
-    """Execute a sweep, or go on with it; returns the exit code.
+    """Execute a sweep, or go on with it; returns the exit code. `page` makes a page of its folder.
 
     Raises:
         InputError: before anything is flown, where it can be found then.
@@ -51,7 +55,7 @@ def sweep(
         ends = _fly(
             grid, folder,
             data_dir=data_dir, run_figures=run_figures,
-            engine=engine, jobs=jobs, address=address, console=console,
+            engine=engine, jobs=jobs, address=address, console=console, page=page,
         )  # fmt: skip
     except KeyboardInterrupt:
         done = sum(folder.done(run) for run in grid.runs)
@@ -78,6 +82,7 @@ def _fly(
     jobs: int | None,
     address: str | None,
     console: Console,
+    page: Page | None,
 ) -> dict[str, RunEnd]:
     """Everything that is not done yet, then the results; how the runs ended, by name."""
     todo = [run for run in grid.runs if not folder.done(run)]
@@ -94,7 +99,7 @@ def _fly(
                     data_dir=data_dir, run_figures=run_figures, console=console,
                 )  # fmt: skip
         if any(folder.done(run) for run in grid.runs):
-            _report(folder.path, console)
+            _report(folder.path, console, page)
     return ends
 
 
@@ -163,7 +168,7 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
     return f"{rounds} rounds in {duration(wall_s)}, accuracy {accuracy}"
 
 
-def _report(path: Path, console: Console) -> None:
+def _report(path: Path, console: Console, page: Page | None) -> None:
     # Only now: Altair takes half a second to import.
     from mission.sweep.outcome.figures import draw_sweep
     from mission.sweep.outcome.view import final_table
@@ -174,7 +179,10 @@ def _report(path: Path, console: Console) -> None:
     console.print(final_table(state.results))
     if state.missing:
         _say(console, state.progress)
-    _say(console, f"results in {path}; aerofed report {path} makes a page of them")
+    if page is not None:
+        page(path)
+    made = f"aerofed report {path} makes a page of them"
+    _say(console, f"results in {path}{f'; {made}' if page is None else ': open report.html'}")
 
 
 def _say(console: Console, line: str) -> None:

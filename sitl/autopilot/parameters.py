@@ -29,27 +29,27 @@ def _choice(name: str, default: int, high: int, text: str) -> Spec:
 
 
 _FLIGHT = (
-    Spec("MIS_TAKEOFF_ALT", 10.0, 1.0, 500.0, "m", "height of a take-off that names none"),
-    Spec("MPC_XY_CRUISE", 10.0, 0.5, 30.0, "m/s", "speed of legs that name none"),
+    Spec("MIS_TAKEOFF_ALT", 10.0, 1.0, 500.0, "m", "height of a take-off that orders none"),
+    Spec("MPC_XY_CRUISE", 10.0, 0.5, 30.0, "m/s", "speed of legs that order none"),
     Spec("MPC_XY_VEL_MAX", 25.0, 1.0, 30.0, "m/s", "greatest horizontal speed"),
     Spec("MPC_Z_VEL_MAX_UP", 4.0, 0.5, 8.0, "m/s", "greatest climb speed"),
     Spec("MPC_Z_VEL_MAX_DN", 3.0, 0.5, 5.0, "m/s", "greatest descent speed"),
     Spec("MPC_TKO_SPEED", 3.0, 0.5, 5.0, "m/s", "climb speed of a take-off"),
     Spec("MPC_LAND_SPEED", 0.7, 0.3, 2.0, "m/s", "descent speed close to the ground"),
-    Spec("MPC_LAND_ALT2", 5.0, 1.0, 50.0, "m", "height below which the landing speed rules"),
+    Spec("MPC_LAND_ALT2", 5.0, 1.0, 50.0, "m", "height below which it sinks at landing speed"),
     Spec("MPC_ACC_HOR", 3.0, 1.0, 8.0, "m/s2", "deceleration of a stop"),
-    Spec("NAV_ACC_RAD", 5.0, 0.05, 200.0, "m", "acceptance radius where an item names none"),
+    Spec("NAV_ACC_RAD", 5.0, 0.05, 200.0, "m", "acceptance radius of items that give none"),
     Spec("MIS_DIST_1WP", 20_000.0, 100.0, 100_000.0, "m", "farthest item from home"),
-    Spec("RTL_RETURN_ALT", 30.0, 1.0, 500.0, "m", "least height of the way home"),
+    Spec("RTL_RETURN_ALT", 30.0, 1.0, 500.0, "m", "least height of a return"),
     Spec(
         "RTL_MIN_DIST",
         10.0,
         0.5,
         100.0,
         "m",
-        "closer than this to where a return leads nobody climbs first",
+        "a return to a place closer than this does not climb first",
     ),
-    Spec("COM_DISARM_LAND", 1.0, 0.1, 20.0, "s", "on the ground for this long means landed"),
+    Spec("COM_DISARM_LAND", 1.0, 0.1, 20.0, "s", "time on the ground after which it has landed"),
 )
 _FAILSAFE = (
     _choice(
@@ -58,44 +58,48 @@ _FAILSAFE = (
         5,
         "ground station lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 terminate",
     ),
-    Spec("COM_DL_LOSS_T", 10.0, 1.0, 300.0, "s", "silence (wall time) that means lost"),
+    Spec("COM_DL_LOSS_T", 10.0, 1.0, 300.0, "s", "ground station lost: silent so long (wall time)"),
     _choice(
-        "COM_LOW_BAT_ACT", 3, 3, "0 warn 2 land when critical 3 return when critical, then land"
+        "COM_LOW_BAT_ACT",
+        3,
+        3,
+        "low charge: 0 and 1 warn 2 land when critical 3 return when critical, "
+        "land when almost empty",
     ),
     Spec("BAT_LOW_THR", 0.15, 0.05, 0.5, "", "charge that counts as low"),
     Spec("BAT_CRIT_THR", 0.07, 0.03, 0.5, "", "charge that counts as critical"),
-    Spec("BAT_EMERGEN_THR", 0.05, 0.01, 0.3, "", "charge at which to land at once"),
+    Spec("BAT_EMERGEN_THR", 0.05, 0.01, 0.3, "", "charge that counts as almost empty"),
     _choice("COM_POSLOSS_ACT", 3, 4, "GNSS lost: 0 nothing 1 warn 2 hold 3 land 4 terminate"),
-    Spec("COM_POS_FS_DELAY", 20.0, 1.0, 100.0, "s", "GNSS outage (simulated) before acting"),
+    Spec("COM_POS_FS_DELAY", 20.0, 1.0, 100.0, "s", "GNSS lost: silent so long (simulated time)"),
     _choice("GF_ACTION", 2, 5, "fence: 0 nothing 1 warn 2 hold 3 return 4 terminate 5 land"),
     Spec("GF_MAX_HOR_DIST", 0.0, 0.0, 50_000.0, "m", "fence: distance from home, 0 for none"),
     Spec("GF_MAX_VER_DIST", 0.0, 0.0, 5_000.0, "m", "fence: height above home, 0 for none"),
 )
 _PILOTS = (
-    Spec("COM_OF_LOSS_T", 1.0, 0.1, 60.0, "s", "silence (wall time) that means setpoints lost"),
+    Spec("COM_OF_LOSS_T", 1.0, 0.1, 60.0, "s", "setpoints lost: silent so long (wall time)"),
     _choice(
         "COM_OBL_RC_ACT",
         0,
         7,
-        "setpoints lost: 0 position 1 altitude 2 stabilized (by sticks, else return) 3 return "
-        "4 land 5 hold 6 and 7 terminate",
+        "setpoints lost: 0 position 1 altitude 2 stabilized (these by sticks, else return) "
+        "3 return 4 land 5 hold 6 and 7 terminate",
     ),
-    Spec("COM_RC_LOSS_T", 0.5, 0.1, 35.0, "s", "silence (wall time) that means sticks lost"),
+    Spec("COM_RC_LOSS_T", 0.5, 0.1, 35.0, "s", "sticks lost: silent so long (wall time)"),
     _choice(
         "NAV_RCL_ACT",
         2,
         6,
         "sticks lost: 0 nothing 1 hold 2 return 3 land 4 warn 5 and 6 terminate",
     ),
-    Spec("MPC_VEL_MANUAL", 10.0, 1.0, 25.0, "m/s", "speed of a stick at its end"),
-    Spec("MPC_MAN_TILT_MAX", 35.0, 1.0, 60.0, "deg", "lean of a stick at its end"),
-    Spec("MPC_MAN_Y_MAX", 60.0, 5.0, 180.0, "deg/s", "turn of a stick at its end"),
-    Spec("FLW_TGT_HT", 8.0, 8.0, 500.0, "m", "height above who is followed, or above home"),
-    Spec("FLW_TGT_DST", 8.0, 1.0, 500.0, "m", "distance from who is followed"),
-    Spec("FLW_TGT_FA", 180.0, -180.0, 180.0, "deg", "where beside him: 0 ahead, 90 to the right"),
-    _choice("FLW_TGT_ALT_M", 0, 2, "follow 0 and 1 above home 2 above who is followed"),
-    Spec("FLW_TGT_MAX_VEL", 5.0, 0.0, 20.0, "m/s", "greatest speed relative to who is followed"),
-    Spec("FLW_TGT_RS", 0.1, 0.0, 1.0, "", "share of a course that its next report leaves"),
+    Spec("MPC_VEL_MANUAL", 10.0, 1.0, 25.0, "m/s", "speed at full stick"),
+    Spec("MPC_MAN_TILT_MAX", 35.0, 1.0, 60.0, "deg", "lean at full stick"),
+    Spec("MPC_MAN_Y_MAX", 60.0, 5.0, 180.0, "deg/s", "turn at full stick"),
+    Spec("FLW_TGT_HT", 8.0, 8.0, 500.0, "m", "height above the target, or above home"),
+    Spec("FLW_TGT_DST", 8.0, 1.0, 500.0, "m", "distance from the target"),
+    Spec("FLW_TGT_FA", 180.0, -180.0, 180.0, "deg", "direction from the target: 0 ahead, 90 right"),
+    _choice("FLW_TGT_ALT_M", 0, 2, "follow: 0 and 1 above home 2 above the target"),
+    Spec("FLW_TGT_MAX_VEL", 5.0, 0.0, 20.0, "m/s", "greatest speed relative to the target"),
+    Spec("FLW_TGT_RS", 0.1, 0.0, 1.0, "", "share of its old course that a report leaves"),
 )
 _SIMULATION = (_choice("SYS_FAILURE_EN", 1, 1, "whether ground stations may inject failures"),)
 TABLE: tuple[Spec, ...] = tuple(

@@ -6,12 +6,12 @@ import socket
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
+from sitl.block import Block
 from sitl.config import VehicleConfig
 from sitl.firmware.choice import plant_rate_hz, prepare
 from sitl.firmware.clockwork import Clockwork
@@ -76,7 +76,7 @@ class FirmwareVehicle:
         self._writer = Writer(vehicle.system_id)
         self._gnss_on = True
         self._open = AsyncExitStack()
-        self._body: asyncio.Task[object] | None = None
+        self._block: Block | None = None
         self._error: BaseException | None = None
 
     async def __aenter__(self) -> Self:
@@ -106,23 +106,18 @@ class FirmwareVehicle:
             self.process = launch.start(self._folder, processor=processor)
             opened.callback(self.process.stop)
             self.clock.start()
-            self._body = asyncio.current_task()
+            self._block = Block()
             watch = asyncio.create_task(self._watch(), name="firmware watch")
             opened.push_async_callback(_ended, watch)
             self._open = opened.pop_all()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        body, self._body = self._body, None
+    async def __aexit__(self, *_: object) -> None:
+        block, self._block = self._block, None
         await self._open.aclose()
+        if block is not None:
+            block.leave()
         if self._error is not None:
-            if body is not None:
-                body.uncancel()
             raise self._error
 
     async def _watch(self) -> None:
@@ -132,8 +127,8 @@ class FirmwareVehicle:
             self._error = self._failure()
             if self._vehicle.autopilot == "ardupilot":
                 self._switch_gnss()
-        if self._body is not None:
-            self._body.cancel()
+        if self._block is not None:
+            self._block.end()
 
     def _battery(self) -> bytes:
         """PX4 takes the battery of another component for its own; ArduPilot takes none."""

@@ -142,12 +142,12 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
 @pytest.mark.parametrize(
     ("kind", "name", "words"),
     [
-        ("algorithm", "nothing", "learning.algorithm = 'mine:nothing': gives a object without mu"),
+        ("algorithm", "nothing", "learning.algorithm = 'mine:nothing': gives an object without mu"),
         ("algorithm", "no_state", "init() gives a NoneType as its state, not a dictionary"),
         ("algorithm", "bad_momentum", "momentum is 3.0: must be from 0 to 1"),
         ("algorithm", "short", "apply() gives a model of shape (3,), not ("),
         ("algorithm", "endless", "apply() gives a model with values that are not finite"),
-        ("gate", "nothing", "channel.gate = 'mine:nothing': gives a object without per"),
+        ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
         ("gate", "RadioOver", "per() gives 1.5 at "),
         ("gate", "RadioShort", "per() gives shape (), not ("),
         (
@@ -162,7 +162,7 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("partition", "split_few", "gives shares of 2 devices, not 3"),
         ("partition", "split_far", "device 0 gets sample 1000000; there are 0 to "),
         ("partition", "split_floats", "device 0 gets float64 (1,); wanted whole numbers"),
-        ("callbacks", "nothing", "callbacks = 'mine:nothing': gives a object without round_fin"),
+        ("callbacks", "nothing", "callbacks = 'mine:nothing': gives an object without round_fin"),
         *[
             (kind, "broken", "calling it fails: NameError: name 'undefined_name'")
             for kind in ("algorithm", "gate", "callbacks")

@@ -45,7 +45,7 @@ def waypoint_file(tmp_path: Path) -> Path:
     return path
 
 
-def flown(recorder: Recorder) -> None:
+def assert_flown(recorder: Recorder) -> None:
     """The whole mission was flown and ended on the ground where it should."""
     assert [event.seq for event in recorder.of_kind("reached")] == [0, 1, 2, 3, 4]
     for event in recorder.of_kind("reached")[2:4]:
@@ -118,7 +118,7 @@ def test_pymavlink_mavutil(waypoint_file: Path) -> None:
             station = Station(link.port)
             await asyncio.to_thread(station.fly, waypoint_file)
         assert vehicle.autopilot.parameters["RTL_RETURN_ALT"] == 55.0
-        flown(recorder)
+        assert_flown(recorder)
 
     asyncio.run(run())
     assert threading.active_count() < 20
@@ -175,7 +175,7 @@ def test_mavproxy(waypoint_file: Path, tmp_path: Path) -> None:
                 process.kill()  # it asks before it quits
                 await process.wait()
                 await listening
-        flown(recorder)
+        assert_flown(recorder)
 
     asyncio.run(run())
 
@@ -218,7 +218,7 @@ def test_two_ground_stations_at_once(waypoint_file: Path) -> None:
                 asyncio.to_thread(watch), asyncio.to_thread(pilot.fly, waypoint_file)
             )
             assert seen == 4
-        flown(recorder)
+        assert_flown(recorder)
 
     asyncio.run(run())
 
@@ -290,7 +290,7 @@ def _drawn(places: list[tuple[int, int]], command: int, count: int) -> str:
     return "\n".join(rows) + "\n"
 
 
-def fetch_by_pymavlink(port: int, whole: bytes) -> None:
+def fetch_by_pymavlink(port: int) -> bytes:
     """pymavlink's own FTP client: a listing, a file, the parameters."""
     station = Station(port)
     station.say_hello()
@@ -300,12 +300,12 @@ def fetch_by_pymavlink(port: int, whole: bytes) -> None:
     got: list[bytes] = []
     client.cmd_get(["/log/flight-0001.mcap"], callback=lambda file: got.append(file.read()))
     client.process_ftp_reply("OpenFileRO", timeout=HANG_S)
-    assert got == [whole]
     client.cmd_get(["@PARAM/param.pck"], callback=lambda file: got.append(file.read()))
     client.process_ftp_reply("OpenFileRO", timeout=HANG_S)
     values = client.ftp_param_decode(got[-1])
     assert len(values.params) == len(TABLE)
     station.link.close()
+    return got[0]
 
 
 def test_pymavlink_reads_files(tmp_path: Path) -> None:
@@ -317,6 +317,6 @@ def test_pymavlink_reads_files(tmp_path: Path) -> None:
         vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk)
         link = UdpLink("udpin://127.0.0.1:0")
         async with Simulation(vehicle, link):
-            await asyncio.to_thread(fetch_by_pymavlink, link.port, whole)
+            assert await asyncio.to_thread(fetch_by_pymavlink, link.port) == whole
 
     asyncio.run(run())

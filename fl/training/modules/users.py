@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from fl.errors import USERS_MISTAKES, NetworkError, first_line
+from fl.errors import USERS_MISTAKES, NetworkError, first_line, kind_of
 from fl.plugins import PluginError, find, is_plugin
 
 Factory = Callable[[], nn.Module]
@@ -33,7 +33,7 @@ def built(factory: Factory, name: str) -> nn.Module:
     except USERS_MISTAKES as error:
         raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
     if not isinstance(module, nn.Module):
-        raise NetworkError(name, f"gives a {type(module).__name__}, not a torch.nn.Module")
+        raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
     if next(iter(module.parameters()), None) is None:
         raise NetworkError(name, "it has no parameters")
     for key, value in module.named_parameters():
@@ -53,7 +53,7 @@ def check_answer(module: nn.Module, images: Tensor, *, name: str, classes: int) 
         reason = f"fails on images of {tuple(images.shape)}: {first_line(error)}"
         raise NetworkError(name, reason) from error
     if not isinstance(out, Tensor):
-        raise NetworkError(name, f"gives a {type(out).__name__}, not a torch.Tensor")
+        raise NetworkError(name, f"gives {kind_of(out)}, not a torch.Tensor")
     if tuple(out.shape) != (len(images), classes):
         raise NetworkError(
             name,

@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
 from mission.flight.flight_plan import FlightPlan
@@ -21,14 +21,14 @@ from mission.flight.flyers.contact import Say, located, until, until_ready
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
+from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits, read_limits
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver
-
-Floats = NDArray[np.float64]
 
 LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
@@ -82,6 +82,11 @@ class ExternalFlyer(Flyer):
         await until_ready(self.pilot, self.feed, timeout_s=self._link.ready_timeout_s)
         if self.pilot.armed:
             raise FlightError("the vehicle is armed already: land and disarm it first")
+
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the vehicle a fence; it stays there."""
+        await self.ready()
+        await self.pilot.upload_fence(raw_items(items))
 
     async def take_off(self) -> None:
         """Climb from the ground to the hover above where the vehicle stands.
@@ -146,6 +151,7 @@ class ExternalFlyer(Flyer):
 
     async def land(self) -> None:
         """Return to home and land."""
+        await self.go_home()
         await self.pilot.land()
         await self.seen_down()
 
@@ -157,21 +163,16 @@ class ExternalFlyer(Flyer):
                 await until(lambda: self.t_ns > landed_ns)
 
     async def refresh(self, reserve: float) -> bool:
-        """Return, land, wait for a charged battery, take off and come back to where it was.
-
-        Raises:
-            FlightError: nobody charged it in time; the vehicle stands at home.
-        """
+        """See `Flyer`; a charged battery has to be waited for, so people are told."""
         self._doubt_battery(reserve)
-        if not self.battery_remaining < reserve:  # an unknown one is not
-            return False
-        self._say(f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one")
-        back = self.area.from_ned(self.here().est_ned_m)
-        await self.land()
+        if self.battery_remaining < reserve:
+            self._say(
+                f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one"
+            )
+        return await super().refresh(reserve)
+
+    async def _change_battery(self, reserve: float) -> None:
         await self._charged(reserve)
-        await self.take_off()
-        await self.go_to(back)
-        return True
 
     async def _charged(self, reserve: float) -> None:
         """Wait for more than what a battery recovers by resting: half of all above the reserve."""

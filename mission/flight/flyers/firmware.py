@@ -22,11 +22,13 @@ from mission.config.models import RunConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import Say, located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
+from mission.flight.flyers.flyer import Flyer
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
+from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle
@@ -48,6 +50,11 @@ class FirmwareFlyer(ExternalFlyer):
     def t_ns(self) -> int:
         """Simulated time."""
         return self.vehicle.plant.t_ns
+
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the firmware a fence."""
+        with self.vehicle.clock.going():
+            await super().set_fence(items)
 
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""
@@ -75,15 +82,11 @@ class FirmwareFlyer(ExternalFlyer):
         return self.vehicle.clock.now.battery.remaining
 
     async def refresh(self, reserve: float) -> bool:
-        """Return, land, change the battery, take off and come back to where it was."""
-        if self.battery_remaining >= reserve:
-            return False
-        back = self.area.from_ned(self.here().est_ned_m)
-        await self.land()
+        """As the simulated vehicle does: its charge is known, and nobody has to be waited for."""
+        return await Flyer.refresh(self, reserve)
+
+    async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
         self.vehicle.clock.exchange_battery()
-        await self.take_off()
-        await self.go_to(back)
-        return True
 
 
 @dataclass

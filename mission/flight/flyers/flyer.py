@@ -1,14 +1,17 @@
 """A vehicle with its pilot, as a run sees it: orders in area coordinates in, flights out."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.base.area import Area
+from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan, direct_flight
 from mission.flight.track import Flight, Passage
+from sitl.autopilot.values.messages import MissionItem
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +34,10 @@ class Flyer(ABC):
         """Truth and belief at this instant."""
 
     @abstractmethod
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the vehicle a fence, before the first take-off."""
+
+    @abstractmethod
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""
 
@@ -49,14 +56,52 @@ class Flyer(ABC):
     async def land(self) -> None:
         """Return to home and land."""
 
+    @property
     @abstractmethod
+    def battery_remaining(self) -> float:
+        """Charge of the battery, 0..1; NaN where it is not known."""
+
+    @abstractmethod
+    async def _change_battery(self, reserve: float) -> None:
+        """Have one that is well above `reserve`; the vehicle stands at home."""
+
     async def refresh(self, reserve: float) -> bool:
-        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed."""
+        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed.
+
+        Return, land, change it, take off and come back to where it was.
+
+        Raises:
+            FlightError: nobody changed it in time; the vehicle stands at home.
+        """
+        if not self.battery_remaining < reserve:  # an unknown one is not
+            return False
+        back = self.area.from_ned(self.here().est_ned_m)
+        await self.land()
+        await self._change_battery(reserve)
+        await self.take_off()
+        await self.go_to(back)
+        return True
 
     async def go_to(self, xy_m: Floats) -> None:
-        """Fly to a point in area coordinates, outside any round."""
-        start = self.area.from_ned(self.here().est_ned_m)
-        if float(np.linalg.norm(xy_m - start)) > self.mission.acceptance_radius_m:
-            plan = direct_flight(start, xy_m, mission=self.mission)
-            await self.upload(plan)
-            await self.fly(plan)
+        """Fly to a point in area coordinates, or near it where it may not be flown; outside any
+        round.
+
+        Raises:
+            FlightError: no way leads there.
+        """
+        start, space = self.area.from_ned(self.here().est_ned_m), self.area.airspace
+        try:
+            xy_m = space.moved(xy_m[None])[0]
+            if float(np.linalg.norm(xy_m - start)) <= self.mission.acceptance_radius_m:
+                return
+            plan = direct_flight(start, xy_m, mission=self.mission, airspace=space)
+        except ValueError as error:
+            x, y = xy_m.tolist()
+            raise FlightError(f"to ({x:.0f}, {y:.0f}) m in the area: {error}") from None
+        await self.upload(plan)
+        await self.fly(plan)
+
+    async def go_home(self) -> None:
+        """Be above home where a return, which leads straight there, might cross an area."""
+        if not self.area.airspace.is_open:
+            await self.go_to(np.array(self.area.home_m))

@@ -1,17 +1,17 @@
 """The kinds of flyers that a run can have, and how each is made ready and opened."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from flightdyn.plant import Plant
 from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
-from mission.flight.fence_zones import fence_of
+from mission.flight.fence_zones import airspace_zones, fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
@@ -34,16 +34,31 @@ from sitl.vehicle import Vehicle
 Say = Callable[[str], None]
 
 
-class Flyers(Protocol):
+@dataclass(frozen=True)
+class Attached:
+    """What else has to do with a flight."""
+
+    observers: Sequence[VehicleObserver]
+    folder: Path  # of the run
+    say: Say  # hears what people should know of another autopilot than ours
+    tap: Tap | None = None  # on the link between pilot and built-in autopilot
+
+
+@dataclass(frozen=True)
+class Flyers(ABC):
     """Opens the flyer of one run."""
 
+    scenario: Scenario
+
     @property
+    @abstractmethod
     def position_source(self) -> str:
         """Where the run's positions come from, for people."""
 
     @property
     def no_resume(self) -> str:
         """Why the run cannot be resumed, for people; empty where it can."""
+        return ""
 
     def check(self) -> None:
         """Refuse what cannot work, before anything is written.
@@ -51,8 +66,9 @@ class Flyers(Protocol):
         Raises:
             LinkLostError: a port is taken; the firmware's binary is not there.
         """
+        check_link(self.scenario.config.link)
 
-    def await_vehicle(self, *, say: Say) -> None:
+    def await_vehicle(self, *, say: Say) -> None:  # noqa: B027  most wait for nothing
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
 
         Raises:
@@ -60,50 +76,34 @@ class Flyers(Protocol):
         """
 
     def fence(self) -> tuple[Zone, ...]:
-        """What the vehicle keeps to, as far as it is known here."""
+        """What the vehicle keeps to, as far as it is known here: what the configuration draws."""
+        return airspace_zones(self.scenario.area)
 
-    def open(
-        self, observers: Sequence[VehicleObserver], *, folder: Path, tap: Tap | None, say: Say
-    ) -> AbstractAsyncContextManager[Flyer]:
-        """The flyer, for the length of a block, of a run whose folder is `folder`.
-
-        `tap` goes on the link between pilot and built-in autopilot; `say` hears what people
-        should know of another one.
-        """
+    @abstractmethod
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        """The flyer, for the length of a block."""
 
 
 @dataclass(frozen=True)
 class BuiltInFlyers(Flyers):
     """Our own autopilot on the simulated aircraft. A run flies it once."""
 
-    scenario: Scenario
     vehicle: Vehicle  # on the ground at home
     position_source = SIMULATED_POSITIONS
-    no_resume = ""
-
-    def check(self) -> None:
-        """Refuse ports that are taken."""
-        check_link(self.scenario.config.link)
-
-    def await_vehicle(self, *, say: Say) -> None:
-        """Wait for nothing: the simulated vehicle is there."""
 
     def fence(self) -> tuple[Zone, ...]:
-        """A run draws no fence of its own; the vehicle's parameters may hold it near home."""
-        return fence_of((), self.vehicle.autopilot.parameters, self.scenario.area)
+        """With what the vehicle's parameters make: a circle about home."""
+        parameters = self.vehicle.autopilot.parameters
+        return (*super().fence(), *fence_of((), parameters, self.scenario.area))
 
-    def open(
-        self,
-        observers: Sequence[VehicleObserver],
-        *,
-        folder: Path,  # noqa: ARG002
-        tap: Tap | None,
-        say: Say,  # noqa: ARG002
-    ) -> AbstractAsyncContextManager[Flyer]:
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """Start the simulated vehicle."""
-        scenario = self.scenario
         return open_simulated(
-            scenario.config, self.vehicle, area=scenario.area, observers=observers, tap=tap
+            self.scenario.config,
+            self.vehicle,
+            area=self.scenario.area,
+            observers=attached.observers,
+            tap=attached.tap,
         )
 
 
@@ -111,7 +111,6 @@ class BuiltInFlyers(Flyers):
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
 
-    scenario: Scenario
     plant: Plant  # on the ground at home
 
     @property
@@ -128,38 +127,24 @@ class FirmwareFlyers(Flyers):
 
     def check(self) -> None:
         """Refuse a binary that cannot be started, and ports that are taken."""
-        config = self.scenario.config
-        assert config.vehicle.firmware.path is not None
+        path = self.scenario.config.vehicle.firmware.path
+        assert path is not None
         try:
-            check_binary(config.vehicle.firmware.path)
+            check_binary(path)
         except FirmwareSilentError as error:
             raise LinkLostError(str(error)) from None
-        check_link(config.link)
+        super().check()
 
-    def await_vehicle(self, *, say: Say) -> None:
-        """Wait for nothing: the firmware is started with the flight."""
-
-    def fence(self) -> tuple[Zone, ...]:
-        """No fence that is known here."""
-        return ()
-
-    def open(
-        self,
-        observers: Sequence[VehicleObserver],
-        *,
-        folder: Path,
-        tap: Tap | None,  # noqa: ARG002
-        say: Say,
-    ) -> AbstractAsyncContextManager[Flyer]:
-        """Start the firmware, in a folder of its own below `folder`."""
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        """Start the firmware, in a folder of its own below the run's."""
         return open_firmware(
             self.scenario.config,
             self.plant,
-            folder / FOLDER,
+            attached.folder / FOLDER,
             area=self.scenario.area,
             demand=_demand(self.scenario),
-            observers=observers,
-            say=say,
+            observers=attached.observers,
+            say=attached.say,
         )
 
 
@@ -167,7 +152,6 @@ class FirmwareFlyers(Flyers):
 class ExternalFlyers(Flyers):
     """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
 
-    scenario: Scenario
     no_resume = "flown by an external autopilot"
 
     @property
@@ -175,28 +159,13 @@ class ExternalFlyers(Flyers):
         """Where the run's positions come from, for people."""
         return telemetry_of(self.scenario.config.link)
 
-    def check(self) -> None:
-        """Refuse a port that is taken."""
-        check_link(self.scenario.config.link)
-
     def await_vehicle(self, *, say: Say) -> None:
         """Wait for an autopilot that can be flown."""
         link = self.scenario.config.link
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
         run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
-    def fence(self) -> tuple[Zone, ...]:
-        """No fence that is known here."""
-        return ()
-
-    def open(
-        self,
-        observers: Sequence[VehicleObserver],
-        *,
-        folder: Path,  # noqa: ARG002
-        tap: Tap | None,  # noqa: ARG002
-        say: Say,
-    ) -> AbstractAsyncContextManager[Flyer]:
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """Connect to the autopilot at `link.url`."""
         scenario = self.scenario
         return open_external(
@@ -204,8 +173,8 @@ class ExternalFlyers(Flyers):
             mission=scenario.config.mission,
             area=scenario.area,
             demand=_demand(scenario),
-            observers=observers,
-            say=say,
+            observers=attached.observers,
+            say=attached.say,
         )
 
 
@@ -213,31 +182,16 @@ class ExternalFlyers(Flyers):
 class NoFlyers(Flyers):
     """Nobody flies: a plan, if there is one, is met exactly."""
 
-    scenario: Scenario
     position_source = PLANNED_POSITIONS
-    no_resume = ""
 
     def check(self) -> None:
-        """Refuse nothing."""
+        """Refuse nothing: no link is needed."""
 
-    def await_vehicle(self, *, say: Say) -> None:
-        """Wait for nothing."""
-
-    def fence(self) -> tuple[Zone, ...]:
-        """No fence."""
-        return ()
-
-    def open(
-        self,
-        observers: Sequence[VehicleObserver],
-        *,
-        folder: Path,  # noqa: ARG002
-        tap: Tap | None,  # noqa: ARG002
-        say: Say,  # noqa: ARG002
-    ) -> AbstractAsyncContextManager[Flyer]:
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """A flyer that meets every waypoint."""
+        scenario = self.scenario
         return open_unflown(
-            self.scenario.config.mission, area=self.scenario.area, observers=observers
+            scenario.config.mission, area=scenario.area, observers=attached.observers
         )
 
 

@@ -17,9 +17,11 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
+from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
 from sitl.errors import LinkError, SitlInputError
 from sitl.links import Link, RawLink, UdpLink
@@ -72,6 +74,11 @@ class SimulatedFlyer(Flyer):
         aircraft = self.vehicle.aircraft
         return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Give the vehicle a fence; simulated time stands still meanwhile."""
+        await self.pilot.ready()
+        await self.pilot.upload_fence(raw_items(items))
+
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""
         await self.pilot.ready()
@@ -85,29 +92,23 @@ class SimulatedFlyer(Flyer):
     async def fly(self, plan: FlightPlan) -> Flight:
         """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
-            here = self.here()
-            return Flight.standing(here, self.vehicle.aircraft.battery.remaining)
+            return Flight.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here())
         await self.pilot.fly()
-        return self.recorder.finish(
-            self.here(), self.vehicle.aircraft.battery.remaining, items=stop_items(plan)
-        )
+        return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
 
     async def land(self) -> None:
         """Return to home and land."""
+        await self.go_home()
         await self.pilot.land()
 
-    async def refresh(self, reserve: float) -> bool:
-        """Return, land, change the battery, take off and come back to where it was."""
-        aircraft = self.vehicle.aircraft
-        if aircraft.battery.remaining >= reserve:
-            return False
-        back = self.area.from_ned(self.here().est_ned_m)
-        await self.land()
-        aircraft.exchange_battery()
-        await self.take_off()
-        await self.go_to(back)
-        return True
+    @property
+    def battery_remaining(self) -> float:
+        """Charge of the battery, 0..1."""
+        return self.vehicle.aircraft.battery.remaining
+
+    async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
+        self.vehicle.aircraft.exchange_battery()
 
 
 @asynccontextmanager

@@ -5,17 +5,16 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.track import Flight, FlightRecorder, Passage
+from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
-
-Floats = NDArray[np.float64]
 
 PLANNED_POSITIONS = "nothing is flown: every waypoint is met exactly, at the planned speed"
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -43,20 +42,28 @@ class UnflownFlyer(Flyer):
         """Where it is, which is where it believes to be."""
         return Passage(self._t_ns, self._ned_m, self._ned_m)
 
+    async def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Do nothing: nobody has to be told."""
+
     async def take_off(self) -> None:
         """Be above home at once."""
         self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.mission.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
         """Be above a place at once."""
-        self._ned_m = self.area.to_ned(xy_m, self.mission.altitude_m)
+        allowed_m = self.area.airspace.moved(xy_m[None])[0]
+        self._ned_m = self.area.to_ned(allowed_m, self.mission.altitude_m)
 
     async def land(self) -> None:
         """Do nothing: nothing of a landing is recorded."""
 
-    async def refresh(self, reserve: float) -> bool:  # noqa: ARG002
-        """Change nothing: no charge is used up."""
-        return False
+    @property
+    def battery_remaining(self) -> float:
+        """All of it: no charge is used up."""
+        return FULL.remaining
+
+    async def _change_battery(self, reserve: float) -> None:
+        """Do nothing: it is always full."""
 
     async def upload(self, plan: FlightPlan) -> None:
         """Do nothing: nobody has to be told."""

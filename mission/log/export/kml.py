@@ -6,11 +6,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.base.run_folder import write_atomically
 from mission.log.read.reader import read_log
-from mission.log.values import FlightData, Floats, Track
+from mission.log.values import FlightData, Track
 
 _KML = "http://www.opengis.net/kml/2.2"
 
@@ -45,7 +46,7 @@ def export_kml(path: Path, target: Path) -> Path:
             _line(lines, name, "fence", _coordinates(data, closed))
     planned, flown = _folder(document, "planned"), _folder(document, "flown")
     for plan in data.plans:
-        points = np.column_stack((plan.waypoints_m, plan.height_m))
+        points = np.column_stack((plan.route_m, plan.route_height_m))
         _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
     for name, track in _pieces(data):
         _line(flown, name, "flown", _coordinates(data, track.pos_m))

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import csv_text
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
 from mission.log.records import flat
-from mission.log.values import FlightData, Floats, InnovationTrack, PlanRecord
+from mission.log.values import FlightData, InnovationTrack, PlanRecord
 
 Column: TypeAlias = Sequence[Any] | NDArray[Any]
 Tables: TypeAlias = dict[str, dict[str, Column]]

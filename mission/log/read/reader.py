@@ -20,6 +20,7 @@ from mission.log.values import (
     FlightData,
     InnovationTrack,
     LearningRecord,
+    PlanFileRecord,
     PlanRecord,
     Track,
     WindTrack,
@@ -45,6 +46,7 @@ def decode(contents: Contents) -> FlightData:
         LogError: it is not a log of ours.
     """
     area = contents.area
+    plan_file = contents.metadata.get(PlanFileRecord.KEY)
     try:
         devices = _devices(contents)
         truth, belief = _common(
@@ -71,8 +73,9 @@ def decode(contents: Contents) -> FlightData:
             innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
+            plan_file=None if plan_file is None else PlanFileRecord.from_text(plan_file),
         )
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ForeignLogError(
             contents.path, f"a record is not what its schema says ({error!r})"
         ) from None
@@ -133,6 +136,8 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
         # Earlier logs have only the one height, which is the same everywhere in a run.
         height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
         ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
+        # Nor do they know of areas to fly around.
+        route_m=np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2),
     )
 
 

@@ -23,8 +23,9 @@ from flightdyn.state import (
     Vector,
 )
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.log.topics import BODY_FRAME, FRAME, SENSORS
-from mission.log.values import NS_PER_S, Floats, PlanRecord, Zone
+from mission.log.values import NS_PER_S, PlanRecord, Zone
 from mission.log.write.templates import Template
 
 POSITION_GRID = 2.0**10  # cells a metre
@@ -208,6 +209,7 @@ def plan(written: PlanRecord) -> bytes:
             "altitude_m": float(written.altitude_m),
             "height_m": written.height_m.tolist(),
             "ideal_slot_s": written.ideal_slot_s.tolist(),
+            "route_m": written.route_m.tolist(),
         }
     )
 

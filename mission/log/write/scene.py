@@ -9,9 +9,10 @@ from foxglove import messages as fox
 
 from mission.base import palette
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.log.records import UplinkRecord
 from mission.log.topics import FRAME
-from mission.log.values import Devices, Floats, PlanRecord, Zone
+from mission.log.values import Devices, PlanRecord, Zone
 from mission.log.write.messages import geojson, timestamp
 
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
@@ -117,7 +118,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
     features: list[Mapping[str, Any]] = [
         _feature(
             "LineString",
-            _lonlat(area, plan.waypoints_m, plan.altitude_m),
+            _lonlat(area, plan.route_m, plan.altitude_m),
             {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
         )
     ]

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from foxglove import messages as fox
-from numpy.typing import NDArray
 
-from mission.log.values import NS_PER_S, Floats
+from mission.base.arrays import Floats, Ints
+from mission.log.values import NS_PER_S
 
-Instants = NDArray[np.int64]
+Instants = Ints
 
 # Seconds and nanoseconds are varints, seven bits a byte; written with five bytes all numbers fit.
 _SECONDS, _NANOSECONDS = 2**32 - 7, 2**28 + 7

@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -14,7 +13,7 @@ from mission.base.area import Area
 from mission.log import topics
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, Devices, Floats, PlanRecord, Zone, area_to_text
+from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
 from mission.log.write import messages, scene
 from mission.log.write.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
 from mission.log.write.classic_layout import classic
@@ -98,43 +97,44 @@ class FlightLog:
         *,
         speed_mps: float,
         ideal_slot_s: Sequence[float] | None = None,
-        height_m: Floats | None = None,
     ) -> None:
         """Write a round's plan at the instant at which the round starts.
 
         `ideal_slot_s` (N,) says when each step would be passed, in seconds after the start, by
         an aircraft that is always at its planned speed; by default the path length to the step
-        over `speed_mps`. A plan that hovers has to say it. `height_m` (N,) is above home; by
-        default the problem's altitude everywhere.
+        over `speed_mps`. A plan that hovers has to say it.
         """
-        self._now_ns = t_ns
         if ideal_slot_s is None:
-            ideal_slot_s = (polyline.along(plan.waypoints_m) / speed_mps).tolist()
-        written = PlanRecord(
-            round=round_number,
-            t_ns=t_ns,
-            waypoints_m=plan.waypoints_m,
-            schedule=plan.schedule,
-            importance=problem.importance,
-            value=plan.value,
-            upper_bound=plan.upper_bound,
-            path_budget_m=problem.path_budget_m,
-            speed_mps=speed_mps,
-            altitude_m=problem.channel.altitude_m,
-            height_m=(
-                np.full(len(plan.waypoints_m), problem.channel.altitude_m)
-                if height_m is None
-                else height_m
-            ),
-            ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+            ideal_slot_s = (polyline.along(plan.route_m)[plan.stops_at] / speed_mps).tolist()
+        altitude_m = problem.channel.altitude_m
+        self.plan_record(
+            PlanRecord(
+                round=round_number,
+                t_ns=t_ns,
+                waypoints_m=plan.waypoints_m,
+                schedule=plan.schedule,
+                importance=problem.importance,
+                value=plan.value,
+                upper_bound=plan.upper_bound,
+                path_budget_m=problem.path_budget_m,
+                speed_mps=speed_mps,
+                altitude_m=altitude_m,
+                height_m=np.full(len(plan.waypoints_m), altitude_m),
+                ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+                route_m=plan.route_m,
+            )
         )
+
+    def plan_record(self, written: PlanRecord) -> None:
+        """Write a plan at the instant at which its flight starts."""
+        t_ns = self._now_ns = written.t_ns
         self._write(topics.PLAN, t_ns, messages.plan(written))
         stamp = messages.timestamp(t_ns)
-        points = np.column_stack((plan.waypoints_m, written.height_m))
+        points = np.column_stack((written.route_m, written.route_height_m))
         self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)
-        seen = scene.devices(t_ns, self._devices, problem.importance)
+        seen = scene.devices(t_ns, self._devices, written.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
         self._write_world(t_ns)
         self._vehicle.begin_path()
@@ -211,12 +211,7 @@ class FlightLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:

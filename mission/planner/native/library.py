@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.base.arrays import Floats, Ints
 from native.building import library
 from native.loading import address, functions, load
 
 MOST_DEVICES = 40  # of a search
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from fl.radio.channel import Channel, LogisticFit, fit_logistic, smooth_per
+from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
     check_problem,
@@ -17,7 +18,7 @@ from mission.planner.evaluate import (
 )
 from mission.planner.paper.initial_path import METRE_POWERS, greedy_walk
 from mission.planner.paper.path_step import PathProgram, path_program
-from mission.planner.problem import Bools, Floats, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 logger = logging.getLogger(__name__)

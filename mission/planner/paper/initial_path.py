@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mission.planner.problem import Floats, RoundProblem
+from mission.base.arrays import Floats
+from mission.planner.problem import RoundProblem
 
 # What a step of the walk is rated by: worth per metre^power. 0 is the paper's walk; the others
 # are the further starts of the alternation.

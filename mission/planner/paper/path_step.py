@@ -18,8 +18,9 @@ import cvxpy as cp
 import numpy as np
 
 from fl.radio.channel import LogisticFit
+from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
-from mission.planner.problem import Bools, Floats, RoundProblem
+from mission.planner.problem import RoundProblem
 
 # Beyond +-8 in the exponent q_tilde is within 3.4e-4 of 0 or 1. Taking the tangent at the limit
 # instead keeps it a lower bound and the program well scaled.

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission.base.arrays import Floats
 from mission.sweep.outcome.stats import ENOUGH, band
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
-Floats = NDArray[np.float64]
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
 _POINTS = 200  # of a curve over distance or time
@@ -53,10 +52,17 @@ Sampling: TypeAlias = Callable[[Sequence[RunResult], str, int], tuple[Floats, Fl
 
 
 def by_round(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
-    """Round numbers that every run has, and (runs, rounds) means of `window` rounds."""
+    """Round numbers that every run has, and (runs, rounds) means of `window` rounds.
+
+    Accuracy begins with round 0, the untrained model, where all the runs know it.
+    """
     shortest = min(len(run.rounds) for run in runs)
     values = np.array([running_mean(run.curve(column), window)[:shortest] for run in runs])
-    return np.arange(1.0, shortest + 1.0), values
+    before = [run.summary.get(f"untrained_{column}") for run in runs]
+    if None in before:
+        return np.arange(1.0, shortest + 1.0), values
+    start = np.array(before, dtype=np.float64)[:, None]
+    return np.arange(shortest + 1.0), np.hstack((start, values))
 
 
 def by_distance(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:

@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from mission.sweep.outcome.curves import communities_of, groups_of
 from mission.sweep.outcome.gains import gain_table, paired_gains
-from mission.sweep.outcome.view import final_rounds, number, over_seeds, percent
+from mission.sweep.outcome.view import ACCURACY, REST, final_rounds, outcome
 from mission.sweep.state import SweepState
 
 # What the paper reports of its method against the same without fairness (section V).
@@ -27,24 +26,7 @@ def reproduction(state: SweepState) -> str:
 
 
 def _outcome(state: SweepState) -> list[str]:
-    communities = communities_of(state.results)
-    heads = ["strategy", "seeds", *(f"{name}, %" for name in communities)]
-    heads += [*(f"{name} arrived, %" for name in communities), "scheduled arrived, %"]
-    heads += ["PER planned", "PER true", "rounds", "km flown"]
-    rows = [
-        [
-            label,
-            state.seeds(label),
-            *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
-            *(percent(over_seeds(runs, f"participation_{name}")) for name in communities),
-            percent(over_seeds(runs, "delivered_share")),
-            number(over_seeds(runs, "plan_per"), 3),
-            number(over_seeds(runs, "true_per"), 3),
-            number(over_seeds(runs, "rounds"), 0),
-            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
-        ]
-        for label, runs in groups_of(state.results).items()
-    ]
+    heads, rows = outcome(state.results, (ACCURACY, *REST), seeds=state.seeds)
     note = (
         "First columns: accuracy on the images that it is reported on, "
         f"{final_rounds(state.results)}. Arrived: devices whose update arrived, of the community's "

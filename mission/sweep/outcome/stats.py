@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-Floats = NDArray[np.float64]
+from mission.base.arrays import Floats
 
 CONFIDENCE = 0.95
 ENOUGH = 3  # values: the interval of two is 13 times as wide as their standard error

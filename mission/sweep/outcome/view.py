@@ -1,7 +1,9 @@
-"""The table at the end of a sweep."""
+"""The outcome of a sweep as a table: its columns, declared once, and how values are written."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from rich import box
 from rich.table import Table
@@ -10,10 +12,66 @@ from mission.sweep.outcome.curves import communities_of, groups_of
 from mission.sweep.outcome.stats import Interval, interval
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
+Cells: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of `runs.csv` over the seeds; `{}` in it stands for each community in turn."""
+
+    name: str
+    head: str
+    digits: int | None = None  # of the mean alone; None: percent, with its interval
+    unit: float = 1.0
+
+    def cell(self, runs: Sequence[RunResult], community: str) -> str:
+        """What stands in the row of a group."""
+        value = over_seeds(runs, self.name.format(community))
+        return percent(value) if self.digits is None else number(value, self.digits, unit=self.unit)
+
+
+ACCURACY = Column("final_accuracy_{}", "{} %")
+FAIRNESS = (
+    Column("final_cov_{}", "CoV {}", 2),
+    Column("final_jain_communities", "Jain", 3),
+)
+REST = (
+    Column("participation_{}", "{} arrived %"),
+    Column("delivered_share", "scheduled arrived %"),
+    Column("plan_per", "PER planned", 3),
+    Column("true_per", "PER true", 3),
+    Column("rounds", "rounds", 0),
+    Column("flown_m", "km flown", 1, unit=1000.0),
+)
+_TERMINAL = (
+    Column("final_accuracy_{}", "{}\n%"),
+    Column("delivered_share", "delivered\n%", 1, unit=0.01),
+    Column("participation", "took part\n%", 1, unit=0.01),
+    Column("flown_m", "flown\nkm", 1, unit=1000.0),
+)
+
+
+def outcome(
+    results: Sequence[RunResult], columns: Sequence[Column], *, seeds: Callable[[str], str]
+) -> Cells:
+    """A row for each strategy and setting; `seeds` says how many of a group there are."""
+    each = [
+        (column, name)
+        for column in columns
+        for name in (communities_of(results) if "{}" in column.name else ("",))
+    ]
+    heads = ["strategy", "seeds", *(column.head.format(name) for column, name in each)]
+    rows = [
+        [label, seeds(label), *(column.cell(runs, name) for column, name in each)]
+        for label, runs in groups_of(results).items()
+    ]
+    return heads, rows
+
 
 def final_table(results: Sequence[RunResult]) -> Table:
-    """A row for each strategy and setting: means over the seeds, with 95 % intervals."""
-    communities = communities_of(results)
+    """For the terminal: means over the seeds, with 95 % intervals."""
+    groups = groups_of(results)
+    (first, *heads), rows = outcome(results, _TERMINAL, seeds=lambda name: str(len(groups[name])))
     table = Table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
@@ -21,20 +79,11 @@ def final_table(results: Sequence[RunResult]) -> Table:
         caption_justify="left",
     )
     # Where room is short the names are broken: a number that is cut is another number.
-    table.add_column("strategy", overflow="fold")
-    for name in ("seeds", *(f"{name}\n%" for name in communities)):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name in ("delivered\n%", "took part\n%", "flown\nkm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for label, runs in groups_of(results).items():
-        table.add_row(
-            label,
-            str(len(runs)),
-            *(percent(over_seeds(runs, f"final_accuracy_{name}")) for name in communities),
-            number(over_seeds(runs, "delivered_share"), 1, unit=0.01),
-            number(over_seeds(runs, "participation"), 1, unit=0.01),
-            number(over_seeds(runs, "flown_m"), 1, unit=1000.0),
-        )
+    table.add_column(first, overflow="fold")
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

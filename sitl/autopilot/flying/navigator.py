@@ -115,7 +115,7 @@ class Navigator:
             ),
             frame=self._aircraft.frame,
             home=home,
-            limits=self._limits(),
+            limits=route.Limits.of(self._parameters),
         )
 
     def fly(
@@ -162,23 +162,12 @@ class Navigator:
         return do.Follow(self._aircraft, self._path(points, speed_mps))
 
     def _path(self, points: Sequence[Vector], speed_mps: float) -> FlightPath:
-        limits = self._limits()
+        limits = route.Limits.of(self._parameters)
         speeds = [
             route.leg_speed(a, b, speed_mps=speed_mps, limits=limits) for a, b in pairwise(points)
         ]
         radii = np.full(len(points), limits.acceptance_m)
         return FlightPath(np.array(points), np.array(speeds), radii)
-
-    def _limits(self) -> route.Limits:
-        p = self._parameters
-        return route.Limits(
-            cruise_mps=p["MPC_XY_CRUISE"],
-            max_speed_mps=p["MPC_XY_VEL_MAX"],
-            climb_mps=p["MPC_Z_VEL_MAX_UP"],
-            descent_mps=p["MPC_Z_VEL_MAX_DN"],
-            takeoff_mps=p["MPC_TKO_SPEED"],
-            acceptance_m=p["NAV_ACC_RAD"],
-        )
 
 
 def _reporter(at: Sequence[Sequence[int]], reached: Callable[[int], None]) -> Callable[[int], None]:

@@ -8,13 +8,14 @@ import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
 from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import NAVIGATION, PLACES
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values.enums import RELATIVE_FRAMES, Command
@@ -86,6 +87,18 @@ class Limits:
     descent_mps: float
     takeoff_mps: float
     acceptance_m: float
+
+    @classmethod
+    def of(cls, parameters: Parameters) -> Self:
+        """As the vehicle's parameters have it."""
+        return cls(
+            cruise_mps=parameters["MPC_XY_CRUISE"],
+            max_speed_mps=parameters["MPC_XY_VEL_MAX"],
+            climb_mps=parameters["MPC_Z_VEL_MAX_UP"],
+            descent_mps=parameters["MPC_Z_VEL_MAX_DN"],
+            takeoff_mps=parameters["MPC_TKO_SPEED"],
+            acceptance_m=parameters["NAV_ACC_RAD"],
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,3 +115,25 @@ def test_same_stream_same_assignment() -> None:
         assert any(
             not np.array_equal(a, b) for a, b in zip(make(rng(5)), make(rng(6)), strict=True)
         )
+
+
+@pytest.mark.parametrize("kind", ["labels", "dirichlet", "iid"])
+def test_weights_say_who_has_how_much(kind: str) -> None:
+    labels, weights = balanced(10, 300), np.array([4.0, 2.0, 1.0, 1.0])
+    if kind == "labels":
+        owns = np.ones((4, 10), dtype=np.bool_)
+        shares = by_labels(labels, owns, rng=rng(1), weights=weights)
+    elif kind == "dirichlet":
+        shares = by_dirichlet(
+            labels, devices=4, classes=10, alpha=1000.0, rng=rng(1), weights=weights
+        )
+    else:
+        shares = iid(3000, devices=4, rng=rng(1), weights=weights)
+    assert sorted(np.concatenate(shares)) == list(range(3000))
+    got = np.array([len(share) for share in shares]) / 3000
+    np.testing.assert_allclose(got, weights / weights.sum(), atol=0.01)
+
+
+def test_a_device_whose_share_is_no_sample_is_refused() -> None:
+    with pytest.raises(SettingError, match="device 1 of them would be without a sample"):
+        iid(100, devices=2, rng=rng(), weights=np.array([1.0, 1e-6]))

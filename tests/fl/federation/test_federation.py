@@ -8,7 +8,13 @@ import pytest
 from reference_net import train_plainly
 
 from fl.config import CommunityConfig, LearningConfig
-from fl.errors import CheckpointError, DivergedError, LearningInputError, SettingError
+from fl.errors import (
+    CheckpointError,
+    DivergedError,
+    LearningInputError,
+    NetworkError,
+    SettingError,
+)
 from fl.federation import rounds as fed
 from fl.federation.checkpoint import from_bytes, to_bytes
 from fl.training.convnet import ConvNet
@@ -217,6 +223,16 @@ def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) 
     fed.build([few], alone, data_dir=tmp_path, stream=streams.generator)
 
 
+def test_a_network_that_does_not_fit_names_its_community(tmp_path: Path) -> None:
+    images = np.zeros((24, 3, 8), np.uint8)
+    np.savez(tmp_path / "few.npz", images=images, labels=np.arange(24) % 2)
+    small = CommunityConfig(
+        name="small", task="npz", data_file="few.npz", devices=2, labels_per_device=1
+    )
+    with pytest.raises(NetworkError, match=r"^community small: network 'lenet': .*too small"):
+        fed.build([small], FAST, data_dir=tmp_path, stream=RandomStreams(1).generator)
+
+
 def test_who_missed_a_round_is_the_papers_text_or_its_equation() -> None:
     scheduled, delivered = flags(4, 0, 1), flags(4, 1)
     for missed, expected in (
@@ -338,8 +354,11 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         ({"labels_per_device": 2, "coverage": True}, "community digits: coverage"),
         ({"devices": 900, "partition": "dirichlet"}, "community digits: dirichlet_alpha"),
         ({"network": "resnet"}, "network 'resnet': it is 'lenet', 'mcmahan' or"),
-        ({"task": "npz", "data_file": "x.npz"}, "no data folder was given"),
-        ({"task": "mnist"}, "mnist: no data folder was given"),
+        (
+            {"task": "npz", "data_file": "x.npz"},
+            "npz: needs files: give their folder by --data-dir",
+        ),
+        ({"task": "mnist"}, "mnist: needs files: give their folder by --data-dir"),
     ],
 )
 def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:

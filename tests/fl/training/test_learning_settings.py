@@ -18,14 +18,20 @@ def test_defaults_are_the_papers() -> None:
 
 
 def test_overrides_change_the_preset_and_nothing_else() -> None:
-    channel = ChannelConfig(preset="urban", sigma_los=0.4, extra_gain_db=3.0).channel(
-        altitude_m=80.0
-    )
+    changes = {"preset": "urban", "sigma_los": 0.4, "extra_gain_db": 3.0}
+    channel = ChannelConfig.model_validate(changes).channel(altitude_m=80.0)
     urban = CHANNEL_PRESETS["urban"]
     assert channel.sigma_los == 0.4
     assert channel.altitude_m == 80.0
     assert channel.tx_power_db == urban.tx_power_db + 3.0
     assert channel.a1_per_rad == urban.a1_per_rad
+
+
+def test_a_share_of_a_test_part_that_is_not_held_out_is_refused() -> None:
+    with pytest.raises(ValidationError, match="test_share belongs to report_on = 'test'"):
+        LearningConfig(report_on="validation", test_share=0.3)
+    # As a run writes it down, with every default.
+    assert LearningConfig(report_on="validation", test_share=0.5).report_on == "validation"
 
 
 def test_extra_gain_moves_between_the_named_link_budgets() -> None:
@@ -54,11 +60,11 @@ def test_channel_settings_refused(settings: dict[str, object], message: str) -> 
         ({"name": "a b"}, "name"),
         ({"task": "imagenet"}, "digits"),
         ({"devices": 0}, "devices"),
-        ({"task": "npz"}, "data_file belongs to task = 'npz'"),
-        ({"data_file": "x.npz"}, "data_file belongs to task = 'npz'"),
+        ({"task": "npz"}, "task = 'npz' needs data_file"),
+        ({"data_file": "x.npz"}, "data_file is for task = 'npz' only; task = 'mnist' has files"),
         ({"dirichlet_alpha": 0.0}, "dirichlet_alpha"),
-        ({"network": "convnet"}, "convnet belongs to network = 'convnet'"),
-        ({"convnet": {}}, "convnet belongs to network = 'convnet'"),
+        ({"network": "convnet"}, "network = 'convnet' needs the table convnet"),
+        ({"convnet": {}}, "the table convnet is for network = 'convnet' only"),
         ({"network": "convnet", "convnet": {"kernel": 4}}, "convnet.kernel"),
         ({"network": "convnet", "convnet": {"channels": [8, 0]}}, "convnet.channels.1"),
         ({"network": "convnet", "convnet": {"channels": [8] * 9}}, "convnet.channels"),

@@ -143,7 +143,7 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
         ("TooFew", r"gives \(2, 9\) for 2 images, not \(2, 10\)"),
         ("WrongImage", r"fails on images of \(2, 1, 8, 8\)"),
         ("needs_argument", "calling it fails"),
-        ("not_a_module", "gives a int"),
+        ("not_a_module", "gives an int"),
         ("double", "torch.float64"),
         ("frozen", r"parameter layers\.1\.weight is frozen"),
         ("empty", "no parameters"),

@@ -199,7 +199,9 @@ def test_no_number_wraps_however_many_runs(tmp_path: Path, runs: int, width: int
     many = [
         dataclasses.replace(
             result,
-            name=f"runs/cov-learning_rate=0.1-seed{seed}",
+            run=dataclasses.replace(
+                result.run, path=Path(f"runs-cov-learning_rate=0.1-seed{seed}")
+            ),
             total=dataclasses.replace(result.total, flown_path_m=10_000.5 + seed),
         )
         for seed in range(runs)
@@ -220,7 +222,7 @@ def test_no_number_wraps_however_many_runs(tmp_path: Path, runs: int, width: int
 
 def test_two_runs_stay_together_on_a_narrow_terminal(tmp_path: Path) -> None:
     fly(tmp_path, rounds=1)
-    result = dataclasses.replace(compare_run(load_run(tmp_path)), name="runs/cov-seed1")
+    result = compare_run(dataclasses.replace(load_run(tmp_path), path=Path("runs-cov-seed1")))
     console = Console(width=50, force_terminal=False)
     (table,) = side_by_side([result, result], width=50)
     with console.capture() as captured:

@@ -174,7 +174,7 @@ def test_a_value_from_the_command_line_is_not_blamed_on_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(["run", "--rounds", "0", "--out", str(tmp_path / "x")]) == 2
-    assert capsys.readouterr().err.startswith("aerofed: command line: mission.rounds = 0:")
+    assert capsys.readouterr().err.startswith("aerofed: --rounds 0: must be")
 
 
 def test_plan_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import socket
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,11 @@ from described import charts, rows
 from mcap.reader import make_reader
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
-from mission.analysis.compare_plan import PlanFlight, plan_flight
-from mission.analysis.load import LoadedRun
+from mission.analysis.load import reached
 from mission.cli import call
 from mission.log.errors import DamagedLogError
 from mission.log.read.reader import read_log
+from mission.log.values import EventRecord, FlightData
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
@@ -56,11 +55,15 @@ def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixt
     assert found["flown_path_m"] == pytest.approx(600, rel=0.03)
     # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, and 4 s of waiting.
     assert found["plan_duration_s"] == pytest.approx(50 / 3 + 20 + 400 / 15 + 4, abs=1.0)
-    assert 0 < found["flown_duration_s"] - found["plan_duration_s"] < 25
+    assert 0 < found["duration_s"] - found["plan_duration_s"] < 25
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert found["cross_track_max_m"] < 5
-    assert (found["places"], found["places_reached"]) == (4, 4)
-    assert found["height_error_max_m"] < 1
+    assert (found["slots"], found["slots_missed"]) == (4, 0)
+    assert found["height_max_m"] < 1
+    # No radio, so nothing is said of one.
+    assert not [key for key in found if "per" in key or "objective" in key]
+    assert summary(out)["rounds"] == 1
+    assert summary(out)["flown_in_rounds_m"] == found["flown_path_m"]
     with (out / "track.csv").open(newline="") as file:
         track = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     # From home up and round and, by the last item, back home and down.
@@ -174,7 +177,7 @@ def test_a_fence_of_the_plan_holds(tmp_path: Path, capsys: pytest.CaptureFixture
     np.testing.assert_allclose(away, 100.0, atol=0.01)
     # It never left the ground.
     assert call(["report", str(out)]) == 2
-    assert "nothing was flown: failed" in capsys.readouterr().err
+    assert "no round was flown, so there is nothing to report: failed" in capsys.readouterr().err
 
 
 def test_a_fence_that_is_none_is_refused_before_anything_is_written(
@@ -262,14 +265,16 @@ def test_its_folder_has_the_after_care_of_a_run(
     printed = capsys.readouterr().out.splitlines()
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
     assert call(["compare", str(first)]) == 0
-    assert capsys.readouterr().out.splitlines() == printed[:6]
+    assert capsys.readouterr().out.splitlines() == printed[: printed.index(f"results in {first}")]
     assert call(["compare", str(first), str(second / "flight.mcap"), "--as-json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
-    assert found[0] == found[1] == summary(first)["planned_and_flown"]
+    assert found[0] == found[1]
+    total = {key: value for key, value in found[0]["total"].items() if value is not None}
+    assert total == summary(first)["planned_and_flown"]
     profile = tmp_path / "both.svg"
     assert call(["compare", str(first), str(second), "--figure", str(profile)]) == 0
-    assert "Flights side by side" in capsys.readouterr().out
+    assert "Runs side by side" in capsys.readouterr().out
     assert profile.stat().st_size > 10_000
     assert call(["report", str(first)]) == 0
     page = (first / "report.html").read_text(encoding="utf-8")
@@ -292,13 +297,13 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     (out / "summary.json").write_text(json.dumps(killed | {"status": "running"}))
     assert call(["compare", str(out), "--as-json"]) == 0
     printed = capsys.readouterr()
-    found = json.loads(printed.out)
-    assert 0 < found["places_reached"] < found["places"] == 4
+    found = json.loads(printed.out)["total"]
+    assert 0 < found["slots_missed"] < found["slots"] == 4
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert "killed, or is still under way; this is what was flown" in printed.err
     assert call(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("not reached</td>") == 4 - found["places_reached"]
+    assert page.count("not reached</td>") == found["slots_missed"]
 
 
 @pytest.mark.slow
@@ -311,7 +316,7 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
         seen.append(summary(out)["status"])
         raise DamagedLogError(out / "flight.mcap", "no room", 3)
 
-    monkeypatch.setattr("mission.figures.flight.draw_flight", fail)
+    monkeypatch.setattr("mission.figures.run.draw_run", fail)
     plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
     assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 2
     assert "no room" in capsys.readouterr().err
@@ -323,11 +328,10 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
 def test_a_flight_that_misses_its_end_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def short(run: LoadedRun) -> PlanFlight:
-        flight = plan_flight(run)
-        return replace(flight, reached={0: flight.reached[0]})
+    def short(run: FlightData) -> dict[int, EventRecord]:
+        return {0: reached(run)[0]}
 
-    monkeypatch.setattr("mission.planflight.fly.plan_flight", short)
+    monkeypatch.setattr("mission.planflight.fly.reached", short)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
     said = "item 1 was never reached"

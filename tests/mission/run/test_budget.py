@@ -42,6 +42,6 @@ def test_what_corners_save_pays_for_more_rounds() -> None:
     assert flown(mission, 795.0) == 6
 
 
-def test_rounds_that_cost_nothing_end_by_their_number() -> None:
-    mission = MissionConfig(path_budget_m=0.0, rounds=7)
+def test_rounds_that_spend_nothing_end_by_their_number() -> None:
+    mission = MissionConfig(path_budget_m=100.0, rounds=7)
     assert flown(mission, 0.0) == rounds_paid_for(mission) == 7

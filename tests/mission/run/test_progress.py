@@ -25,10 +25,10 @@ def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRec
     )  # fmt: skip
 
 
-def shown(*, terminal: bool, flown: bool = True, planned: float = 2.0) -> str:
+def shown(*, terminal: bool, flown: bool = True, planned: float = 2.0, flies: bool = True) -> str:
     file = io.StringIO()
     console = Console(file=file, force_terminal=terminal, width=80, no_color=True)
-    progress: Progress = make_progress(console, rounds=50, quiet=False)
+    progress: Progress = make_progress(console, rounds=50, flown=flies, quiet=False)
     assert isinstance(progress, LiveTable if terminal else PlainLines)
     progress.phase("round 1/50: flying")
     progress.round_done(record(1, flown=flown, planned=planned), real_time_factor=42.0)
@@ -46,10 +46,19 @@ def test_a_file_gets_a_line_a_round_and_no_phases() -> None:
 
 def test_nothing_flown_has_no_flight_in_its_line() -> None:
     assert shown(terminal=False, flown=False).startswith(
-        "round 1/50: nothing flown, delivered 9/12, accuracy"
+        "round 1/50: nothing flown, objective 1.900, delivered 9/12, accuracy"
     )
     for word in ("sim time", "speed", "planned"):
         assert word not in shown(terminal=True, flown=False)
+
+
+def test_rounds_that_meet_their_plan_without_a_vehicle_are_not_called_flown() -> None:
+    assert "nothing flown, objective 1.900, delivered" in shown(terminal=False, flies=False)
+    assert "planned" not in shown(terminal=True, flies=False)
+
+
+def test_a_change_that_rounds_to_nothing_has_no_sign_of_a_loss() -> None:
+    assert "1.900 planned (+0.0 %)" in shown(terminal=False, planned=1.9000001)
 
 
 def test_a_plan_that_reaches_nobody_divides_by_nothing() -> None:
@@ -67,7 +76,7 @@ def test_two_communities_fit_a_terminal() -> None:
 
 def test_every_row_keeps_its_own_speed() -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=80, no_color=True)
-    progress = LiveTable(console, rounds=50)
+    progress = LiveTable(console, rounds=50, flown=True)
     for number in range(1, LiveTable.ROWS + 3):
         progress.round_done(record(number), real_time_factor=10.0 * number)
     progress.close()
@@ -93,7 +102,7 @@ def test_a_round_s_speed_is_its_own() -> None:
 
 def test_a_long_phase_says_for_how_long(monkeypatch) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=80)
-    progress = LiveTable(console, rounds=3)
+    progress = LiveTable(console, rounds=3, flown=True)
     progress.phase("round 1/3: training")
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + 12.0)

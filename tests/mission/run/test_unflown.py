@@ -1,12 +1,15 @@
 """Runs without flight: what was planned is what was met, and all else stays as it is."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from mission.cli import call
+from mission.log.errors import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
+from mission.log.write.writer import FlightLog
 
 pytestmark = pytest.mark.slow
 
@@ -68,6 +71,27 @@ def test_it_repeats_and_reads_like_any_run(
     assert call(["compare", str(run)]) == 0
     assert "cross-track" in capsys.readouterr().out
     assert call(["log", "check", str(run)]) == 0
+
+
+@pytest.mark.parametrize("broken", ["__enter__", "close"])
+def test_a_log_that_cannot_be_opened_or_closed_is_a_run_that_failed(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    broken: str,
+) -> None:
+    out, close = tmp_path / "run", FlightLog.close
+
+    def fail(log: FlightLog) -> None:
+        close(log)
+        raise LogError(out / "flight.mcap", "no room")
+
+    monkeypatch.setattr(FlightLog, broken, fail)
+    assert play(out, rounds=1) == LogError.exit_code
+    assert capsys.readouterr().err.count("no room") == 1
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["error"]) == ("failed", f"{out / 'flight.mcap'}: no room")
+    assert summary["rounds"] == (1 if broken == "close" else 0)
 
 
 def test_a_vehicle_that_would_never_fly_is_refused(

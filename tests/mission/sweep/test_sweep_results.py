@@ -1,6 +1,7 @@
 """Statistics, sampling and progress of a sweep, against closed forms and hand-made runs."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,10 @@ def test_over_distance_the_last_finished_round_counts() -> None:
     rounds, values = by_round(runs, "accuracy_a")
     assert rounds.tolist() == [1, 2]
     assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
+    runs = [replace(r, summary={**r.summary, "untrained_accuracy_a": 0.05}) for r in runs]
+    rounds, values = by_round(runs, "accuracy_a")
+    assert rounds.tolist() == [0, 1, 2]
+    assert values.tolist() == [[0.05, 0.1, 0.2], [0.05, 0.5, 0.7]]
 
 
 def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:

@@ -66,8 +66,11 @@ def test_stopping_ends_it_and_what_it_started_even_where_it_refuses(tmp_path: Pa
     text = f"trap '' TERM INT HUP; sleep 900 & echo $$ $! > {pids}; while :; do wait; done"
     process = FirmwareProcess([script(tmp_path / "fw", text)], tmp_path, {})
     until(lambda: pids.exists() and len(pids.read_text().split()) == 2)
+    started = [int(pid) for pid in pids.read_text().split()]
+    assert all(map(alive, started))
     process.stop()
-    until(lambda: not any(alive(int(pid)) for pid in pids.read_text().split()))
+    until(lambda: not any(map(alive, started)))
+    assert not any(map(alive, started))
 
 
 @pytest.mark.slow

@@ -111,6 +111,7 @@ def test_the_firmware_hears_the_station_once_a_second_of_its_own() -> None:
         for _ in range(3):
             ends.say(HEARTBEAT)
             await until(lambda: ends.at_firmware().count(b"tick") == 1)
+        assert b"tick" not in ends.at_firmware()  # its second has not passed
 
     relayed(body)
 

@@ -8,6 +8,7 @@ from sitl_desk import Desk
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.autopilot.protocol.item_rules import NAVIGATION
+from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
 from sitl.autopilot.safety.failsafe import RULES
 from sitl.autopilot.safety.injection import FAILURES
 from sitl.autopilot.values.enums import Command, FailureType, FailureUnit
@@ -44,3 +45,12 @@ def test_commands_items_modes_failsafes_and_failures() -> None:
         row = f"| {UNITS.get(unit, f'SENSOR_{unit.name}')} | {kind.name} |"
         assert row in section("Failures")
     assert FailureType.OK.name in section("Failures")
+
+
+def test_telemetry() -> None:
+    rows = [line for line in section("Telemetry").splitlines() if line.startswith("| `")]
+    rates = {kind: DEFAULT_RATES_HZ.get(kind) for kind in SERVED_RATES_HZ}
+    assert rows == [
+        f"| `{kind.name}` | {'' if run is None else f'{run:g}'} | {SERVED_RATES_HZ[kind]:g} |"
+        for kind, run in sorted(rates.items(), key=lambda item: item[0].name)
+    ]

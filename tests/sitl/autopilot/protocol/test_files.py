@@ -250,4 +250,6 @@ async def read_by_mavsdk(vehicle: Vehicle, folder: Path, into: Path) -> None:
 
 def test_mavsdk_lists_downloads_and_erases(folder: Path, tmp_path_factory: Any) -> None:
     vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk(folder))
+    assert len(disk(folder).logs()) == len(SIZES)
     asyncio.run(read_by_mavsdk(vehicle, folder, tmp_path_factory.mktemp("fetched")))
+    assert not disk(folder).logs()

@@ -1,0 +1,299 @@
+"""Where may be flown: areas to keep out of, a fence to keep within, and the ways around them.
+
+Everything keeps a margin from the outlines, since nobody flies exactly where the plan has it. The
+shortest way between two places leads over corners (de Berg et al., Computational Geometry, 15):
+here over points about the outlines' corners, at the margin from them.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base import polyline
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_SLACK_M = 1e-6  # of the margin: what is at the margin is free
+_TURN = math.pi / 3  # of an outline's corner that one point leads around
+_REMEMBERED = 10_000  # ways
+_AT_ONCE = 200_000  # pairs of a leg and an edge
+
+
+@dataclass(frozen=True, eq=False)
+class Airspace:
+    """Areas in metres: x east, y north. Without any, everywhere may be flown."""
+
+    keep_out: tuple[Floats, ...] = ()  # corners (n, 2) of each; the last joins the first
+    keep_in: Floats | None = None
+    margin_m: float = 1.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether everywhere may be flown."""
+        return not self.keep_out and self.keep_in is None
+
+    @cached_property
+    def _edges(self) -> tuple[Floats, Floats]:
+        """(E, 2) the two ends of every outline's every edge, the free side on its left."""
+        return (
+            np.vstack(self._rings),
+            np.vstack([np.roll(ring, -1, axis=0) for ring in self._rings]),
+        )
+
+    @cached_property
+    def _rings(self) -> list[Floats]:
+        """The outlines, the free side on their left."""
+        rings = [_turning(ring, clockwise=True) for ring in self.keep_out]
+        fence = [] if self.keep_in is None else [_turning(self.keep_in, clockwise=False)]
+        return rings + fence
+
+    @property
+    def _beside_m(self) -> float:
+        """A little more than the margin, so that rounding leaves what lies there free."""
+        return self.margin_m + 2 * _SLACK_M
+
+    @cached_property
+    def _corners(self) -> Floats:
+        """(V, 2) the points that ways lead over."""
+        every = np.vstack([_around(ring, self._beside_m) for ring in self._rings])
+        return every[self.free(every)]
+
+    @cached_property
+    def _nooks(self) -> Floats:
+        """(V, 2) the places at the margin from two edges that meet."""
+        every = np.vstack([_between(ring, self._beside_m) for ring in self._rings])
+        return every[self.free(every)]
+
+    @cached_property
+    def _net(self) -> tuple[Floats, NDArray[np.int32]]:
+        """(V, V) lengths of the shortest ways between the corners, and their last but one."""
+        # Imported here: few ask, and every configuration is read by way of this module.
+        from scipy.sparse.csgraph import shortest_path
+
+        corners, count = self._corners, len(self._corners)
+        i, j = np.triu_indices(count, 1)
+        seen = self.clear(corners[i], corners[j])
+        direct = np.full((count, count), np.inf)
+        apart = np.hypot(*(corners[i] - corners[j]).T)
+        direct[i[seen], j[seen]] = direct[j[seen], i[seen]] = apart[seen]
+        lengths, before = shortest_path(direct, directed=False, return_predecessors=True)
+        return np.asarray(lengths), np.asarray(before)
+
+    def allows(self, points_m: Floats) -> Bools:
+        """(P,) whether points (P, 2) lie outside all areas to keep out of, and within the fence."""
+        allowed = np.ones(len(points_m), dtype=bool)
+        for ring in self.keep_out:
+            allowed &= ~_within(ring, points_m)
+        if self.keep_in is not None:
+            allowed &= _within(self.keep_in, points_m)
+        return allowed
+
+    def free(self, points_m: Floats) -> Bools:
+        """(P,) whether they are allowed, and at the margin from every outline."""
+        if self.is_open or not len(points_m):
+            return np.ones(len(points_m), dtype=bool)
+        return (self._near(points_m) >= self.margin_m - _SLACK_M) & self.allows(points_m)
+
+    def _near(self, points_m: Floats) -> Floats:
+        """(P,) the distance of each point from the nearest outline."""
+        start, end = self._edges
+        return np.asarray(_to_leg(points_m[:, None], start[None], end[None]).min(axis=1))
+
+    def clear(self, from_m: Floats, to_m: Floats) -> Bools:
+        """(S,) whether legs (S, 2) -> (S, 2) keep the margin from every outline."""
+        if self.is_open:
+            return np.ones(len(from_m), dtype=bool)
+        start, end = self._edges
+        chunk = max(1, _AT_ONCE // len(start))
+        far = [
+            _apart(from_m[some : some + chunk], to_m[some : some + chunk], start, end)
+            for some in range(0, len(from_m), chunk)
+        ]
+        return np.asarray(np.concatenate([*far, np.empty(0)]) >= self.margin_m - _SLACK_M)
+
+    def moved(self, points_m: Floats) -> Floats:
+        """(P, 2) the points; one that is not free is where it is nearest to it and free.
+
+        Raises:
+            ValueError: nowhere is free.
+        """
+        places = np.array(points_m, dtype=np.float64)
+        for index in np.flatnonzero(~self.free(places)):
+            places[index] = self._nearest(places[index])
+        return places
+
+    def _nearest(self, point_m: Floats) -> Floats:
+        start, end = self._edges
+        along = end - start
+        length = np.hypot(*along.T)
+        share = np.clip(((point_m - start) * along).sum(axis=1) / length**2, 0.0, 1.0)
+        left = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
+        feet = start + share[:, None] * along
+        away = point_m - feet
+        far = np.maximum(np.hypot(*away.T), _SLACK_M)[:, None]
+        beside = self._beside_m
+        places = np.vstack(
+            (feet + beside * left, feet + beside * away / far, self._corners, self._nooks)
+        )
+        places = places[self.free(places)]
+        if not len(places):
+            raise ValueError("nowhere is free")
+        return np.asarray(places[np.hypot(*(places - point_m).T).argmin()])
+
+    def way(self, from_m: Floats, to_m: Floats) -> Floats:
+        """(P, 2) the shortest way, both ends among its points.
+
+        A start that is not free leaves to the nearest place that is; the end has to be free.
+
+        Raises:
+            ValueError: there is no way.
+        """
+        if self.is_open:
+            return np.array([from_m, to_m])
+        key = (from_m.tobytes(), to_m.tobytes())
+        if key not in self._ways:
+            if len(self._ways) >= _REMEMBERED:
+                self._ways.clear()
+            self._ways[key] = self._way(from_m, to_m)
+        return self._ways[key]
+
+    @cached_property
+    def _ways(self) -> dict[tuple[bytes, bytes], Floats]:
+        """Ways that were asked for: a planner tries path after path with most legs alike."""
+        return {}
+
+    def _way(self, from_m: Floats, to_m: Floats) -> Floats:
+        if bool(self.clear(from_m[None], to_m[None])[0]):
+            return np.array([from_m, to_m])
+        if not self.free(from_m[None])[0]:
+            out = self._nearest(from_m)
+            return np.vstack((from_m[None], self.way(out, to_m)))
+        corners, (lengths, before) = self._corners, self._net
+        ends = [self._seen(point, corners) for point in (from_m, to_m)]
+        total = ends[0][:, None] + lengths + ends[1][None, :] if len(corners) else np.empty((0, 0))
+        if not total.size or not np.isfinite(total.min()):
+            raise ValueError("there is no way")
+        first, last = (int(index) for index in np.unravel_index(total.argmin(), total.shape))
+        chain = [last]
+        while chain[-1] != first:
+            chain.append(int(before[first, chain[-1]]))
+        return np.vstack((from_m[None], corners[chain[::-1]], to_m[None]))
+
+    def _seen(self, point_m: Floats, corners: Floats) -> Floats:
+        """(V,) distances to the corners in sight; infinity to the others."""
+        seen = self.clear(np.broadcast_to(point_m, corners.shape), corners)
+        return np.where(seen, np.hypot(*(corners - point_m).T), np.inf)
+
+    def away(self, points_m: Floats) -> Floats:
+        """(P,) at least how far anybody who is allowed to fly is from each of the points."""
+        if self.is_open:
+            return np.zeros(len(points_m))
+        return np.where(self.allows(points_m), 0.0, self._near(points_m))
+
+
+OPEN = Airspace()
+
+
+def cut(route_m: Floats, length_m: float) -> Floats:
+    """(P', 2) the first metres of a route, `length_m` of them at most."""
+    along = polyline.along(route_m)
+    if along[-1] <= length_m:
+        return route_m
+    kept = int(np.searchsorted(along, length_m, side="right"))
+    end = [np.interp(length_m, along, route_m[:, axis]) for axis in (0, 1)]
+    return np.vstack((route_m[:kept], end))
+
+
+def crossing(ring_m: Floats) -> bool:
+    """Whether an outline (n, 2) crosses itself, or has no area."""
+    count, nxt = len(ring_m), np.roll(ring_m, -1, axis=0)
+    if abs(_area(ring_m)) < 1e-9:
+        return True
+    i, j = np.triu_indices(count, 2)
+    apart = ~((i == 0) & (j == count - 1))
+    return bool(_cross(ring_m[i[apart]], nxt[i[apart]], ring_m[j[apart]], nxt[j[apart]]).any())
+
+
+def _area(ring_m: Floats) -> float:
+    x, y = (ring_m - ring_m[0]).T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0)
+
+
+def _turning(ring_m: Floats, *, clockwise: bool) -> Floats:
+    return ring_m if (_area(ring_m) < 0.0) == clockwise else ring_m[::-1]
+
+
+def _within(ring_m: Floats, points_m: Floats) -> Bools:
+    """(P,) by crossing numbers."""
+    (x1, y1), (x2, y2) = ring_m.T, np.roll(ring_m, -1, axis=0).T
+    x, y = points_m[:, :1], points_m[:, 1:]
+    beside = (y1 > y) != (y2 > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
+    crossed: Bools = (beside & (x < np.where(beside, at, 0.0))).sum(axis=1) % 2 == 1
+    return crossed
+
+
+def _between(ring_m: Floats, margin_m: float) -> Floats:
+    """Where the edges' parallels on the left meet, at corners that the free side fills."""
+    into = ring_m - np.roll(ring_m, 1, axis=0)
+    out = np.roll(ring_m, -1, axis=0) - ring_m
+    normals = [np.column_stack((-e[:, 1], e[:, 0])) / np.hypot(*e.T)[:, None] for e in (into, out)]
+    middle = normals[0] + normals[1]  # its length is 2 cos(half the turn)
+    square = (middle**2).sum(axis=1)
+    sharp = square < _SLACK_M
+    return np.asarray(ring_m + 2.0 * margin_m * middle / np.where(sharp, 1.0, square)[:, None])
+
+
+def _around(ring_m: Floats, margin_m: float) -> Floats:
+    """Points about the corners that stick out into the free side, on the left."""
+    points: list[Floats] = []
+    into = ring_m - np.roll(ring_m, 1, axis=0)
+    out = np.roll(ring_m, -1, axis=0) - ring_m
+    for corner, a, b in zip(ring_m, into, out, strict=True):
+        turn = math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b))
+        if turn >= 0.0:  # to the left: the free side's own nook
+            continue
+        many = max(1, math.ceil(-turn / _TURN))
+        half = -turn / (2 * many)
+        first = math.atan2(a[0], -a[1])  # of the normal to the left of the edge that comes in
+        for step in range(many):
+            angle = first - (2 * step + 1) * half
+            ray = np.array([math.cos(angle), math.sin(angle)])
+            points.append(corner + margin_m / math.cos(half) * ray)
+    return np.array(points).reshape(-1, 2)
+
+
+def _apart(from_m: Floats, to_m: Floats, start: Floats, end: Floats) -> Floats:
+    """(S,) the least distance of each leg from any of the edges."""
+    a, b = from_m[:, None, :], to_m[:, None, :]
+    c, d = start[None, :, :], end[None, :, :]
+    nearest = np.minimum(
+        np.minimum(_to_leg(a, c, d), _to_leg(b, c, d)),
+        np.minimum(_to_leg(c, a, b), _to_leg(d, a, b)),
+    )
+    return np.asarray(np.where(_cross(a, b, c, d), 0.0, nearest).min(axis=1))
+
+
+def _to_leg(point: Floats, start: Floats, end: Floats) -> Floats:
+    along, offset = end - start, point - start
+    square = (along**2).sum(axis=-1)
+    share = (offset * along).sum(axis=-1) / np.where(square > 0.0, square, 1.0)
+    nearest = offset - np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.asarray(np.hypot(nearest[..., 0], nearest[..., 1]))
+
+
+def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
+    """Whether legs a-b and c-d cross."""
+
+    def side(p: Floats, q: Floats, r: Floats) -> Floats:
+        return np.asarray(
+            (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1])
+            - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+        )
+
+    return np.asarray((side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0))

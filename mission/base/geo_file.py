@@ -1,0 +1,240 @@
+"""Places and areas out of files that other programs write: CSV tables and GeoJSON (RFC 7946).
+
+What is read is as it stands in the file; `mission.config.world` puts it on a run's ground.
+"""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mission.base.errors import InputError
+from mission.base.explain import shown
+
+Pair = tuple[float, float]
+
+# Names of columns, of which the first is the one that messages name.
+_X, _Y = ("x", "x_m"), ("y", "y_m")
+_LAT, _LON = ("lat", "lat_deg", "latitude"), ("lon", "lon_deg", "lng", "longitude")
+_MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
+_HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
+_HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a file."""
+
+    where: str  # file and row, for messages
+    at: Pair  # x, y in metres; of a `geodetic` one latitude, longitude in degrees
+    geodetic: bool
+    community: str | None = None
+    share: float | None = None  # of the community's data, against its other devices
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The outline of an area in a GeoJSON file."""
+
+    where: str
+    corners_deg: tuple[Pair, ...]  # latitude, longitude; the last joins the first
+    properties: Mapping[str, Any]
+
+
+def read_places(path: Path) -> tuple[Place, ...]:
+    """The points of a file, in its order.
+
+    Raises:
+        InputError: it cannot be read, or something in it is no place; the line names the row.
+    """
+    text = _text(path)
+    if path.suffix.lower() in (".geojson", ".json"):
+        places = tuple(_geojson_places(path, text))
+    elif path.suffix.lower() == ".csv":
+        places = tuple(_table_places(path, text))
+    else:
+        raise InputError(f"{path}: must end in .csv, .geojson or .json, and hold {_HOLDS_POINTS}")
+    if not places:
+        raise InputError(f"{path}: holds no device; it must hold {_HOLDS_POINTS}")
+    return places
+
+
+def read_rings(path: Path) -> tuple[Ring, ...]:
+    """The outlines in a GeoJSON file; a MultiPolygon is several.
+
+    Raises:
+        InputError: it cannot be read, or something in it is no area.
+    """
+    rings = tuple(
+        ring
+        for where, kind, coordinates, properties in _features(path, _text(path))
+        for ring in _rings(where, kind, coordinates, properties)
+    )
+    if not rings:
+        raise InputError(f"{path}: holds no area; it must hold {_HOLDS_AREAS}")
+    return rings
+
+
+def check_degrees(where: str, lat: float, lon: float) -> None:
+    """Refuse what is no latitude or longitude.
+
+    Raises:
+        InputError: out of range.
+    """
+    for name, value in (("lat", lat), ("lon", lon)):
+        most = _MOST_DEG[name]
+        if abs(value) > most:
+            swapped = abs(lat) > _MOST_DEG["lat"] and abs(lon) <= _MOST_DEG["lat"]
+            hint = "; are lat and lon swapped?" if swapped and abs(lat) <= 180.0 else ""
+            raise InputError(
+                f"{where}: {name} = {value:g}: must be from {-most:g} to {most:g} degrees{hint}"
+            )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+
+
+def _table_places(path: Path, text: str) -> Iterator[Place]:
+    reader = csv.reader(io.StringIO(text, newline=""))
+    try:
+        head = [name.strip().lower() for name in next(reader, [])]
+        first, second, geodetic = _columns(path, head)
+        community, share = (_at(head, (name,)) for name in ("community", "share"))
+        for cells in reader:
+            if not any(cell.strip() for cell in cells):
+                continue
+            where = f"{path}: row {reader.line_num}"
+            if len(cells) != len(head):
+                raise InputError(f"{where}: has {len(cells)} cells, the header has {len(head)}")
+            pair = (_number(where, head[i], cells[i].strip()) for i in (first, second))
+            one, other = pair
+            if geodetic:
+                check_degrees(where, one, other)
+            yield Place(
+                where,
+                (one, other),
+                geodetic,
+                None if community is None else cells[community].strip() or None,
+                None if share is None else _share(where, cells[share].strip()),
+            )
+    except csv.Error as error:
+        raise InputError(f"{path}: row {reader.line_num}: no CSV: {error}") from None
+
+
+def _columns(path: Path, head: list[str]) -> tuple[int, int, bool]:
+    """Where x and y stand, or latitude and longitude."""
+    for pair, geodetic in (((_X, _Y), False), ((_LAT, _LON), True)):
+        first, second = (_at(head, names) for names in pair)
+        if first is not None and second is not None:
+            return first, second, geodetic
+    raise InputError(
+        f"{path}: row 1: the columns are {', '.join(head) or 'none'}; there must be x and y "
+        "(metres east and north of the area's south-west corner), or lat and lon (degrees)"
+    )
+
+
+def _at(head: list[str], names: tuple[str, ...]) -> int | None:
+    return next((head.index(name) for name in names if name in head), None)
+
+
+def _number(where: str, name: str, value: Any) -> float:
+    """A finite number, from a cell or from JSON."""
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {name} = {shown(value)}: must be a number")
+    return number
+
+
+def _share(where: str, value: Any) -> float | None:
+    """None for an empty cell, as a run without shares writes it."""
+    if value in (None, ""):
+        return None
+    share = _number(where, "share", value)
+    if not 0.0 < share <= 1e6:
+        raise InputError(
+            f"{where}: share = {share:g}: must be above 0 and at most 1000000; it counts against "
+            "the shares of the community's other devices"
+        )
+    return share
+
+
+def _geojson_places(path: Path, text: str) -> Iterator[Place]:
+    for where, kind, coordinates, properties in _features(path, text):
+        if kind != "Point":
+            raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Point', one a device")
+        lat, lon = _position(where, coordinates)
+        name, share = properties.get("community"), properties.get("share")
+        if name is not None and not isinstance(name, str):
+            raise InputError(f"{where}: community = {shown(name)}: must be text")
+        yield Place(where, (lat, lon), True, name or None, _share(where, share))
+
+
+def _features(path: Path, text: str) -> Iterator[tuple[str, Any, Any, Mapping[str, Any]]]:
+    """Place in the file, kind, coordinates and properties of every geometry."""
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not GeoJSON: {error}") from None
+    if not isinstance(data, dict) or "type" not in data:
+        raise InputError(f"{path}: not GeoJSON: a FeatureCollection is wanted")
+    listed = data.get("features") if data["type"] == "FeatureCollection" else [data]
+    if not isinstance(listed, list):
+        raise InputError(f"{path}: features = {shown(listed)}: must be a list")
+    for index, item in enumerate(listed):
+        where = f"{path}: features[{index}]" if listed is data.get("features") else str(path)
+        feature = item if isinstance(item, dict) else {}
+        geometry = feature.get("geometry") if feature.get("type") == "Feature" else feature
+        if not isinstance(geometry, dict) or "coordinates" not in geometry:
+            raise InputError(f"{where}: no Feature with a geometry that has coordinates")
+        properties = feature.get("properties")
+        yield (
+            where,
+            geometry.get("type"),
+            geometry["coordinates"],
+            properties if isinstance(properties, dict) else {},
+        )
+
+
+def _position(where: str, coordinates: Any) -> Pair:
+    """Latitude and longitude; GeoJSON has them the other way round."""
+    if not isinstance(coordinates, list) or len(coordinates) not in (2, 3):
+        raise InputError(f"{where}: coordinates = {shown(coordinates)}: must be [lon, lat]")
+    lon, lat = (
+        _number(where, name, value)
+        for name, value in zip(("lon", "lat"), coordinates, strict=False)
+    )
+    check_degrees(where, lat, lon)
+    return lat, lon
+
+
+def _rings(
+    where: str, kind: Any, coordinates: Any, properties: Mapping[str, Any]
+) -> Iterator[Ring]:
+    if kind not in ("Polygon", "MultiPolygon"):
+        raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Polygon' or 'MultiPolygon'")
+    polygons = [coordinates] if kind == "Polygon" else coordinates
+    for rings in polygons if isinstance(polygons, list) else [None]:
+        if not isinstance(rings, list) or not rings or not isinstance(rings[0], list):
+            raise InputError(f"{where}: coordinates = {shown(rings)}: must be a list of rings")
+        if len(rings) > 1:
+            raise InputError(f"{where}: has {len(rings) - 1} holes: an area must be without any")
+        corners = [_position(where, position) for position in rings[0]]
+        if len(corners) < 4 or corners[0] != corners[-1]:
+            raise InputError(
+                f"{where}: a ring of {len(corners)} positions: there must be 4 at least, the last "
+                "the same as the first"
+            )
+        yield Ring(where, tuple(corners[:-1]), properties)

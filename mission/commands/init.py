@@ -1,0 +1,53 @@
+"""`aerofed init`."""
+
+from pathlib import Path
+from typing import Literal
+
+from mission.base.errors import InputError
+from mission.base.run_folder import write_atomically
+from mission.base.terminal import Terminal
+
+
+def init(
+    name: Literal["quickstart", "paper", "paper-sweep", "town"] = "quickstart",
+    *,
+    out: Path = Path(),
+) -> int:
+    """Write a configuration of your own, with comments, to begin from.
+
+    Example: aerofed init paper
+
+    Parameters
+    ----------
+    name
+        quickstart: two small communities, data that come along; paper: the paper's experiment on
+        MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; town: devices and areas that
+        must not be flown, out of GeoJSON files.
+    out
+        Folder for the files; it is made. Nothing that is there is replaced. Default: here.
+    """
+    from mission.config.loading import shipped_files
+
+    files = shipped_files(name)
+    targets = [out / file.name for file in files]
+    there = next((target for target in targets if target.exists()), None)
+    if there is not None:
+        raise InputError(f"{there}: exists already; give another folder by --out")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be made: {error.strerror}") from None
+    console = Terminal(highlight=False, markup=False, soft_wrap=True)
+    for file, target in zip(files, targets, strict=True):
+        write_atomically(target, file.read_bytes())
+        console.print(target)
+    console.print(f"next: {_next(targets[0])}")
+    return 0
+
+
+def _next(config: Path) -> str:
+    """What to do with a configuration that was written."""
+    if config.name in ("quickstart.toml", "town.toml"):
+        return f"aerofed run {config}"
+    verb = "sweep" if config.name == "paper-sweep.toml" else "run"
+    return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

@@ -1,0 +1,55 @@
+"""What is wrong with a command line, in words that a newcomer can follow."""
+
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError
+
+_NOUNS = {int: "a whole number", float: "a number"}
+
+
+def in_words(error: CycloptsError) -> str:
+    """One line about a command line that cannot be carried out."""
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        return _missing(error)
+    if isinstance(error, CoercionError) and error.token is not None and error.msg is None:
+        name = error.token.keyword or _positional(error)
+        return f"{name} {error.token.value}: must be {_words(error.target_type)}"
+    return str(error)
+
+
+def _missing(error: MissingArgumentError) -> str:
+    argument = error.argument
+    assert argument is not None
+    command = " ".join(("aerofed", *(error.command_chain or ())))
+    used = next((t.keyword for t in reversed(argument.tokens) if t.keyword), error.keyword)
+    help_ = _help(error).split(". ")[0].rstrip(".")
+    about = f" {help_};" if help_ else ""
+    lacks = f"{used} needs a value:" if used else f"{_positional(error)} is missing:"
+    return f"{lacks}{about} see {command} --help"
+
+
+def _help(error: MissingArgumentError) -> str:
+    """What the command's help says of the argument, on one line."""
+    if error.app is None or error.argument is None:
+        return ""
+    for argument in error.app.assemble_argument_collection(parse_docstring=True):
+        if argument.name == error.argument.name:
+            return " ".join(str(argument.parameter.help or "").split())
+    return ""
+
+
+def _positional(error: CycloptsError) -> str:
+    return error.argument.name.lstrip("-").upper() if error.argument is not None else "a value"
+
+
+def _words(kind: Any) -> str:
+    """What a value may be."""
+    if get_origin(kind) is Annotated:
+        return _words(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(_words(option) for option in get_args(kind) if option is not NoneType)
+    if get_origin(kind) is Literal:
+        choices = [f'"{choice}"' for choice in get_args(kind)]
+        return choices[0] if len(choices) == 1 else f"one of {', '.join(choices)}"
+    return _NOUNS.get(kind, str(getattr(kind, "__name__", kind)))

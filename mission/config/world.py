@@ -1,0 +1,293 @@
+"""What a configuration's files say of the ground, written into the configuration itself.
+
+So a run's own `config.toml` needs no other file, and all that reads a configuration knows places
+in area coordinates only.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from fl.config import CommunityConfig
+from mission.base.airspace import Airspace, crossing
+from mission.base.errors import InputError
+from mission.base.explain import NOTHING, Given, explain, refusal
+from mission.base.geo_file import Pair, Place, Ring, read_places, read_rings
+from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
+
+Floats = NDArray[np.float64]
+
+_MARGIN = 0.1  # of its longer side, around the extent of what stands on the ground
+_LEAST_MARGIN_M = 50.0
+_FAR_M = 100_000.0  # apart from each other no mission's places are
+_LARGEST_M = 100_000.0
+
+
+def with_world(config: RunConfig, path: Path, *, given: Given = NOTHING) -> RunConfig:
+    """The configuration with its files read; `path` is its own.
+
+    Files are found beside it; those named on the command line, keys in `given`, from the working
+    directory. What is not given of area and home lies about what stands there.
+
+    Raises:
+        InputError: a file cannot be used, or something stands outside the area.
+    """
+    found = {
+        index: _places_of(config, index, path, given)
+        for index, community in enumerate(config.communities)
+        if community.positions_file is not None
+    }
+    area = config.area
+    if found or any(community.positions_m is not None for community in config.communities):
+        area = _area(config, [place for places in found.values() for place in places], str(path))
+    communities = tuple(
+        _placed(community, found[index], area) if index in found else community
+        for index, community in enumerate(config.communities)
+    )
+    area = _with_rings(area, path, given)
+    placed = config.model_copy(update={"area": area, "communities": communities})
+    _check_inside(placed, found, str(path))
+    return placed
+
+
+def check_start(config: RunConfig) -> None:
+    """Refuse a home from which nobody may climb to the mission's altitude.
+
+    Raises:
+        InputError: it lies in an area that must not be flown, outside the fence, or nearer to one
+            than the margin.
+    """
+    area, altitude_m = config.area, config.mission.altitude_m
+    home = np.array([area.home_m], dtype=np.float64)
+    x, y = area.home_m
+    ways_out = "move home (area.home_m, or area.home_lat_deg and home_lon_deg)"
+    for zone in area.no_fly:
+        if zone.from_m - HEIGHT_MARGIN_M >= altitude_m:
+            continue  # overhead
+        space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
+        if not space.free(home)[0]:
+            where = "lies inside" if not space.allows(home)[0] else _nearer(area)
+            raise InputError(
+                f"area.home_m = [{x:g}, {y:g}]: the start {where} the area {zone.name!r}, which "
+                f"must not be flown; {ways_out}"
+            )
+    space = area.build(altitude_m).airspace
+    if not space.free(home)[0]:
+        where = "lies outside" if not space.allows(home)[0] else _nearer(area)
+        raise InputError(
+            f"area.home_m = [{x:g}, {y:g}]: the start {where} the fence (area.fence_m); {ways_out}"
+        )
+
+
+def _nearer(area: AreaConfig) -> str:
+    return f"lies nearer than area.margin_m = {area.margin_m:g} m to"
+
+
+def _with_rings(area: AreaConfig, path: Path, given: Given) -> AreaConfig:
+    """The area with the polygons of its files."""
+    known: dict[str, Any] = {}
+    if area.no_fly_file is not None:
+        rings = _rings(area, "no_fly_file", path, given)
+        zones = tuple(_zone(area, ring, path) for ring in rings)
+        known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
+    if area.fence_file is not None:
+        rings = _rings(area, "fence_file", path, given)
+        if len(rings) > 1:
+            raise InputError(
+                f"{path}: area.fence_file = {area.fence_file!r}: holds {len(rings)} polygons; a "
+                "fence is one"
+            )
+        corners = _corners(area, rings[0], path)
+        if crossing(np.array(corners)):
+            raise InputError(f"{path}: {rings[0].where}: crosses itself, or has no area")
+        known |= {"fence_m": corners, "fence_file": None}
+    return area.model_copy(update=known) if known else area
+
+
+def _rings(area: AreaConfig, name: str, path: Path, given: Given) -> tuple[Ring, ...]:
+    key, file = f"area.{name}", Path(getattr(area, name))
+    try:
+        return read_rings(file if key in given else path.parent / file)
+    except InputError as error:
+        raise InputError(f"{path}: {key}: {error}") from None
+
+
+def _zone(area: AreaConfig, ring: Ring, path: Path) -> NoFlyConfig:
+    known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
+    values = {key: value for key, value in known.items() if value is not None}
+    try:
+        return NoFlyConfig.model_validate(
+            {**values, "polygon_m": _corners(area, ring, path)}, strict=True
+        )
+    except ValidationError as error:
+        raise InputError("\n".join(explain(error, NoFlyConfig, f"{path}: {ring.where}"))) from None
+
+
+def _corners(area: AreaConfig, ring: Ring, path: Path) -> tuple[Pair, ...]:
+    places = [Place(ring.where, corner, geodetic=True) for corner in ring.corners_deg]
+    corners = np.array([_on_ground(place, area) for place in places])
+    _check_near(places, corners - np.array(area.home_m), str(path))
+    return tuple((round(x, 3), round(y, 3)) for x, y in corners.tolist())
+
+
+def _places_of(config: RunConfig, index: int, path: Path, given: Given) -> tuple[Place, ...]:
+    """The places of one community; a file that names communities holds those of several."""
+    community = config.communities[index]
+    key = f"communities.{index}.positions_file"
+    name = community.positions_file
+    assert name is not None
+    file = Path(name) if key in given else path.parent / name
+    try:
+        every = read_places(file)
+    except InputError as error:
+        raise InputError(f"{path}: {key}: {error}") from None
+    names = list(dict.fromkeys(place.community for place in every))
+    places = every if names == [None] else [p for p in every if p.community == community.name]
+
+    def refuse(reason: str) -> InputError:
+        return InputError(refusal(key, name, reason, str(path), given=given))
+
+    if None in names and len(names) > 1:
+        lost = next(place for place in every if place.community is None)
+        raise refuse(f"{lost.where}: names no community, as others in the file do")
+    if not places:
+        raise refuse(
+            f"holds no device of community {community.name!r}, only of "
+            f"{', '.join(repr(name) for name in names)}"
+        )
+    if "devices" in community.model_fields_set and len(places) != community.devices:
+        raise refuse(
+            f"holds {len(places)} places of community {community.name!r}, but "
+            f"communities.{index}.devices = {community.devices}; leave devices out to have as "
+            "many as there are"
+        )
+    if len(places) > 1000:
+        raise refuse(f"holds {len(places)} places; a community has 1000 devices at most")
+    shares = [place for place in places if place.share is not None]
+    if shares and len(shares) < len(places):
+        lost = next(place for place in places if place.share is None)
+        raise refuse(f"{lost.where}: has no share, as other devices of the community do")
+    if shares and community.data_shares is not None:
+        raise refuse(f"has shares, as communities.{index}.data_shares has: one of them, not both")
+    return tuple(places)
+
+
+def _placed(community: CommunityConfig, places: Sequence[Place], area: AreaConfig) -> Any:
+    known: dict[str, Any] = {
+        "positions_m": tuple(_on_ground(place, area) for place in places),
+        "positions_file": None,
+        "devices": len(places),
+    }
+    if places[0].share is not None:
+        known["data_shares"] = tuple(place.share for place in places)
+    elif community.data_shares is not None and len(community.data_shares) != len(places):
+        raise InputError(
+            f"{places[0].where}: community {community.name!r} has {len(places)} places, but "
+            f"{len(community.data_shares)} data_shares; there must be one for each"
+        )
+    return community.model_copy(update=known)
+
+
+def _on_ground(place: Place, area: AreaConfig) -> Pair:
+    if not place.geodetic:
+        return place.at
+    built = area.build()
+    x, y = built.from_ned(built.frame.to_ned(*place.at, built.home.alt_msl_m)).tolist()
+    return x, y
+
+
+def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig:
+    """The area as configured; what is not given of it, from the extent of what stands there."""
+    area, given = config.area, config.area.model_fields_set
+    globe = [place for place in places if place.geodetic]
+    known: dict[str, Any] = {}
+    if globe:
+        known |= _home_on_globe(area, globe, source)
+    flat = [place.at for place in places if not place.geodetic]
+    flat += [xy for c in config.communities for xy in c.positions_m or ()]
+    home = area.model_copy(update={**known, "home_m": (0.0, 0.0)})
+    offsets = np.array([_on_ground(place, home) for place in globe]).reshape(-1, 2)
+    if globe:
+        _check_near(globe, offsets, source)
+    if globe and "home_m" not in given:
+        # The extent lies in the middle of the area.
+        low, high = offsets.min(axis=0), offsets.max(axis=0)
+        size = (
+            np.array(area.size_m)
+            if "size_m" in given
+            else np.ceil(high - low + 2 * _margin(high - low))
+        )
+        known["home_m"] = _pair(size / 2.0 - (low + high) / 2.0)
+        known["size_m"] = _pair(size)
+    if "size_m" not in given and "size_m" not in known:
+        shifted = offsets + np.array(known.get("home_m", area.home_m))
+        every = np.vstack([np.array(flat).reshape(-1, 2), shifted])
+        high = every.max(axis=0)
+        size = np.ceil(high + _margin(np.ptp(every, axis=0)))
+        known["size_m"] = _pair(np.clip(size, 1.0, None))
+        if "home_m" not in given and "home_m" not in known:
+            known["home_m"] = _pair(size / 2.0)
+    if max(known.get("size_m", (0.0,))) > _LARGEST_M:
+        raise InputError(
+            f"{source}: what stands on the ground lies {max(known['size_m']) / 1000:.0f} km apart; "
+            f"an area has {_LARGEST_M / 1000:.0f} km at most"
+        )
+    return area.model_copy(update=known)
+
+
+def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dict[str, Any]:
+    """Home's latitude and longitude: as given, else in the middle of the places."""
+    keys = {"home_lat_deg", "home_lon_deg"}
+    named = keys & area.model_fields_set
+    if named == keys:
+        return {}
+    if named:
+        other = (keys - named).pop()
+        raise InputError(
+            f"{source}: area.{other}: missing; home_lat_deg and home_lon_deg are given both, or "
+            "neither, to have home in the middle of the devices"
+        )
+    degrees = np.array([place.at for place in globe])
+    lat, lon = ((degrees.min(axis=0) + degrees.max(axis=0)) / 2.0).tolist()
+    return {"home_lat_deg": round(lat, 7), "home_lon_deg": round(lon, 7)}
+
+
+def _check_near(globe: Sequence[Place], offsets: Floats, source: str) -> None:
+    """Refuse places that are not on one ground, as swapped coordinates are not."""
+    far = np.hypot(*offsets.T)
+    worst = int(far.argmax())
+    if far[worst] <= _FAR_M:
+        return
+    lat, lon = globe[worst].at
+    raise InputError(
+        f"{source}: {globe[worst].where}: lat {lat:g}, lon {lon:g} lies {far[worst] / 1000:.0f} km "
+        f"from home, {_FAR_M / 1000:.0f} km at most are allowed; are lat and lon swapped? "
+        "(GeoJSON has [lon, lat])"
+    )
+
+
+def _margin(extent: Floats) -> float:
+    return max(_LEAST_MARGIN_M, _MARGIN * float(np.max(extent)))
+
+
+def _pair(values: Floats) -> Pair:
+    x, y = (round(float(value), 3) for value in values)
+    return x, y
+
+
+def _check_inside(config: RunConfig, found: dict[int, tuple[Place, ...]], source: str) -> None:
+    width, height = config.area.size_m
+    for index, community in enumerate(config.communities):
+        for device, (x, y) in enumerate(community.positions_m or ()):
+            if not (0.0 <= x <= width and 0.0 <= y <= height):
+                key = f"communities.{index}.positions_m.{device}"
+                where = found[index][device].where if index in found else f"{source}: {key}"
+                raise InputError(
+                    f"{where}: a device at x = {x:.1f}, y = {y:.1f} m, outside the area: x must be "
+                    f"from 0 to {width:g}, y from 0 to {height:g} m from its south-west corner "
+                    "(area.size_m)"
+                )

@@ -1,0 +1,63 @@
+"""The places of a plan file on its map, with the numbers of their items."""
+
+import altair as alt
+import numpy as np
+
+from mission.analysis.load import reached
+from mission.base.arrays import Floats
+from mission.figures.frame import Frame
+from mission.figures.style import FENCE, FLOWN, INK, PAPER, SOFT, keys, named, table
+from mission.log.values import FlightData, PlanFileRecord
+
+_NEAR_M = 1.0  # places closer than this share one label
+_KINDS = {  # colour and shape of what is on the map
+    "reached": (FLOWN, "circle"),
+    "not reached": (FENCE, "cross"),
+    "rally point": (SOFT, "triangle-up"),
+}
+
+
+def places(frame: Frame, run: FlightData) -> list[alt.Chart]:
+    """Which were reached, which not, and where a return might have led."""
+    plan, passed = run.plan_file, reached(run)
+    if plan is None:
+        return []
+    kinds = ["reached" if seq in passed else "not reached" for seq in plan.places_m]
+    at_m = np.array([*plan.places_m.values(), *plan.rally_m]).reshape(-1, 3)
+    kinds += ["rally point"] * len(plan.rally_m)
+    names = [str(seq) for seq in plan.places_m] + [""] * len(plan.rally_m)
+    shown = [kind for kind in _KINDS if kind in kinds]
+    strokes, shapes = zip(*(_KINDS[kind] for kind in shown), strict=True)
+    key = keys(shown, symbolSize=70)
+    marks = frame.chart(
+        table(round=[0] * len(kinds), x=at_m[:, 0], y=at_m[:, 1], height=at_m[:, 2], kind=kinds,
+              item=names)
+    ).mark_point(size=50, opacity=1, strokeWidth=1.6).encode(
+        shape=alt.Shape("kind:N", scale=named(shown, shapes), legend=key),
+        color=alt.Color("kind:N", scale=named(shown, strokes), legend=key),
+        fill=alt.value(PAPER),
+        tooltip=[alt.Tooltip("item:N"), alt.Tooltip("kind:N", title="was"),
+                 alt.Tooltip("height:Q", title="height (m)", format=".1f")],
+    )  # fmt: skip
+    labels = _labels(plan)
+    text = table(round=[0] * len(labels), x=[at[0] for at, _ in labels],
+                 y=[at[1] for at, _ in labels], item=[", ".join(n) for _, n in labels])  # fmt: skip
+    return [
+        marks,
+        frame.chart(text).mark_text(align="left", dx=7, dy=-7, fontSize=10, color=INK).encode(
+            text="item:N"
+        ),
+    ]  # fmt: skip
+
+
+def _labels(plan: PlanFileRecord) -> list[tuple[Floats, list[str]]]:
+    """Where numbers stand, and which."""
+    labels: list[tuple[Floats, list[str]]] = []
+    for seq, place in plan.places_m.items():
+        for at, numbers in labels:
+            if np.linalg.norm(at - place[:2]) < _NEAR_M:
+                numbers.append(str(seq))
+                break
+        else:
+            labels.append((place[:2], [str(seq)]))
+    return labels

@@ -1,0 +1,94 @@
+"""What every flight into a folder has around it: how it ended, its summary, its pictures."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+from mission.base.console import RunConsole
+from mission.base.errors import INTERRUPTED
+from mission.base.interrupted_files import InterruptedFiles
+from mission.base.interrupts import one_interruption, run_flight
+from mission.base.stopwatch import Stopwatch
+from mission.run.budget import RunTotals
+from mission.run.outcome import Outcome
+from mission.run.summary import Summary
+
+Page: TypeAlias = Callable[[Path], object]  # makes a page of a flight's folder, in it
+
+_DRAWING = "drawing figures"
+
+
+class Recorded(Protocol):
+    """What is flown: the rounds of a run, or a plan file."""
+
+    totals: RunTotals
+
+    async def run(self) -> None:
+        """Fly it.
+
+        Raises:
+            AerofedError: what ends it before that.
+        """
+
+    def conclude(self, summary: Summary) -> None:
+        """Draw and tabulate what was flown, from the finished log."""
+
+    def show(self, console: RunConsole) -> None:
+        """What it came to, for people."""
+
+
+def fly_recorded(
+    opening: AbstractContextManager[Recorded],
+    summary: Summary,
+    *,
+    console: RunConsole,
+    stopwatch: Stopwatch,
+    figures: bool = True,
+    page: Page | None = None,
+    goes_on: str = "",
+) -> int:
+    """Fly what `opening` opens, with its log, and leave a summary however it ends.
+
+    Returns the exit code. Without `figures` nothing is drawn. `page` makes a page of the folder,
+    last of all. `goes_on` says how an interrupted flight can go on.
+
+    Raises:
+        AerofedError: see the error's exit code; the summary says "failed" then.
+    """
+    folder, outcome = summary.folder, Outcome()
+    flight: Recorded | None = None
+    totals = RunTotals.before(0)
+    summary.started()
+    try:
+        with outcome.aside("log"), one_interruption(), opening as flight:
+            totals = flight.totals
+            with outcome.flight():
+                run_flight(flight.run())
+    finally:
+        if outcome.status != "finished":
+            summary.ended(outcome, totals, stopwatch)
+    if outcome.status == "finished":
+        InterruptedFiles(folder).discard()
+    try:
+        if flight is not None and figures:
+            with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
+                flight.conclude(summary)
+    finally:
+        # Last of all: a folder that says "finished" has everything.
+        summary.ended(outcome, totals, stopwatch)
+    if page is not None and outcome.status == "finished":
+        # It says that the flight is finished, and so comes after the summary that does.
+        with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
+            page(folder.path)
+        if outcome.status != "finished":
+            summary.ended(outcome, totals, stopwatch)
+    outcome.raise_error(folder.path)
+    if flight is not None:
+        flight.show(console)
+    look = ": open report.html in a browser" if page and outcome.status == "finished" else ""
+    console.say(f"results in {folder.path}{look}")
+    if outcome.status == "interrupted":
+        console.say(f"interrupted{goes_on}")
+        return INTERRUPTED
+    return 0

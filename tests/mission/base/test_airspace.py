@@ -1,0 +1,150 @@
+"""Ways around areas: shortest, at the margin, within the fence."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.base import polyline
+from mission.base.airspace import OPEN, Airspace, crossing, cut
+
+SQUARE = np.array([[100.0, 100], [200, 100], [200, 200], [100, 200]])
+ELL = np.array([[300.0, 300], [500, 300], [500, 380], [380, 380], [380, 500], [300, 500]])
+FENCE = np.array([[0.0, 0], [600, 0], [600, 600], [250, 600], [250, 260], [0, 260]])
+
+
+def at(x: float, y: float) -> np.ndarray:
+    return np.array([float(x), float(y)])
+
+
+def test_a_way_that_nothing_blocks_is_straight() -> None:
+    for space in (OPEN, Airspace((SQUARE,), None, 10.0)):
+        np.testing.assert_array_equal(space.way(at(0, 0), at(300, 50)), [[0, 0], [300, 50]])
+
+
+def test_the_way_around_a_square_is_a_taut_string() -> None:
+    """Around two corners: tangents and arcs of the margin, in closed form; their points lie a
+    little outside of the arcs."""
+    margin = 10.0
+    way = Airspace((SQUARE,), None, margin).way(at(0, 150), at(300, 150))
+    leg = math.hypot(100, 50)  # from an end to a corner
+    tangent = math.sqrt(leg**2 - margin**2)
+    turn = math.atan2(50, 100) + math.asin(margin / leg)
+    exact = 2 * tangent + 2 * margin * turn + 100
+    assert exact <= polyline.length(way) <= exact + 0.02 * margin * 4
+    assert polyline.length(way[[0, -1]]) == 300
+
+
+def test_the_shorter_side_is_taken() -> None:
+    space = Airspace((SQUARE,), None, 10.0)
+    assert space.way(at(0, 120), at(300, 120))[1, 1] < 100
+    assert space.way(at(0, 180), at(300, 180))[1, 1] > 200
+
+
+@pytest.mark.parametrize("turned", [SQUARE, SQUARE[::-1]])
+def test_either_direction_of_an_outline_is_the_same_area(turned: np.ndarray) -> None:
+    space = Airspace((turned,), None, 10.0)
+    assert space.free(np.array([at(95, 150), at(150, 150), at(50, 50)])).tolist() == [0, 0, 1]
+
+
+@settings(max_examples=60)
+@given(st.lists(st.floats(-50, 650), min_size=4, max_size=4))
+def test_every_way_keeps_the_margin_and_no_corner_of_it_can_be_left_out(place) -> None:
+    space = Airspace((SQUARE, ELL), FENCE, 12.0)
+    a, b = space.moved(np.array(place).reshape(2, 2))
+    way = space.way(a, b)
+    dense = np.vstack([np.linspace(p, q, 200) for p, q in pairwise(way)])
+    assert space.free(dense).all()
+    for ring in (SQUARE, ELL):
+        assert _distance(dense, ring) >= 12.0 - 1e-5
+    np.testing.assert_array_equal(way[[0, -1]], [a, b])
+    for skipped in range(1, len(way) - 1):
+        assert not space.clear(way[[skipped - 1]], way[[skipped + 1]])[0]
+    assert polyline.length(space.way(b, a)) == pytest.approx(polyline.length(way))
+
+
+def _distance(points: np.ndarray, ring: np.ndarray) -> float:
+    """Of the nearest of many points on the outline: another way than the product's."""
+    closed = np.vstack((ring, ring[:1]))
+    edge = np.vstack([np.linspace(p, q, 400) for p, q in pairwise(closed)])
+    return float(min(np.hypot(*(edge - point).T).min() for point in points)) + 0.0
+
+
+def test_ways_are_as_short_as_on_a_fine_grid() -> None:
+    """Dijkstra's algorithm over a grid of 4 m, whose ways are up to 8 % longer, never shorter."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    space = Airspace((SQUARE, ELL), FENCE, 12.0)
+    x, y = np.meshgrid(np.arange(2.0, 600, 4.0), np.arange(2.0, 600, 4.0), indexing="ij")
+    grid = np.column_stack((x.ravel(), y.ravel()))
+    free, side = space.free(grid), len(x)
+    rows, columns, lengths = [], [], []
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2)):
+        i, j = np.meshgrid(np.arange(side), np.arange(side), indexing="ij")
+        inside = (i + dx < side) & (j + dy >= 0) & (j + dy < side)
+        one = (i * side + j)[inside]
+        other = ((i + dx) * side + j + dy)[inside]
+        open_ = free[one] & free[other]
+        rows += one[open_].tolist()
+        columns += other[open_].tolist()
+        lengths += [4.0 * math.hypot(dx, dy)] * int(open_.sum())
+    graph = coo_array((lengths, (rows, columns)), shape=(side**2, side**2))
+    ends = [int(np.hypot(*(grid - p).T).argmin()) for p in (at(30, 230), at(540, 540))]
+    on_grid = dijkstra(graph.tocsr(), directed=False, indices=ends[0])[ends[1]]
+    ours = polyline.length(space.way(grid[ends[0]], grid[ends[1]]))
+    assert ours <= on_grid <= 1.08 * ours
+
+
+def test_what_is_not_free_is_moved_to_the_nearest_place_that_is() -> None:
+    space = Airspace((SQUARE,), None, 10.0)
+    moved = space.moved(np.array([at(150, 110), at(95, 95), at(0, 0)]))
+    np.testing.assert_allclose(moved[0], [150, 90], atol=1e-4)
+    np.testing.assert_allclose(moved[1], 100 - 10 / math.sqrt(2), atol=1e-4)
+    np.testing.assert_array_equal(moved[2], [0, 0])
+    assert space.free(moved).all()
+    fenced = Airspace((), FENCE, 10.0)
+    np.testing.assert_allclose(fenced.moved(at(-50, -50)[None]), [[10, 10]], atol=1e-4)
+
+
+def test_a_start_that_is_not_free_gets_out_first() -> None:
+    way = Airspace((SQUARE,), None, 10.0).way(at(150, 195), at(150, 0))
+    np.testing.assert_allclose(way[1], [150, 210], atol=1e-4)
+
+
+def test_where_no_way_leads_is_said() -> None:
+    wall = np.array([[200.0, -10], [220, -10], [220, 610], [200, 610]])
+    space = Airspace((wall,), np.array([[0.0, 0], [600, 0], [600, 600], [0, 600]]), 10.0)
+    with pytest.raises(ValueError, match="no way"):
+        space.way(at(100, 300), at(400, 300))
+    with pytest.raises(ValueError, match="nowhere is free"):
+        Airspace((), np.array([[0.0, 0], [5, 0], [5, 5]]), 10.0).moved(at(1, 1)[None])
+
+
+def test_how_far_away_anybody_must_stay() -> None:
+    space = Airspace((SQUARE,), None, 10.0)
+    far = space.away(np.array([at(150, 130), at(0, 0)]))
+    np.testing.assert_allclose(far, [30, 0])
+
+
+def test_a_route_is_cut_where_its_metres_end() -> None:
+    route = np.array([at(0, 0), at(10, 0), at(10, 10)])
+    np.testing.assert_allclose(cut(route, 15.0), [[0, 0], [10, 0], [10, 5]])
+    np.testing.assert_array_equal(cut(route, 30.0), route)
+    assert polyline.length(cut(route, 0.0)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("ring", "crosses"),
+    [
+        (SQUARE, False),
+        (ELL, False),
+        (SQUARE[[0, 2, 1, 3]], True),
+        (np.array([[0.0, 0], [1, 1], [2, 2]]), True),
+    ],
+)
+def test_outlines_that_cross_themselves_are_found(ring: np.ndarray, crosses: bool) -> None:
+    assert crossing(ring) is crosses

@@ -1,0 +1,229 @@
+"""What a newcomer meets at the prompt: init, shipped names, JSON, completion, messages."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission.cli import call
+from mission.config.loading import SHIPPED, builtin_config, load_config
+
+QUICK = (
+    "--rounds", "1", "--set", "mission.flight=none", "learning.local_epochs=1",
+)  # fmt: skip
+
+
+def refused(capsys: pytest.CaptureFixture[str], *tokens: str, code: int = 2) -> str:
+    assert call(list(tokens)) == code
+    err = capsys.readouterr().err
+    assert err.startswith("aerofed: ")
+    assert err.count("\n") == 1, "one line"
+    return err
+
+
+def printed(capsys: pytest.CaptureFixture[str], *tokens: str, code: int = 0):
+    capsys.readouterr()
+    assert call(list(tokens)) == code
+    out = capsys.readouterr().out
+    return json.loads(out, parse_constant=pytest.fail)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_init_writes_what_runs_by_that_name(name: str, tmp_path: Path, capsys) -> None:
+    assert call(["init", name, "--out", str(tmp_path / "mine")]) == 0
+    written = tmp_path / "mine" / f"{name}.toml"
+    assert load_config(written) == load_config(Path(name))
+    text = written.read_text()
+    assert text.count("#") > 8, "commented"
+    assert f"{written}" in capsys.readouterr().out
+    assert "exists already" in refused(capsys, "init", name, "--out", str(tmp_path / "mine"))
+    assert written.read_text() == text
+
+
+def test_init_begins_with_the_quick_start_here(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert call(["init"]) == 0
+    assert "next: aerofed run quickstart.toml" in capsys.readouterr().out
+    assert Path("quickstart.toml").read_bytes() == builtin_config("quickstart.toml").read_bytes()
+
+
+def test_init_that_cannot_write_says_so(tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").touch()
+    assert "cannot be made" in refused(capsys, "init", "--out", str(tmp_path / "file" / "x"))
+
+
+def test_shipped_names_work_in_every_command(capsys) -> None:
+    assert call(["plan", "quickstart"]) == 0
+    assert call(["link-budget", "paper"]) == 0
+    said = refused(capsys, "run", "papre")
+    assert "no such configuration file; shipped are" in said
+    assert "did you mean paper?" in said
+    assert "paper-sweep" in refused(capsys, "sweep", "papersweep")
+
+
+def test_a_file_of_that_name_comes_first(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("paper").write_text('name = "mine"\n[[communities]]\nname = "a"\ntask = "digits"\n')
+    assert load_config(Path("paper")).name == "mine"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("json") / "run"
+    assert call(["run", *QUICK, "--out", str(folder), "--quiet"]) == 0
+    return folder
+
+
+def test_a_run_writes_its_page_unless_told_not_to(run: Path, tmp_path: Path) -> None:
+    page = (run / "report.html").read_text()
+    assert "not finished" not in page
+    assert ">finished<" in page
+    bare = tmp_path / "bare"
+    assert call(["run", *QUICK, "--out", str(bare), "--quiet", "--no-report"]) == 0
+    assert not (bare / "report.html").exists()
+
+
+def test_run_tells_its_summary_as_json(tmp_path: Path, capsys) -> None:
+    folder = tmp_path / "run"
+    told = printed(capsys, "run", *QUICK, "--out", str(folder), "--json", "--no-report")
+    assert told == {"folder": str(folder), **json.loads((folder / "summary.json").read_text())}
+    assert told["status"] == "finished"
+    again = printed(capsys, "run", "--resume", str(folder), "--json")
+    assert again["status"] == "finished"
+
+
+def test_plan_and_link_budget_tell_json(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "plans.json"
+    told = printed(capsys, "plan", "--json", "--out", str(out), "--method", "sqp")
+    assert told == json.loads(out.read_text())
+    assert told["round-1"]["upper_bound"] is None
+    budget = printed(capsys, "link-budget", "--json")
+    assert budget["preset"] == "suburban"
+    assert len(budget["per"]) == len(budget["distance_m"])
+    assert budget["served_radius_m"] > 100
+    assert budget["warning"] is None
+
+
+def test_log_commands_tell_json(run: Path, tmp_path: Path, capsys) -> None:
+    info = printed(capsys, "log", "info", str(run), "--json")
+    assert {"name", "schema", "messages", "rate_hz"} <= set(info["topics"][0])
+    assert info["messages"] == sum(topic["messages"] for topic in info["topics"])
+    assert printed(capsys, "log", "check", str(run), "--json")["sound"] is True
+    same = printed(capsys, "log", "diff", str(run), str(run), "--json")
+    assert same == {"same": True, "differences": []}
+    other = tmp_path / "other"
+    assert call(["run", *QUICK, "--seed", "2", "--out", str(other), "--quiet", "--no-report"]) == 0
+    assert not printed(capsys, "log", "diff", str(run), str(other), "--json", code=6)["same"]
+    files = printed(capsys, "log", "export", str(run), str(tmp_path / "t"), "--to", "csv", "--json")
+    assert all(Path(file).is_file() for file in files)
+    saved = printed(capsys, "log", "recover", str(run), str(tmp_path / "r.mcap"), "--json")
+    assert saved["messages"] == info["messages"]
+
+
+def test_data_commands_tell_json(tmp_path: Path, capsys) -> None:
+    (tmp_path / "mnist").mkdir()
+    (tmp_path / "mnist" / "train-images-idx3-ubyte").write_bytes(b"x")
+    found = printed(capsys, "data", "check", str(tmp_path), "--json", code=2)
+    assert {item["task"] for item in found} == {"mnist", "fashion-mnist", "cifar10"}
+
+
+def test_a_sweep_tells_its_results_as_json_and_writes_its_page(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "sweep"
+    tokens = ["sweep", "quickstart", "--strategies", "cov", "--seeds", "1", *QUICK, "--jobs", "1"]
+    told = printed(capsys, *tokens, "--out", str(out), "--json")
+    assert [row["strategy"] for row in told["runs"]] == ["cov"]
+    assert told["missing"] == []
+    assert (out / "report.html").is_file()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_the_commands(shell: str, capsys) -> None:
+    assert call(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "aerofed" in script
+    if shell == "bash":
+        check = (
+            script + "\nCOMP_WORDS=(aerofed ru); COMP_CWORD=1; COMP_LINE='aerofed ru'; "
+            "COMP_POINT=10; _aerofed; echo ${COMPREPLY[@]}"
+        )
+        path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+        done = subprocess.run(
+            ["bash", "-c", check], capture_output=True, text=True, check=True, env={"PATH": path}
+        )
+        assert done.stdout.split() == ["run"]
+
+
+MESSAGES = {
+    ("sweep",): "CONFIG is missing: TOML file, or quickstart, paper",
+    ("log", "info"): "LOG is missing: A complete, sound log, or its run's folder",
+    ("plan", "--problem"): "--problem needs a value: JSON file with a list of problems",
+    ("sitl", "--speed", "abc"): '--speed abc: must be a number or "max"',
+    ("run", "--rounds", "abc"): "--rounds abc: must be a whole number",
+    ("plan", "--method", "foo"): '--method foo: must be one of "certified", "sqp", "paper"',
+    ("plan", "--gap", "7"): "--gap 7.0: must be a number at least 0.0001 and below 1",
+    ("run", "--rounds", "0"): "--rounds 0: must be a whole number from 1 to 100000",
+    ("run", "--seed=-1"): "--seed -1: must be a whole number from 0",
+    ("world", "--px4", "--wind", "99"): "--wind 99.0: must be a number from 0 to",
+    ("run", "--vehicle", "foo"): "--vehicle foo: no address of a vehicle; it must be udpin://",
+    ("run", "--set", "seed=-1"): "command line: seed = -1: must be a whole number",
+    ("run", "--set", "mission.path_budget_m=0"): "path_budget_m = 0: must be a number above 0 and",
+    ("run", "paper"): "give their folder by --data-dir FOLDER",
+    ("run", "paper", "--data-dir", "."): "get it by: aerofed data fetch . --task cifar10",
+    ("data", "check", "nowhere"): "no such folder; aerofed data fetch nowhere makes it",
+    ("data", "check", "."): "holds none of the data sets; aerofed data fetch . downloads them",
+    ("run", "--set", "communities.0.task=npz"): "task = 'npz' needs data_file",
+    ("run", "--set", "communities.0.data_file=x"): "data_file is for task = 'npz' only",
+    ("plan", "--set", "planner.kind=import", "planner.factory=builtins:object"): (
+        "gives an object without plan"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("tokens", MESSAGES)
+def test_messages_say_the_way_out(tokens, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert MESSAGES[tokens] in refused(capsys, *tokens)
+
+
+def npz(path: Path, **changes: Any) -> None:
+    images = np.zeros((60, 8, 8), dtype=np.uint8)
+    arrays: dict[str, Any] = {"images": images, "labels": np.arange(60) % 3, **changes}
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+
+
+NPZ = """
+[[communities]]
+name = "mine"
+task = "npz"
+data_file = "mine.npz"
+devices = 2
+partition = "iid"
+"""
+
+
+def test_data_of_ones_own_are_no_lesser_copy_of_official_ones(tmp_path: Path, capsys) -> None:
+    npz(tmp_path / "mine.npz")
+    (tmp_path / "c.toml").write_text(NPZ)
+    tokens = ["run", str(tmp_path / "c.toml"), "--data-dir", str(tmp_path), *QUICK[:4]]
+    assert call([*tokens, "--out", str(tmp_path / "o"), "--no-report"]) == 0
+    said = capsys.readouterr()
+    assert "official" not in said.out + said.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"images": None, "pictures": np.zeros(3)}, "holds the arrays labels, pictures; wanted"),
+        ({"labels": np.arange(7)}, "60 images, but 7 labels"),
+    ],
+)
+def test_wrong_arrays_are_not_called_damaged(changes, words: str, tmp_path: Path, capsys) -> None:
+    npz(tmp_path / "mine.npz", **changes)
+    (tmp_path / "c.toml").write_text(NPZ)
+    said = refused(capsys, "run", str(tmp_path / "c.toml"), "--data-dir", str(tmp_path))
+    assert words in said
+    assert "damaged" not in said

@@ -1,0 +1,368 @@
+"""Devices at given places: where they come to stand, and which files are refused in which words."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pymap3d
+import pytest
+
+from mission.base.errors import InputError
+from mission.config.loading import load_config
+from mission.config.models import RunConfig
+from mission.scenario.scenario import build_scenario
+
+BASE = """
+[[communities]]
+name = "a"
+task = "digits"
+partition = "iid"
+"""
+# Of a town by the sea: lat, lon.
+TOWN = ((43.580, 7.120), (43.584, 7.125), (43.582, 7.132))
+
+
+@pytest.fixture
+def load(tmp_path: Path):
+    def _load(text: str = BASE, **overrides: Any) -> RunConfig:
+        path = tmp_path / "c.toml"
+        path.write_text(text)
+        return load_config(path, {k.replace("__", "."): v for k, v in overrides.items()})
+
+    return _load
+
+
+def points(*places: tuple[float, float], **properties: Any) -> str:
+    return json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "properties": {k: v[i] for k, v in properties.items()},
+                    "geometry": {"type": "Point", "coordinates": [lon, lat]},
+                }
+                for i, (lat, lon) in enumerate(places)
+            ],
+        }
+    )
+
+
+def from_file(tmp_path: Path, name: str, text: str) -> str:
+    (tmp_path / name).write_text(text)
+    return BASE + f'positions_file = "{name}"\n'
+
+
+def test_positions_in_the_configuration_say_how_many_devices_there_are(load) -> None:
+    config = load(BASE + "positions_m = [[100, 200], [300, 50]]\n[area]\nsize_m = [400, 400]\n")
+    assert config.communities[0].devices == 2
+    scenario = build_scenario(config, data_dir=None)
+    np.testing.assert_array_equal(scenario.devices_m, [[100, 200], [300, 50]])
+
+
+def test_devices_that_have_no_place_are_drawn_as_if_nobody_had_one(load) -> None:
+    other = BASE.replace('"a"', '"b"') + "devices = 2\n"
+    drawn = build_scenario(load(BASE + "devices = 2\n" + other), data_dir=None).devices_m
+    placed = load(BASE + "positions_m = [[1, 2], [3, 4]]\n" + other + "[area]\nsize_m=[800,800]\n")
+    found = build_scenario(placed, data_dir=None).devices_m
+    np.testing.assert_array_equal(found[:2], [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(found[2:], drawn[2:])
+
+
+def test_area_and_home_lie_about_places_in_metres(load) -> None:
+    config = load(BASE + "positions_m = [[100, 200], [700, 300]]\n")
+    assert config.area.size_m == (760.0, 360.0)  # a tenth of 600 m beyond the farthest
+    assert config.area.home_m == (380.0, 180.0)
+
+
+def test_degrees_become_metres_as_a_geodesy_library_has_them(load, tmp_path: Path) -> None:
+    config = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
+    area = config.area
+    for (lat, lon), (x, y) in zip(TOWN, config.communities[0].positions_m or (), strict=True):
+        east, north, _ = pymap3d.geodetic2enu(
+            lat, lon, area.home_alt_msl_m, area.home_lat_deg, area.home_lon_deg, area.home_alt_msl_m
+        )
+        assert (x, y) == pytest.approx((area.home_m[0] + east, area.home_m[1] + north), abs=1e-6)
+        assert 0 < x < area.size_m[0]
+        assert 0 < y < area.size_m[1]
+    assert (area.home_lat_deg, area.home_lon_deg) == pytest.approx((43.582, 7.126))
+
+
+def test_a_table_and_geojson_of_the_same_places_are_the_same(load, tmp_path: Path) -> None:
+    table = "id,LAT, lon ,community\n" + "".join(f"7,{lat},{lon},a\n" for lat, lon in TOWN)
+    first = load(from_file(tmp_path, "d.csv", table + "8,43.5,7.1,other\n"))
+    second = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
+    assert first == second
+
+
+def test_home_that_is_given_stays_where_it_is(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN))
+    area = "[area]\nhome_lat_deg = 43.58\nhome_lon_deg = 7.12\nhome_m = [100, 150]\n"
+    config = load(text + area)
+    assert config.communities[0].positions_m[0] == pytest.approx((100, 150), abs=1e-6)
+    assert config.area.home_m == (100, 150)
+
+
+def test_shares_say_who_has_how_much_of_the_data(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN, share=[2, 1, 1]))
+    scenario = build_scenario(load(text), data_dir=None)
+    np.testing.assert_allclose(scenario.federation.p, [0.5, 0.25, 0.25], atol=1e-3)
+
+
+@pytest.mark.parametrize("partition", ["labels", "dirichlet", "iid"])
+def test_the_devices_of_a_run_go_back_in(load, tmp_path: Path, partition: str) -> None:
+    text = BASE.replace("iid", partition) + "positions_file = 'd.geojson'\ndirichlet_alpha = 50.0\n"
+    (tmp_path / "d.geojson").write_text(points(*TOWN, share=[3, 1, 2], community=["a"] * 3))
+    first = build_scenario(load(text), data_dir=None).devices_csv()
+    (tmp_path / "devices.csv").write_text(first)
+    again = load(text.replace("d.geojson", "devices.csv"))
+    assert build_scenario(again, data_dir=None).devices_csv() == first
+
+
+def test_the_resolved_configuration_needs_no_file(load, tmp_path: Path) -> None:
+    config = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
+    (tmp_path / "d.geojson").unlink()
+    assert load(config.to_toml()) == config
+
+
+def test_a_file_named_on_the_command_line_is_found_from_there(load, tmp_path: Path) -> None:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "d.csv").write_text("x,y\n1,2\n")
+    config = load(communities__0__positions_file=str(folder / "d.csv"))
+    assert config.communities[0].positions_m == ((1, 2),)
+
+
+BAD_TABLES = {
+    "x,y\n1,2\n3,abc\n": "d.csv: row 3: y = 'abc': must be a number",
+    "x,y\n1,2\n3,nan\n": "d.csv: row 3: y = 'nan': must be a number",
+    "x,y\n1,2\n3\n": "d.csv: row 3: has 1 cells, the header has 2",
+    "a,b\n1,2\n": "row 1: the columns are a, b; there must be x and y",
+    "": "row 1: the columns are none",
+    "x,y\n": "holds no device; it must hold a point a device",
+    "lat,lon\n95,7\n": "row 2: lat = 95: must be from -85 to 85 degrees",
+    "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat",
+    "lat,lon\n43,190\n": "row 2: lon = 190: must be from -180 to 180 degrees",
+    "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon swapped?",
+    "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m, outside the area: x must be from 0 to",
+    "x,y\n0,0\n3e6,4\n": "an area has 100 km at most",
+    "x,y,share\n1,2,0\n": "row 2: share = 0: must be above 0",
+    "x,y,share\n1,2,1\n3,4,\n": "row 3: has no share, as other devices of the community do",
+    "x,y,community\n1,2,b\n": "holds no device of community 'a', only of 'b'",
+    "x,y,community\n1,2,a\n3,4,\n": "row 3: names no community, as others in the file do",
+}
+
+
+@pytest.mark.parametrize("table", BAD_TABLES)
+def test_a_wrong_table_is_one_line_that_says_what_is_allowed(load, tmp_path: Path, table) -> None:
+    with pytest.raises(InputError) as error:
+        load(from_file(tmp_path, "d.csv", table))
+    assert BAD_TABLES[table] in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "d.csv" in str(error.value) or "100 km" in str(error.value)
+
+
+def feature(kind: str, coordinates: Any) -> str:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return json.dumps({"type": "Feature", "properties": {}, "geometry": geometry})
+
+
+BAD_GEOJSON = {
+    "nothing": "not GeoJSON",
+    "[]": "a FeatureCollection is wanted",
+    '{"type": "FeatureCollection", "features": 3}': "features = 3: must be a list",
+    '{"type": "FeatureCollection", "features": []}': "holds no device",
+    '{"type": "FeatureCollection", "features": [{"type": "Feature"}]}': "features[0]: no Feature",
+    feature("LineString", [[7, 43], [7, 44]]): "geometry is 'LineString': must be 'Point'",
+    feature("Point", [7]): "coordinates = [7]: must be [lon, lat]",
+    feature("Point", ["7", None]): "lat = null: must be a number",
+    feature("Point", [4e5, 5e6]): "lat = 5e+06: must be from -85 to 85 degrees",
+}
+
+
+@pytest.mark.parametrize("text", BAD_GEOJSON)
+def test_wrong_geojson_is_one_line(load, tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError) as error:
+        load(from_file(tmp_path, "d.geojson", text))
+    assert BAD_GEOJSON[text] in str(error.value)
+    assert "d.geojson" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("devices = 4\n", "holds 3 places of community 'a', but communities.0.devices = 4"),
+        ("positions_m = [[1, 2]]\n", "positions_m and positions_file: one of them, not both"),
+        ("data_shares = [1, 2]\n", "community 'a' has 3 places, but 2 data_shares"),
+        ("[area]\nsize_m = [100, 100]\n", "outside the area: x must be from 0 to 100"),
+        ("[area]\nhome_lat_deg = 43.0\n", "area.home_lon_deg: missing"),
+        (
+            "[area]\nhome_lat_deg = 7.12\nhome_lon_deg = 43.58\n",
+            "100 km at most are allowed; are lat and lon swapped?",
+        ),
+    ],
+)
+def test_what_contradicts_a_file_is_refused(load, tmp_path: Path, more: str, words: str) -> None:
+    with pytest.raises(InputError, match=r"c\.toml|d\.geojson") as error:
+        load(from_file(tmp_path, "d.geojson", points(*TOWN)) + more)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["d.kml", "none.csv"])
+def test_a_file_that_cannot_be_read_is_refused(load, tmp_path: Path, name: str) -> None:
+    if name == "d.kml":
+        (tmp_path / name).write_text("<kml/>")
+    with pytest.raises(InputError, match=r"must end in .csv|No such file"):
+        load(BASE + f'positions_file = "{name}"\n')
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("positions_m = [[1, 2]]\ndevices = 3\n", "positions_m has 1 entries for 3 devices"),
+        ("devices = 2\ndata_shares = [1]\n", "data_shares has 1 entries for 2 devices"),
+        ("positions_m = [[1, 2, 3]]\n", "must be 2 numbers|must be a list of 2"),
+        ("positions_m = [[1e9, 2]]\n", "from -100000 to 100000"),
+        ("positions_m = [[900, 2]]\n[area]\nsize_m = [800, 800]\n", "outside the area"),
+    ],
+)
+def test_wrong_positions_in_the_configuration_are_refused(load, keys: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load(BASE + keys)
+
+
+def test_a_configuration_whose_file_nobody_read_is_no_scenario() -> None:
+    community = {"name": "a", "task": "digits", "positions_file": "d.csv"}
+    with pytest.raises(InputError, match="not read yet"):
+        build_scenario(RunConfig(communities=(community,)), data_dir=None)
+
+
+def zones(*polygons: Any) -> str:
+    """GeoJSON of (properties, ((lat, lon), ...)) each."""
+    return json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "properties": properties,
+                    "geometry": {
+                        "type": "Polygon",
+                        "coordinates": [[[lon, lat] for lat, lon in (*corners, corners[0])]],
+                    },
+                }
+                for properties, corners in polygons
+            ],
+        }
+    )
+
+
+SCHOOL = ((43.581, 7.121), (43.581, 7.123), (43.583, 7.123), (43.583, 7.121))
+AREA = "[area]\nhome_lat_deg = 43.580\nhome_lon_deg = 7.127\n"
+
+
+def test_areas_out_of_a_file_lie_where_they_are_on_the_globe(load, tmp_path: Path) -> None:
+    properties = {"name": "School", "from_m": 0.0, "to_m": 90, "colour": "red"}
+    (tmp_path / "z.geojson").write_text(zones((properties, SCHOOL)))
+    text = from_file(tmp_path, "d.geojson", points(*TOWN)) + AREA
+    config = load(text + 'no_fly_file = "z.geojson"\nfence_file = "z.geojson"\n')
+    zone = config.area.no_fly[0]
+    assert (zone.name, zone.from_m, zone.to_m) == ("School", 0, 90)
+    for (lat, lon), (x, y) in zip(SCHOOL, zone.polygon_m, strict=True):
+        east, north, _ = pymap3d.geodetic2enu(lat, lon, 130.0, 43.580, 7.127, 130.0)
+        home = config.area.home_m
+        assert (x, y) == pytest.approx((home[0] + east, home[1] + north), abs=1e-3)
+    assert config.area.fence_m == zone.polygon_m
+    assert load(config.to_toml()) == config
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "counts"),
+    [(0, None, True), (0, 54, False), (0, 56, True), (64, None, True), (66, None, False)],
+)
+def test_an_area_counts_at_its_heights(load, low: float, high: float | None, counts: bool) -> None:
+    heights = f"from_m = {low}\n" + ("" if high is None else f"to_m = {high}\n")
+    text = BASE + "[[area.no_fly]]\npolygon_m = [[10,10],[90,10],[90,90]]\n" + heights
+    config = load(text)
+    assert bool(config.area.build(60.0).airspace.keep_out) is counts
+    assert config.area.build().airspace.is_open, "where nothing is flown"
+
+
+@pytest.mark.parametrize(
+    ("area", "words"),
+    [
+        (
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[300,300],[500,300],[500,500]]",
+            "the start lies nearer than area.margin_m = 15 m to the area 'school', which must not",
+        ),
+        (
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[0,0],[800,0],[800,800],[0,800]]",
+            "area.home_m = [400, 400]: the start lies inside the area 'school', which must not",
+        ),
+        (
+            "[[area.no_fly]]\nname = 'low'\nto_m = 30\npolygon_m = [[300,300],[500,300],[500,500]]",
+            "the start lies nearer than area.margin_m = 15 m to the area 'low'",
+        ),
+        ("[area]\nfence_m = [[0,0],[100,0],[100,100]]", "the start lies outside the fence"),
+        ("[area]\nfence_m = [[0,0],[405,0],[405,800],[0,800]]", "nearer than area.margin_m = 15 m"),
+    ],
+)
+def test_a_start_from_which_nobody_may_climb_is_refused(load, area: str, words: str) -> None:
+    with pytest.raises(InputError) as error:
+        build_scenario(load(BASE + area + "\n"), data_dir=None)
+    assert words in str(error.value)
+    assert "move home" in str(error.value)
+
+
+def test_a_start_below_an_area_overhead_is_fine(load) -> None:
+    zone = "[[area.no_fly]]\nfrom_m = 100\npolygon_m = [[300,300],[500,300],[500,500],[300,500]]\n"
+    assert build_scenario(load(BASE + zone), data_dir=None).area.airspace.is_open
+
+
+BAD_AREAS = {
+    "no_fly = [{polygon_m = [[0,0],[1,1]]}]": "area.no_fly.0.polygon_m",
+    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0],[0,9]]}]": "crosses itself, or has no area",
+    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0]], to_m = 0}]": "to_m = 0 must be above from_m = 0",
+    "fence_m = [[0,0],[9,9],[9,0],[0,9]]": "fence_m crosses itself",
+    "fence_m = [[0,0],[9,9],[9,0]]\nfence_file = 'x'": "fence_m and fence_file: one of them",
+    "margin_m = 1": "margin_m = 1: must be a number from 5 to 500",
+    "no_fly_file = 'none.geojson'": "none.geojson: cannot be read",
+}
+
+
+@pytest.mark.parametrize("keys", BAD_AREAS)
+def test_wrong_areas_in_the_configuration_are_refused(load, keys: str) -> None:
+    with pytest.raises(InputError) as error:
+        load(BASE + "[area]\n" + keys + "\n")
+    assert BAD_AREAS[keys] in str(error.value)
+
+
+FAR = tuple((lon, lat) for lat, lon in SCHOOL)
+BAD_RINGS = {
+    points(*TOWN): "features[0]: geometry is 'Point': must be 'Polygon' or 'MultiPolygon'",
+    zones(({}, FAR)): "100 km at most are allowed; are lat and lon swapped?",
+    zones(({}, SCHOOL[:2])): "a ring of 3 positions: there must be 4 at least",
+    zones(({"from_m": "low"}, SCHOOL)): "features[0]: from_m = 'low': must be a number",
+    zones(({"to_m": -5}, SCHOOL)): "to_m = -5 must be above from_m = 0",
+    zones(({}, (SCHOOL[0], SCHOOL[2], SCHOOL[1], SCHOOL[3]))): "crosses itself",
+    '{"type": "FeatureCollection", "features": []}': "holds no area",
+}
+
+
+@pytest.mark.parametrize("text", BAD_RINGS)
+def test_wrong_areas_in_a_file_are_one_line(load, tmp_path: Path, text: str) -> None:
+    (tmp_path / "z.geojson").write_text(text)
+    world = from_file(tmp_path, "d.geojson", points(*TOWN)) + AREA
+    with pytest.raises(InputError) as error:
+        load(world + 'no_fly_file = "z.geojson"\n')
+    assert BAD_RINGS[text] in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "z.geojson" in str(error.value)
+
+
+def test_a_fence_is_one_polygon(load, tmp_path: Path) -> None:
+    (tmp_path / "z.geojson").write_text(zones(({}, SCHOOL), ({}, SCHOOL)))
+    with pytest.raises(InputError, match="holds 2 polygons; a fence is one"):
+        load(BASE + AREA + 'fence_file = "z.geojson"\n')
