@@ -171,7 +171,7 @@ def test_configurations(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda: aerofed.config("quikstart"), "quikstart: no such configuration file; .* did you mean quickstart"),
+        (lambda: aerofed.config("quikstart"), "quikstart: no such .* did you mean quickstart"),
         (lambda: aerofed.config("none.toml"), "none.toml: cannot read the configuration"),
         (
             lambda: aerofed.config("quickstart", {"mission.round": 3}),
