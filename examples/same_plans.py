@@ -12,10 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.planner.evaluate import finish
-from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.custom_strategies import RoundInfo, StrategyContext
-from mission.scenario.strategies import Sortie
+from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext, finish
 
 Floats = NDArray[np.float64]
 

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.custom_strategies import RoundInfo, StrategyContext
-from mission.scenario.strategies import Sortie
+from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +29,7 @@ class Staleness:
         """Data share times age in rounds."""
         return info.p * info.age_rounds
 
-    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The best path and schedule for these weights."""
         return Sortie(self.planner.plan(problem))
 

@@ -6,9 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from fl.plugins import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
+ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
+PARTITIONS = ("labels", "dirichlet", "iid", "owners")
+GATES = ("average", "instantaneous")
 
 USUAL_DEVICES = 6  # of a community that says nothing of them
 
@@ -16,7 +20,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Unheard = Literal["left-out", "zero"]
 Missed = Literal["lost-too", "unscheduled"]
-Task = Literal["digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz"]
+TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
 
 
 class _Frozen(BaseModel):
@@ -30,9 +34,11 @@ class _NamedChannel(_Frozen):
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
-    gate: Literal["average", "instantaneous"] = Field(
+    gate: str = Field(
         "average",
-        description="lose packets with the average PER, or draw segment and shadowing per packet",
+        description="lose packets with the 'average' PER, draw segment and shadowing of each "
+        "('instantaneous'), or have a radio of your own give the PER, as "
+        "'package.module:factory'; plans are made with the channel in any case",
     )
 
     @field_validator("preset")
@@ -41,6 +47,11 @@ class _NamedChannel(_Frozen):
         if preset not in CHANNEL_PRESETS:
             raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
         return preset
+
+    @field_validator("gate")
+    @classmethod
+    def _gate(cls, gate: str) -> str:
+        return checked_name(gate, GATES)
 
 
 if TYPE_CHECKING:  # that may not know what is made while the program runs
@@ -89,7 +100,11 @@ class CommunityConfig(_Frozen):
         examples=["mnist"],
         description="unique among the communities",
     )
-    task: Task = Field(description="data set; 'digits' and 'colour-shapes' need no files")
+    task: str = Field(
+        examples=["digits"],
+        description="data set: 'digits' and 'colour-shapes', which need no files, 'mnist', "
+        "'fashion-mnist', 'cifar10', 'npz', or one of your own as 'package.module:factory'",
+    )
     data_file: str | None = Field(
         None,
         description="for task = 'npz': the file's name in the data folder, or its absolute path",
@@ -120,8 +135,10 @@ class CommunityConfig(_Frozen):
         le=1000,
         description="number of devices; as many as there are positions, where these are given",
     )
-    partition: Literal["labels", "dirichlet", "iid"] = Field(
-        "labels", description="how samples are spread over the devices"
+    partition: str = Field(
+        "labels",
+        description="how samples are spread over the devices: by 'labels', 'dirichlet', 'iid', by "
+        "the 'owners' that the data set tells, or as your own 'package.module:function' says",
     )
     labels_per_device: int = Field(
         2, ge=1, le=1000, description="for partition = 'labels': classes each device owns"
@@ -134,9 +151,31 @@ class CommunityConfig(_Frozen):
         "lenet",
         description="'lenet', 'mcmahan', 'convnet', or a torch module as 'package.module:callable'",
     )
+    buffers: Literal["averaged", "local"] | None = Field(
+        None,
+        description="for a torch module with buffers, such as the running statistics of batch "
+        "normalisation: 'averaged' over the arrivals (the default), or 'local': each device keeps "
+        "its own, and is measured with them",
+    )
     convnet: ConvNetConfig | None = Field(
         None, description="for network = 'convnet': how many layers, how large"
     )
+
+    @field_validator("task")
+    @classmethod
+    def _task(cls, task: str) -> str:
+        return checked_name(task, TASKS)
+
+    @field_validator("partition")
+    @classmethod
+    def _partition(cls, partition: str) -> str:
+        return checked_name(partition, PARTITIONS)
+
+    @model_validator(mode="after")
+    def _buffers_with_modules_only(self) -> Self:
+        if self.buffers is not None and self.network in BUILT_IN_NETWORKS:
+            raise ValueError("buffers belongs to a torch module of your own: no other has any")
+        return self
 
     @model_validator(mode="after")
     def _as_many_as_devices(self) -> Self:
@@ -183,8 +222,10 @@ class CommunityConfig(_Frozen):
 class LearningConfig(_Frozen):
     """Local training, aggregation, fairness. The defaults are the paper's."""
 
-    algorithm: Literal["fedprox", "fedavg", "fedavgm", "fedadam", "scaffold"] = Field(
-        "fedprox", description="how devices train and the UAV aggregates"
+    algorithm: str = Field(
+        "fedprox",
+        description="how devices train and the UAV aggregates: fedprox, fedavg, fedavgm, fedadam, "
+        "scaffold, or one of your own as 'package.module:factory'",
     )
     mu: float = Field(
         0.1, ge=0.0, le=100.0, description="proximal weight; fedprox only, the others have none"
@@ -236,6 +277,11 @@ class LearningConfig(_Frozen):
         "cpu",
         description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )
+
+    @field_validator("algorithm")
+    @classmethod
+    def _algorithm(cls, algorithm: str) -> str:
+        return checked_name(algorithm, ALGORITHMS)
 
     @model_validator(mode="after")
     def _share_with_test_only(self) -> Self:

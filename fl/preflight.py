@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from fl.config import BUILT_IN_NETWORKS, CommunityConfig
+from fl.config import BUILT_IN_NETWORKS, TASKS, CommunityConfig
 from fl.data.load import CLASSES
 from fl.data.partition import check_owners
 from fl.errors import SettingError
@@ -15,7 +15,7 @@ def problems_of(
 
     A network of which `is_users` says that it is the researcher's own is not looked up.
     """
-    if community.partition == "labels" and community.task != "npz":
+    if community.partition == "labels" and community.task in TASKS[:-1]:
         try:
             check_owners(
                 community.devices,

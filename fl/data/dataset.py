@@ -57,6 +57,7 @@ class Dataset:
     classes: int
     provenance: Provenance
     load_splits: Callable[[], tuple[Split, Split]]
+    owners: Labels | None = None  # (n,) whose each training sample is, where the data tell
 
     @cached_property
     def _splits(self) -> tuple[Split, Split]:
@@ -74,7 +75,13 @@ class Dataset:
 
 
 def checked(
-    task: str, train: Split, validation: Split, *, classes: int, provenance: Provenance
+    task: str,
+    train: Split,
+    validation: Split,
+    *,
+    classes: int,
+    provenance: Provenance,
+    owners: Labels | None = None,
 ) -> Dataset:
     """A data set whose splits fit together; `DataLayoutError` names what does not."""
     source = provenance.source
@@ -101,18 +108,24 @@ def checked(
     _, height, width, channels = train.images.shape
     return Dataset(
         task, train.labels, np.bincount(validation.labels, minlength=classes),
-        (height, width, channels), classes, provenance, lambda: (train, validation),
+        (height, width, channels), classes, provenance, lambda: (train, validation), owners,
     )  # fmt: skip
 
 
 def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:
     """All but a part of every class, and that part; the same on every machine."""
+    held = held_out(labels, share=share, seed=seed)
+    return Split(images[~held], labels[~held]), Split(images[held], labels[held])
+
+
+def held_out(labels: Labels, *, share: float, seed: int) -> NDArray[np.bool_]:
+    """Which samples (n,) are that part."""
     rng = np.random.Generator(np.random.PCG64(seed))
     held = np.zeros(len(labels), dtype=np.bool_)
     for label in sorted(set(labels.tolist())):
         members = rng.permutation(np.flatnonzero(labels == label))
         held[members[: held_out_of_each(np.array([len(members)]), share)[0]]] = True
-    return Split(images[~held], labels[~held]), Split(images[held], labels[held])
+    return held
 
 
 def held_out_of_each(samples: NDArray[np.int64], share: float) -> NDArray[np.int64]:

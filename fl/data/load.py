@@ -5,7 +5,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from fl.data import bundled, cifar, idx, npz
+from fl.config import TASKS
+from fl.data import bundled, cifar, custom_dataset, idx, npz
 from fl.data.dataset import Dataset
 from fl.errors import DataDamagedError, DataMissingError
 
@@ -49,8 +50,10 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
     that asks again while the files are as they were gets the same data set again: an archive
     takes seconds to unpack, and a sweep has many runs.
     """
-    if not needs_files(task):
+    if task in _BUNDLED:
         return _BUNDLED[task]()
+    if task not in TASKS:
+        return custom_dataset.load(task, data_dir)
     return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
 
 

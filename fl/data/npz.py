@@ -1,9 +1,11 @@
-"""Any image classification task in one .npz file.
+"""Any classification task in one .npz file.
 
 Arrays `x_train`, `y_train`, `x_test`, `y_test` (or `train_images`, `train_labels`,
-`test_images`, `test_labels`), or just `images` and `labels`, of which a sixth of every class is
-held out for validation. Images are (n, height, width) or (n, height, width, channels) with 1, 3
-or 4 channels, bytes or floats in [0, 1]; labels are integers from 0, (n,) or (n, 1).
+`test_images`, `test_labels`), or just `images` and `labels`, or `features` and `labels`, of which
+a sixth of every class is held out for validation. Images are (n, height, width) or (n, height,
+width, channels) with 1, 3 or 4 channels, bytes or floats in [0, 1]; features are (n, features),
+finite floats; labels are integers from 0, (n,) or (n, 1). With `owner`, integers (n,), the file
+tells whose each training sample is.
 """
 
 import lzma
@@ -13,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fl.data.arrays import Arrays, dataset_of, labels
 from fl.data.bounded import LARGEST_BYTES
-from fl.data.dataset import Dataset, Pixels, Provenance, SourceFile, Split, checked, hold_out
+from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
 from fl.data.official import md5
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError, first_line
 
@@ -24,9 +26,10 @@ LAYOUTS = (
     ("x_train", "y_train", "x_test", "y_test"),
     ("train_images", "train_labels", "test_images", "test_labels"),
     ("images", "labels"),
+    ("features", "labels"),
 )
+OWNER = "owner"
 HELD_OUT = 1.0 / 6.0
-MOST_CLASSES = 2**16
 
 
 def load(name: str, data_dir: Path) -> Dataset:
@@ -52,6 +55,7 @@ def load(name: str, data_dir: Path) -> Dataset:
                     f" {', or '.join(', '.join(keys) for keys in LAYOUTS)}",
                 )
             arrays = [archive[key] for key in layout]
+            owner = archive[OWNER] if OWNER in archive.files else None
         content_md5 = md5(path.read_bytes())
     # The others are what numpy's parsing of a header of brackets, or a foreign compression, raises.
     except (
@@ -63,47 +67,26 @@ def load(name: str, data_dir: Path) -> Dataset:
         raise DataDamagedError(path, "takes more memory than there is") from None
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
-    splits = [
-        Split(_images(arrays[i], layout[i], path), _labels(arrays[i + 1], layout[i + 1], path))
-        for i in range(0, len(layout), 2)
-    ]
-    if len(splits) == 1:
-        only = splits[0]
-        if len(only.images) != len(only.labels):
-            raise DataLayoutError(path, f"{len(only.images)} images, but {len(only.labels)} labels")
-        splits = list(hold_out(only.images, only.labels, share=HELD_OUT, seed=0))
     provenance = Provenance(str(path), False, (SourceFile(path.name, content_md5, False),))
-    classes = 1 + max(int(split.labels.max(initial=0)) for split in splits)
-    return checked("npz", splits[0], splits[1], classes=classes, provenance=provenance)
+    if len(layout) == 2:
+        arrays, owner = _held_out(arrays, layout, owner, path)
+        layout = layout * 2
+    x_train, y_train, x_test, y_test = arrays
+    found = Arrays(x_train, y_train, x_test, y_test, owner)
+    return dataset_of("npz", found, provenance=provenance, names=layout)
 
 
-def _images(array: NDArray[Any], key: str, path: Path) -> Pixels:
-    if array.ndim == 3:
-        array = array[..., np.newaxis]
-    if array.ndim != 4 or array.shape[3] not in (1, 3, 4):
-        raise DataLayoutError(
-            path,
-            f"{key} is {array.shape}; wanted (n, height, width) or"
-            " (n, height, width, channels) with 1, 3 or 4 channels",
-        )
-    if array.dtype == np.uint8:
-        return np.ascontiguousarray(array)
-    if array.dtype.kind == "f":
-        if not np.all((array >= 0.0) & (array <= 1.0)):
-            raise DataLayoutError(path, f"{key} holds floats outside [0, 1]")
-        return np.ascontiguousarray(array, dtype=np.float32)
-    raise DataLayoutError(path, f"{key} is of type {array.dtype}; wanted bytes or floats")
-
-
-def _labels(array: NDArray[Any], key: str, path: Path) -> NDArray[np.int64]:
-    if array.ndim == 2 and array.shape[1] == 1:
-        array = array[:, 0]
-    if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise DataLayoutError(
-            path, f"{key} is {array.dtype} {array.shape}; wanted integers (n,) or (n, 1)"
-        )
-    if len(array) and int(array.max()) >= MOST_CLASSES:
-        raise DataLayoutError(
-            path, f"{key} holds a label {array.max()}; at most {MOST_CLASSES - 1}"
-        )
-    return array.astype(np.int64)
+def _held_out(
+    arrays: list[Any], layout: tuple[str, ...], owner: Any, path: Path
+) -> tuple[list[Any], Any]:
+    """One set of samples cut in two, the owners of the first part with it."""
+    x, y = arrays
+    classes = labels(y, layout[1], str(path))
+    for name, array in ((layout[0], x), (OWNER, owner)):
+        if array is not None and (array.ndim == 0 or len(array) != len(classes)):
+            raise DataLayoutError(
+                path, f"{len(array) if array.ndim else 0} {name}, but {len(classes)} {layout[1]}"
+            )
+    held = held_out(classes, share=HELD_OUT, seed=0)
+    parts = [x[~held], classes[~held], x[held], classes[held]]
+    return parts, None if owner is None else owner[~held]

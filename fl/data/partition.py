@@ -120,6 +120,15 @@ def _split(samples: Indices, parts: int, weights: Floats | None) -> list[Indices
     return list(np.split(samples, ends[:-1]))
 
 
+def by_owner(owners: Indices, *, devices: int, rng: np.random.Generator) -> list[Indices]:
+    """Give each device the samples of one owner that the data tell; which owners, is drawn."""
+    known = np.unique(owners)
+    if devices > len(known):
+        raise SettingError("devices", devices, f"the data have {len(known)} owners")
+    chosen = rng.permutation(known)[:devices]
+    return _finish([np.flatnonzero(owners == owner) for owner in chosen])
+
+
 def class_counts(labels: Indices, shares: list[Indices], *, classes: int) -> Indices:
     """The assignment as a table: samples of each class on each device, (devices, classes)."""
     rows = [np.bincount(labels[share], minlength=classes) for share in shares]

@@ -7,7 +7,7 @@ community nobody of which arrives keeps model and state.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,37 +22,55 @@ AlgorithmState = Mapping[str, NDArray[np.float32]]
 class Update:
     """What arrived from one device."""
 
-    device: int  # within its community
-    p: float  # p_k, its share of the community's data
-    model: Vector
-    steps: int  # local SGD steps it took
+    device: int  # within its community, from 0
+    p: float  # p_k in (0, 1], its share of the community's data
+    model: Vector  # (P,) its parameters after local training
+    steps: int  # local SGD steps that it took, 1 or more
 
 
 class Algorithm(Protocol):
-    """What the federation needs of an algorithm."""
+    """How devices are steered, and how what arrives becomes the next model of a community.
+
+    A model is its P parameters as one vector (P,) of float32, in the order in which torch lists
+    them. A state is a dictionary of float32 arrays of any shapes; with it a run is resumed, so the
+    methods may depend on their arguments alone. Arrays that are handed in are read-only.
+    """
 
     @property
     def mu(self) -> float:
-        """Proximal weight of the local objective."""
+        """Weight mu of mu/2 |w - w_start|^2 in the local objective; 0 for none."""
         ...
 
     @property
     def momentum(self) -> float:
-        """Momentum of the local SGD."""
+        """Momentum of the local SGD, in [0, 1)."""
         ...
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:
-        """The state before the first round."""
+        """The state of a community before the first round; `model` (P,), `devices` K_c."""
         ...
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
-        """What a device adds to each of its gradients; None for nothing."""
+        """What a device adds to each of its gradients, (P,); None for nothing."""
         ...
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """The next global model and state from the updates that arrived (at least one)."""
+        """The next global model (P,) and state from the updates that arrived.
+
+        Participation is partial: `updates` are those of this round alone, in order of device, at
+        least one. Where none arrives, it is not called.
+        """
+        ...
+
+
+@runtime_checkable
+class StaleStart(Protocol):
+    """An algorithm whose devices do not all train from the newest model, in addition."""
+
+    def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
+        """(P,) what a device trains from: the model that it last received, say, kept in `state`."""
         ...
 
 
@@ -202,7 +220,7 @@ def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:
     return np.asarray(step / sum(update.p for update in updates), dtype=np.float64)
 
 
-def make_algorithm(learning: LearningConfig) -> Algorithm:
+def built_in_algorithm(learning: LearningConfig) -> Algorithm | None:
     """The algorithm that the settings name, with its customary server settings as defaults."""
     rate = learning.server_learning_rate
     match learning.algorithm:
@@ -229,6 +247,8 @@ def make_algorithm(learning: LearningConfig) -> Algorithm:
                 learning_rate=learning.learning_rate,
                 server_learning_rate=1.0 if rate is None else rate,
             )
+        case _:
+            return None
 
 
 def _moved(model: Vector, step: NDArray[np.float64]) -> Vector:

@@ -29,6 +29,8 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
         arrays[f"model/{index}"] = model
         arrays[f"correct/{index}"] = state.correct[index]
         arrays[f"reported/{index}"] = state.reported[index]
+        if state.buffers[index].size:
+            arrays[f"buffers/{index}"] = state.buffers[index]
         for key, value in state.algorithm[index].items():
             arrays[f"algorithm/{index}/{key}"] = value
     header = {
@@ -79,6 +81,12 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
             ),
             reported=tuple(
                 arrays[f"reported/{i}"].astype(np.int64, copy=False) for i in range(count)
+            ),
+            buffers=tuple(
+                arrays[f"buffers/{i}"].astype(np.float32, copy=False)
+                if f"buffers/{i}" in arrays
+                else np.empty((0, community.network.buffers), dtype=np.float32)
+                for i, community in enumerate(federation.communities)
             ),
         )
     except (ValueError, KeyError, TypeError, EOFError) as error:

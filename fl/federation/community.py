@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
+from fl.data.custom_partition import PartitionTask, custom_partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out
 from fl.data.load import load
 from fl.errors import NetworkError, SettingError
-from fl.federation.algorithms import Algorithm, make_algorithm
+from fl.federation.algorithms import Algorithm
+from fl.federation.custom_algorithm import make_algorithm
 from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
 from fl.training.models import make_network
@@ -44,6 +46,11 @@ class Community:
     def name(self) -> str:
         """The community's name in the settings."""
         return self.config.name
+
+    @property
+    def own_buffers(self) -> bool:
+        """Whether each device keeps the network's buffers to itself."""
+        return self.config.buffers == "local"
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -167,28 +174,8 @@ def _community(
     test_share: float | None,
 ) -> Community:
     labels, classes = dataset.labels, dataset.classes
-    weights = None if config.data_shares is None else np.array(config.data_shares)
     try:
-        if config.partition == "labels":
-            owns = partition.draw_owners(
-                config.devices,
-                classes,
-                per_device=config.labels_per_device,
-                coverage=config.coverage,
-                rng=rng,
-            )
-            shares = partition.by_labels(labels, owns, rng=rng, weights=weights)
-        elif config.partition == "dirichlet":
-            shares = partition.by_dirichlet(
-                labels,
-                devices=config.devices,
-                classes=classes,
-                alpha=config.dirichlet_alpha,
-                rng=rng,
-                weights=weights,
-            )
-        else:
-            shares = partition.iid(len(labels), devices=config.devices, rng=rng, weights=weights)
+        shares = _shares(config, dataset, rng)
     except SettingError as error:
         raise SettingError(
             f"community {config.name}: {error.key}", error.value, error.allowed
@@ -203,6 +190,12 @@ def _community(
         device=device,
         devices=config.devices,
     )
+    if config.buffers is not None and network.buffers == 0:
+        raise SettingError(
+            f"community {config.name}: buffers",
+            config.buffers,
+            "its network has none: leave it out",
+        )
     orphans = np.flatnonzero(counts.sum(axis=0) == 0)
     if orphans.size:
         logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
@@ -216,3 +209,39 @@ def _community(
                 f"images of {config.task} that do not train, none would be left to validate",
             )  # fmt: skip
     return community
+
+
+def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> list[Indices]:
+    """The samples of each device."""
+    labels, classes, devices = dataset.labels, dataset.classes, config.devices
+    weights = None if config.data_shares is None else np.array(config.data_shares)
+    match config.partition:
+        case "labels":
+            owns = partition.draw_owners(
+                devices,
+                classes,
+                per_device=config.labels_per_device,
+                coverage=config.coverage,
+                rng=rng,
+            )
+            return partition.by_labels(labels, owns, rng=rng, weights=weights)
+        case "dirichlet":
+            return partition.by_dirichlet(
+                labels,
+                devices=devices,
+                classes=classes,
+                alpha=config.dirichlet_alpha,
+                rng=rng,
+                weights=weights,
+            )
+        case "iid":
+            return partition.iid(len(labels), devices=devices, rng=rng, weights=weights)
+        case "owners":
+            if dataset.owners is None:
+                raise SettingError(
+                    "partition", "owners", f"the data of {config.task} do not tell any owners"
+                )
+            return partition.by_owner(dataset.owners, devices=devices, rng=rng)
+        case name:
+            task = PartitionTask(labels, dataset.owners, devices, classes, rng)
+            return custom_partition(name, task)

@@ -20,13 +20,16 @@ def device_accuracy(correct: Indices, total: Indices, counts: Indices) -> Floats
     """eps_k(theta): accuracy of one model on the validation samples of each device, (K_c,).
 
     A device's validation samples are the task's in the proportions of its own training data,
-    `counts` (K_c, classes); `correct` and `total` (classes,) count over the task's whole set. So
+    `counts` (K_c, classes); `correct` and `total` (classes,) count over the task's whole set, and
+    `correct` is (K_c, classes) where every device has a model of its own. So
     eps_k is the mean of the classes' accuracies, weighted by the device's share of each. A class
     without a validation sample is left out; a device that owns no other scores 0.
     """
     weights = counts * (total > 0)
     share = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1)
-    return np.asarray(share @ (correct / np.maximum(total, 1)), dtype=np.float64)
+    accuracy = correct / np.maximum(total, 1)
+    eps = share @ accuracy if accuracy.ndim == 1 else (share * accuracy).sum(axis=1)
+    return np.asarray(eps, dtype=np.float64)
 
 
 def windowed_accuracy(history: Floats, *, period: int) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fl.data.dataset import Split
 from fl.errors import DivergedError
 from fl.federation import fairness as fair
-from fl.federation.algorithms import AlgorithmState, Update
+from fl.federation.algorithms import AlgorithmState, StaleStart, Update, mean_step
 from fl.federation.community import Community, Federation, build
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
 
@@ -36,6 +36,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+Buffers = NDArray[np.float32]
 Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
@@ -52,6 +53,9 @@ class FederationState:
     missed: Bools  # (K,) in the last round, as `learning.missed` has it
     correct: tuple[Indices, ...]  # validation images each model gets right, (classes,)
     reported: tuple[Indices, ...]  # the same of the images that accuracy is reported on
+    # (K_c, B) of each community whose devices keep their buffers; (0, B) where they are averaged.
+    # `correct` and `reported` are (K_c, classes) there: each device measures with its own.
+    buffers: tuple[Buffers, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,19 +72,23 @@ class RoundLearning:
 
 def init(federation: Federation) -> FederationState:
     """The state before the first round: initial models, psi_c = 1, every device missed."""
-    models = []
+    models, buffers = [], []
     for community in federation.communities:
         model = community.network.initial(federation.stream(f"fl/{community.name}/model"))
         model.setflags(write=False)
         models.append(model)
+        keepers = len(community.shares) if community.own_buffers else 0
+        buffers.append(_frozen(np.tile(_parts(community, model)[1], (keepers, 1))))
     devices = federation.p.size
-    measured = [_measured(c, m) for c, m in zip(federation.communities, models, strict=True)]
+    measured = [
+        _measured(*each) for each in zip(federation.communities, models, buffers, strict=True)
+    ]
     correct = [each.validation for each in measured]
     return FederationState(
         rounds=0,
         models=tuple(models),
         algorithm=tuple(
-            federation.algorithm.init(model, len(community.shares))
+            federation.algorithm.init(_parts(community, model)[0], len(community.shares))
             for community, model in zip(federation.communities, models, strict=True)
         ),
         eps_history=_frozen(_device_accuracy(federation, correct)[np.newaxis]),
@@ -89,6 +97,7 @@ def init(federation: Federation) -> FederationState:
         missed=_frozen(np.ones(devices, dtype=np.bool_)),
         correct=tuple(correct),
         reported=tuple(each.reporting for each in measured),
+        buffers=tuple(buffers),
     )
 
 
@@ -149,7 +158,7 @@ def play_round(
     parts: list[tuple[int, list[int]]] = []  # a community, and devices that it trains in one call
     for index, community in enumerate(federation.communities):
         arrived = np.flatnonzero(delivered[federation.members(index)]).tolist()
-        if community.network.parallel:
+        if community.network.parallel or _own_starts(federation, community):
             parts += [(index, [device]) for device in arrived]
         elif arrived:
             parts.append((index, arrived))
@@ -185,6 +194,7 @@ def play_round(
         missed=_frozen(~(delivered if federation.learning.missed == "lost-too" else scheduled)),
         correct=tuple(correct),
         reported=tuple(each.measured.reporting for each in learnt),
+        buffers=tuple(each.buffers for each in learnt),
     )
     return after, _round_learning(federation, after, losses)
 
@@ -192,9 +202,17 @@ def play_round(
 def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
     """Accuracy of each community's model on the images that it is reported on."""
     return {
-        community.name: float(right.sum() / len(community.reporting.labels))
+        community.name: _mean_accuracy(community, right)
         for community, right in zip(federation.communities, state.reported, strict=True)
     }
+
+
+def _mean_accuracy(community: Community, right: Indices) -> float:
+    """Over the community's images; where devices measure for themselves, weighted by p_k."""
+    every = len(community.reporting.labels)
+    if right.ndim == 1:
+        return float(right.sum() / every)
+    return float(community.p @ (right.sum(axis=1) / every))
 
 
 def _round_learning(
@@ -220,7 +238,7 @@ def _mean_of_known(losses: Floats) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """How many images of each class, (classes,), a model gets right."""
+    """How many images of each class, (classes,) or by device (K_c, classes), a model gets right."""
 
     validation: Indices
     reporting: Indices
@@ -232,6 +250,7 @@ class CommunityUpdate:
 
     model: Vector
     algorithm: AlgorithmState
+    buffers: Buffers  # (K_c, B) that devices keep; (0, B) where they are averaged
     losses: Floats  # (K_c,)
     measured: _Measured
 
@@ -239,12 +258,12 @@ class CommunityUpdate:
 def _train(
     federation: Federation, state: FederationState, index: int, devices: Sequence[int]
 ) -> list[LocalResult]:
-    """Local training of devices, which count within their community."""
+    """Local training of devices, which count within their community, from one model."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
     results = community.network.train(
         community.dataset.train,
-        state.models[index],
+        _start(federation, state, index, devices[0]),
         [
             LocalTask(
                 samples=community.shares[device],
@@ -268,27 +287,75 @@ def _train(
     return results
 
 
+def _own_starts(federation: Federation, community: Community) -> bool:
+    """Whether devices train from models of their own."""
+    return community.own_buffers or isinstance(federation.algorithm, StaleStart)
+
+
+def _start(federation: Federation, state: FederationState, index: int, device: int) -> Vector:
+    """What a device trains from: parameters as the algorithm says, and buffers."""
+    community, algorithm = federation.communities[index], federation.algorithm
+    if not _own_starts(federation, community):
+        return state.models[index]
+    parameters, buffers = _parts(community, state.models[index])
+    if isinstance(algorithm, StaleStart):
+        parameters = algorithm.start(state.algorithm[index], parameters, device)
+    if community.own_buffers:
+        buffers = state.buffers[index][device]
+    return np.concatenate([parameters, buffers])
+
+
+def _parts(community: Community, model: Vector) -> tuple[Vector, Vector]:
+    """Parameters and buffers of a model."""
+    count = model.size - community.network.buffers
+    return model[:count], model[count:]
+
+
 def _learn(
     federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
 ) -> CommunityUpdate:
     """Aggregate what arrived from one community's devices, and measure."""
     community = federation.communities[index]
     model, algorithm_state = state.models[index], state.algorithm[index]
-    losses = np.full(len(community.shares), np.nan)
-    updates = []
+    kept, losses = state.buffers[index], np.full(len(community.shares), np.nan)
+    if not trained:
+        measured = _Measured(state.correct[index], state.reported[index])
+        return CommunityUpdate(model, algorithm_state, kept, losses, measured)
+    parameters, buffers = _parts(community, model)
+    updates, statistics = [], []
     for device, result in trained.items():
         losses[device] = result.loss
-        updates.append(Update(device, float(community.p[device]), result.model, result.steps))
-    if not updates:
-        measured = _Measured(state.correct[index], state.reported[index])
-        return CommunityUpdate(model, algorithm_state, losses, measured)
-    model, algorithm_state = federation.algorithm.apply(algorithm_state, model, updates)
-    return CommunityUpdate(model, algorithm_state, losses, _measured(community, model))
+        p, (sent, own) = float(community.p[device]), _parts(community, result.model)
+        updates.append(Update(device, p, sent, result.steps))
+        statistics.append(Update(device, p, own, result.steps))
+    after, algorithm_state = federation.algorithm.apply(algorithm_state, parameters, updates)
+    if buffers.size:
+        # Averages of what the devices saw, whatever the algorithm makes of the parameters.
+        averaged = (buffers + mean_step(buffers, statistics)).astype(np.float32)
+        after = np.concatenate([after, averaged])
+        after.setflags(write=False)
+    if community.own_buffers:
+        kept = kept.copy()
+        for update in statistics:
+            kept[update.device] = update.model
+        kept.setflags(write=False)
+    measured = _measured(community, after, kept)
+    return CommunityUpdate(after, algorithm_state, kept, losses, measured)
 
 
-def _measured(community: Community, model: Vector) -> _Measured:
+def _measured(community: Community, model: Vector, kept: Buffers) -> _Measured:
+    """What a model gets right; where devices keep buffers, what it does with those of each."""
+    models = [model]
+    if community.own_buffers:
+        parameters, _ = _parts(community, model)
+        models = [np.concatenate([parameters, buffers]) for buffers in kept]
+
     def correct(split: Split) -> Indices:
-        return _frozen(community.network.correct_per_class(split, model, scaling=community.scaling))
+        right = [
+            community.network.correct_per_class(split, each, scaling=community.scaling)
+            for each in models
+        ]
+        return _frozen(np.stack(right) if community.own_buffers else right[0])
 
     validation = correct(community.validation)
     same = community.reporting is community.validation

@@ -73,6 +73,10 @@ class Channel:
             if getattr(self, name) <= 0.0:
                 raise SettingError(name, getattr(self, name), "must be above 0")
 
+    def per(self, distance_m: ArrayLike, height_m: ArrayLike | None = None) -> Floats:
+        """Average packet error rate in [0, 1] over horizontal distances, as `average_per`."""
+        return average_per(self, distance_m, height_m=height_m)
+
 
 def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:
     """A model of the constants, each with its limits and words, beside the fields of `base`.

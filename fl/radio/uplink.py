@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.radio.channel import Channel, average_per, log_mean_snr, los_probability
+from fl.radio.channel import Channel, log_mean_snr, los_probability
+from fl.radio.custom_radio import CustomRadio
 
 Gate = Literal["average", "instantaneous"]
 
@@ -30,6 +31,7 @@ def deliver(
     height_m: NDArray[np.float64],
     transmitted: NDArray[np.bool_],
     rng: np.random.Generator,
+    radio: Channel | CustomRadio | None = None,
     gate: Gate = "average",
 ) -> Arrivals:
     """Draw one packet of each transmitting device.
@@ -37,13 +39,14 @@ def deliver(
     `horizontal_m` and `height_m` (K,) say how far the aircraft truly is at the instant of each
     transmission (anything where nothing is transmitted). `rng` is this round's own stream.
 
-    "average" loses a packet with probability q_bar. "instantaneous" draws the segment and the
-    shadowing and loses the packet whose SNR is under the threshold; its mean is the same.
+    "average" loses a packet with the probability that `radio` (by default the channel) gives.
+    "instantaneous" draws the channel's segment and shadowing and loses the packet whose SNR is
+    under the threshold; its mean is that of the channel.
     """
     count = transmitted.size
     r = np.where(transmitted, horizontal_m, 0.0)
     h = np.where(transmitted, height_m, channel.altitude_m)
-    per = np.where(transmitted, average_per(channel, r, height_m=h), 1.0)
+    per = np.where(transmitted, (radio or channel).per(r, h), 1.0)
     luck = rng.random(count)
     if gate == "average":
         delivered = transmitted & (luck >= per)

@@ -38,6 +38,7 @@ class ConvNet:
     classes: int
 
     parallel = True
+    buffers = 0
 
     @property
     def widths(self) -> tuple[int, ...]:

@@ -57,7 +57,12 @@ class Network(Protocol):
 
     @property
     def shapes(self) -> Shapes:
-        """Shapes of the parameters, in the order in which they lie in the flat vector."""
+        """Shapes of parameters, then buffers, in the order in which they lie in the flat vector."""
+        ...
+
+    @property
+    def buffers(self) -> int:
+        """How many of its numbers are buffers: the last of the flat vector; training sets them."""
         ...
 
     @property

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args, get_origin
@@ -26,18 +27,19 @@ def explain(
     *,
     notation: Notation = "TOML",
     given: Given = NOTHING,
+    giver: str = "command line",
 ) -> list[str]:
     """A line for each wrong key of what was read from `source`, a file or a place in one.
 
-    Keys in `given` were set on the command line and are not blamed on the file; each has the
-    option that set it, or nothing for `--set`.
+    Keys in `given` were set by `giver` and are not blamed on the file; each has the option that
+    set it, or nothing for `--set`.
     """
     items = error.errors()
     # Pydantic counts the elements of a list without those that it refuses.
     counted = [item["loc"] for item in items if item["type"] == "too_short"]
     within = {loc for loc in counted for item in items if item["loc"][: len(loc) + 1] > loc}
     lines = (
-        _line(item, top(model), notation, source, given)
+        _line(item, top(model), notation, _Blame(source, given, giver))
         for item in items
         if not (item["type"] == "too_short" and item["loc"] in within)
     )
@@ -45,11 +47,19 @@ def explain(
     return list(dict.fromkeys(lines))
 
 
-def refusal(name: str, value: Any, reason: str, source: str, *, given: Given = NOTHING) -> str:
+def refusal(
+    name: str,
+    value: Any,
+    reason: str,
+    source: str,
+    *,
+    given: Given = NOTHING,
+    giver: str = "command line",
+) -> str:
     """The line about one key and its value."""
     if option := given.get(name):
         return f"{option} {value}: {reason}"
-    return f"{_blamed(name, source, given)}: {name} = {shown(value)}: {reason}"
+    return f"{_Blame(source, given, giver).on(name)}: {name} = {shown(value)}: {reason}"
 
 
 def shown(value: Any) -> str:
@@ -58,7 +68,23 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 
-def _line(item: ErrorDetails, root: Key, notation: Notation, source: str, given: Given) -> str:
+@dataclass(frozen=True)
+class _Blame:
+    """Where a wrong key may come from."""
+
+    source: str
+    given: Given
+    giver: str
+
+    def on(self, name: str) -> str:
+        """Who set a key: `giver`, where it or something in it was given so."""
+        mine = any(
+            f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in self.given
+        )
+        return self.giver if mine else self.source
+
+
+def _line(item: ErrorDetails, root: Key, notation: Notation, blame: _Blame) -> str:
     kind, key, value = item["type"], locate(root, item["loc"]), item["input"]
     if kind == "missing" and isinstance(item["loc"][-1], int):
         # A list that is too short; its input is what the element is missing from.
@@ -82,15 +108,9 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, source: str, given:
             reason = f"must be {words}{_choice(value, key)}"
             if notation == "TOML":
                 reason += _heading(value, key)
-    if option := given.get(name):
+    if option := blame.given.get(name):
         return f"{option} {value}: {reason}"
-    return f"{_blamed(name, source, given)}: {name or 'configuration'}{equals}: {reason}"
-
-
-def _blamed(name: str, source: str, given: Given) -> str:
-    """Where a wrong key comes from: the command line, if it or something in it was set there."""
-    mine = any(f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in given)
-    return "command line" if mine else source
+    return f"{blame.on(name)}: {name or 'configuration'}{equals}: {reason}"
 
 
 def _hint(item: ErrorDetails, key: Key, root: Key) -> str:

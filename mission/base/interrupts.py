@@ -4,8 +4,9 @@ import _thread
 import signal
 import sys
 import threading
-from collections.abc import Coroutine, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
     """
     import asyncio  # not while the program is loading
 
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    here = threading.current_thread() is threading.main_thread()
+    if here and signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return asyncio.run(flight)  # Ctrl-C is somebody else's: a sweep's, say
     interrupted = False
 
@@ -60,17 +62,79 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
             task.cancel()
 
     async def fly() -> "asyncio.Future[T]":
-        task = asyncio.ensure_future(flight)
-        asyncio.get_running_loop().add_signal_handler(signal.SIGINT, interrupt, task)
+        task, loop = asyncio.ensure_future(flight), asyncio.get_running_loop()
+        if here:
+            loop.add_signal_handler(signal.SIGINT, interrupt, task)
+        else:  # signals are the main thread's
+            _told.hear(lambda: loop.call_soon_threadsafe(interrupt, task))
         await asyncio.wait((task,))
-        if interrupted and _one_only:
-            _go_deaf(asyncio.get_running_loop())
+        if here and interrupted and _one_only:
+            _go_deaf(loop)
         return task
 
     ended = asyncio.run(fly())
     if interrupted and ended.cancelled():
         raise KeyboardInterrupt
     return ended.result()
+
+
+def in_a_thread(work: Callable[[], T]) -> T:
+    """What `work` gives, done in a thread of its own: here an event loop is running already.
+
+    An interruption here ends the flight in it as it would have ended one here, once.
+    """
+    teller = _Teller()
+
+    def told() -> T:
+        _told.teller = teller
+        return work()
+
+    with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool:
+        future = pool.submit(told)
+        while True:
+            try:
+                return future.result()
+            except KeyboardInterrupt:
+                if future.done():  # it is the work's own
+                    raise
+                teller.tell()
+
+
+class _Teller:
+    """Tells a flight in another thread of an interruption, also of one before it began."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._interrupt: Callable[[], object] | None = None
+        self._interrupted = False
+
+    def tell(self) -> None:
+        """From the thread that hears signals."""
+        with self._lock:
+            self._interrupted = True
+            if self._interrupt is not None:
+                with suppress(RuntimeError):  # the flight's loop is closed: it has ended
+                    self._interrupt()
+
+    def hear(self, interrupt: Callable[[], object]) -> None:
+        """From the thread of the flight, as it begins."""
+        with self._lock:
+            self._interrupt = interrupt
+            if self._interrupted:
+                interrupt()
+
+
+class _Told(threading.local):
+    """Who tells the flight of this thread; nobody, where the thread is somebody else's."""
+
+    teller: _Teller | None = None
+
+    def hear(self, interrupt: Callable[[], object]) -> None:
+        if self.teller is not None:
+            self.teller.hear(interrupt)
+
+
+_told = _Told()
 
 
 def _go_deaf(loop: "asyncio.AbstractEventLoop") -> None:
@@ -90,7 +154,8 @@ def one_interruption() -> Iterator[None]:
         yield
     finally:
         _one_only = False
-        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        here = threading.current_thread() is threading.main_thread()
+        if here and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

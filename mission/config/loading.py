@@ -53,21 +53,48 @@ def config_file(path: Path) -> Path:
 
 
 def load_config(
-    path: Path,
+    source: Path | RunConfig,
     overrides: Mapping[str, Any] | None = None,
     *,
     options: Mapping[str, str] = NOTHING,
+    giver: str = "command line",
 ) -> RunConfig:
-    """Read a TOML file, or a shipped configuration by its name, apply overrides by dotted path,
-    and validate. `options` says which of the overrides an option of the command line made.
+    """Read a TOML file, or a shipped configuration by its name, or take a configuration; apply
+    overrides by dotted path, and validate.
+
+    `giver` is what an error calls the place that the overrides come from; `options` says which of
+    them an option of the command line made.
 
     Raises:
         InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
             names a file, parameter or module that is not there; a line for each.
     """
-    path = config_file(path)
+    if isinstance(source, RunConfig):
+        path = Path("configuration")
+        data = source.model_dump(mode="json", exclude_none=True)
+    else:
+        path = config_file(source)
+        data = _read(path)
+    name = str(path)
+    for dotted, value in (overrides or {}).items():
+        override(data, dotted, value, source=name, giver=giver)
+    given = {key: options.get(key, "") for key in overrides or {}}
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
+        config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        lines = explain(error, RunConfig, name, given=given, giver=giver)
+        raise InputError("\n".join(lines)) from None
+    config = with_world(config, path, given=given)
+    lines = [refusal(*problem, name, given=given, giver=giver) for problem in problems(config)]
+    if lines:
+        raise InputError("\n".join(lines))
+    return config
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(f"{path}: cannot read the configuration: {reason}") from None
@@ -75,17 +102,3 @@ def load_config(
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: not a configuration: brackets nested too deep") from None
-    for dotted, value in (overrides or {}).items():
-        override(data, dotted, value, path=path)
-    given = {key: options.get(key, "") for key in overrides or {}}
-    try:
-        # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
-        config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
-    except ValidationError as error:
-        lines = explain(error, RunConfig, str(path), given=given)
-        raise InputError("\n".join(lines)) from None
-    config = with_world(config, path, given=given)
-    lines = [refusal(*problem, str(path), given=given) for problem in problems(config)]
-    if lines:
-        raise InputError("\n".join(lines))
-    return config

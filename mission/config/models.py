@@ -1,7 +1,6 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
 import math
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -10,10 +9,10 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig
+from fl.plugins import checked_name, is_plugin
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
-from mission.base.user_code import is_import_path
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
@@ -171,14 +170,7 @@ class MissionConfig(_Model):
     @field_validator("strategy")
     @classmethod
     def _known(cls, strategy: str) -> str:
-        if strategy not in STRATEGIES and not is_import_path(strategy):
-            close = get_close_matches(strategy, STRATEGIES, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ValueError(
-                f"must be one of {', '.join(map(repr, STRATEGIES))} or the import path of your "
-                f"own, 'package.module:factory'{hint}"
-            )
-        return strategy
+        return checked_name(strategy, STRATEGIES)
 
 
 class LinkConfig(_Model):
@@ -282,6 +274,23 @@ class RunConfig(_Model):
     learning: LearningConfig = Field(default_factory=LearningConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
     link: LinkConfig = Field(default_factory=LinkConfig)
+    callbacks: tuple[str, ...] | None = Field(
+        None,
+        examples=[["my_package.my_module:make"]],
+        description="your own code that is told of every finished round, each as "
+        "'package.module:factory'",
+    )
+
+    @field_validator("callbacks")
+    @classmethod
+    def _plugins(cls, callbacks: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        for name in callbacks or ():
+            if not is_plugin(name):
+                raise ValueError(
+                    f"{name!r} is neither an import path, 'package.module:factory', nor a plug-in "
+                    "that is installed"
+                )
+        return callbacks
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:

@@ -1,7 +1,6 @@
 """`--set KEY=VALUE`: single keys of a configuration, set over what its file says."""
 
 import tomllib
-from pathlib import Path
 from typing import Any
 
 from pydantic.fields import FieldInfo
@@ -31,8 +30,10 @@ def parse_override(text: str) -> tuple[str, Any]:
         return key, raw.strip()
 
 
-def override(data: dict[str, Any], dotted: str, value: Any, *, path: Path) -> None:
-    """Set one key in `data`, read from the file at `path`; the value is not checked yet.
+def override(
+    data: dict[str, Any], dotted: str, value: Any, *, source: str, giver: str = "command line"
+) -> None:
+    """Set one key in `data`, read from `source`; the value is not checked yet.
 
     Tables on the way that the file does not have are made; lists begin with their defaults.
 
@@ -54,10 +55,10 @@ def override(data: dict[str, Any], dotted: str, value: Any, *, path: Path) -> No
                 node.setdefault(place, _beginning(key))
             node = node[place]
             if not isinstance(node, dict | list) and _holds(key):  # the file's own fault
-                raise InputError(refusal(key.name, node, f"must be {key.words}", str(path)))
+                raise InputError(refusal(key.name, node, f"must be {key.words}", source))
         node[_place(node, last, key)] = value
     except _NoPlaceError as error:
-        raise InputError(refusal(dotted, value, str(error), "command line")) from None
+        raise InputError(refusal(dotted, value, str(error), giver)) from None
 
 
 class _NoPlaceError(Exception):

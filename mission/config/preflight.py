@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fl import preflight as learning
+from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, GATES, PARTITIONS, TASKS
 from fl.data.load import load, needs_files
 from fl.errors import LearningInputError, SettingError
+from fl.plugins import is_plugin, problem_of
 from fl.training.device import check_device
 from mission.base.errors import InputError
-from mission.base.user_code import check_found, is_import_path
 from sitl import preflight as vehicle
 
 if TYPE_CHECKING:
@@ -30,20 +31,28 @@ class Problem(NamedTuple):
 
 def problems(config: "RunConfig") -> Iterator[Problem]:
     """Everything of a valid configuration that cannot be used on this machine."""
+    from mission.config.models import STRATEGIES
+
     for key, value, reason in vehicle.problems_of(config.vehicle):
         yield Problem(f"vehicle.{key}", value, reason)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
-        for error in learning.problems_of(community, is_users=is_import_path):
+        for error in learning.problems_of(community, is_users=is_plugin):
             yield Problem(f"{at}.{error.key}", error.value, error.allowed)
-        yield from _code(f"{at}.network", community.network)
+        yield from _code(f"{at}.network", community.network, BUILT_IN_NETWORKS)
+        yield from _code(f"{at}.task", community.task, TASKS)
+        yield from _code(f"{at}.partition", community.partition, PARTITIONS)
     try:
         check_device(config.learning.device)
     except SettingError as error:
         yield Problem(error.key, error.value, error.allowed)
-    yield from _code("mission.strategy", config.mission.strategy)
+    yield from _code("mission.strategy", config.mission.strategy, STRATEGIES)
+    yield from _code("learning.algorithm", config.learning.algorithm, ALGORITHMS)
+    yield from _code("channel.gate", config.channel.gate, GATES)
     if config.planner.factory is not None:
         yield from _code("planner.factory", config.planner.factory)
+    for index, name in enumerate(config.callbacks or ()):
+        yield from _code(f"callbacks.{index}", name)
 
 
 def load_data(config: "RunConfig", data_dir: Path | None) -> None:
@@ -60,10 +69,9 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
                 raise InputError(str(error)) from None
 
 
-def _code(key: str, path: str) -> Iterator[Problem]:
+def _code(key: str, name: str, built_in: tuple[str, ...] = ()) -> Iterator[Problem]:
     """The researcher's own code where a value names any."""
-    if is_import_path(path):
-        try:
-            check_found(path)
-        except InputError as error:
-            yield Problem(key, path, str(error))
+    if name not in built_in and is_plugin(name):
+        reason = problem_of(name)
+        if reason is not None:
+            yield Problem(key, name, reason)

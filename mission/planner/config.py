@@ -2,9 +2,9 @@
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from mission.base.user_code import IMPORT_PATH
+from fl.plugins import is_plugin
 
 PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 
@@ -35,10 +35,18 @@ class PlannerConfig(BaseModel):
     )
     factory: str | None = Field(
         None,
-        pattern=f"^{IMPORT_PATH}$",
         examples=["my_package.my_module:make_planner"],
         description="for kind = 'import': 'package.module:callable' that gives a planner",
     )
+
+    @field_validator("factory")
+    @classmethod
+    def _plugin(cls, factory: str | None) -> str | None:
+        if factory is not None and not is_plugin(factory):
+            raise ValueError(
+                "must be an import path, 'package.module:callable', or a plug-in that is installed"
+            )
+        return factory
 
     @model_validator(mode="after")
     def _factory_with_import_only(self) -> Self:

@@ -18,13 +18,13 @@ class RoundProblem:
     Coordinates are area coordinates in metres (x east, y north).
     """
 
-    devices_m: Floats  # (K, 2)
-    importance: Floats  # (K,) delta
-    start_m: Floats  # (2,) v_I, which is v[1]
-    steps: int  # N
-    per_step: int  # K_bar
-    path_budget_m: float  # L_max
-    channel: Channel
+    devices_m: Floats  # (K, 2) where the devices stand
+    importance: Floats  # (K,) delta, 0 or more
+    start_m: Floats  # (2,) v_I, which is v[1]: where the aircraft is
+    steps: int  # N, time steps, 1 or more
+    per_step: int  # K_bar, devices that one step serves at most, 1 or more
+    path_budget_m: float  # L_max, metres, 0 or more
+    channel: Channel  # with the planned height in altitude_m
     airspace: Airspace = OPEN  # where may be flown
 
 
@@ -32,11 +32,11 @@ class RoundProblem:
 class RoundPlan:
     """A feasible path and schedule with its true objective (exact average PER)."""
 
-    waypoints_m: Floats  # (N, 2); the first is the start
-    schedule: Bools  # (N, K)
-    value: float
+    waypoints_m: Floats  # (N, 2) area coordinates in metres; the first is the start
+    schedule: Bools  # (N, K) device k transmits as step n is passed; each device once at most
+    value: float  # its objective, checked to 1e-9
     upper_bound: float = field(default=float("nan"))  # NaN where the method proves none
-    nodes: int = 0
+    nodes: int = 0  # of a search, for people
     # (N - 1) of (C, 2): corners to fly over between a waypoint and the next; empty: none at all.
     via_m: tuple[Floats, ...] = ()
 

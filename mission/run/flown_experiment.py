@@ -11,13 +11,14 @@ import numpy as np
 from fl.federation import rounds as learning
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
+from mission.base.user_code import plugins_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import flight_of_round
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
-from mission.log.records import RoundRecord
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
@@ -85,16 +86,8 @@ class FlownExperiment(Experiment):
         if recalled is None:
             self._show("flying")
         flight, passages = await self._fly(flyer, problem, sortie)
-        served = uplinks(
-            self.totals.next_round,
-            problem,
-            sortie.plan,
-            passages,
-            area=self.scenario.area,
-            community_of=self.scenario.community_of,
-            gate=self.scenario.config.channel.gate,
-            rng=self.scenario.streams.generator(f"uplink/{self.totals.next_round}"),
-        )
+        with plugins_of_learning():
+            served = self._served(problem, sortie, passages)
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None:
             _check_same(true_objective, recalled.true_objective)
@@ -121,6 +114,23 @@ class FlownExperiment(Experiment):
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)
+
+    def _served(
+        self, problem: RoundProblem, sortie: Sortie, passages: dict[int, Passage]
+    ) -> tuple[UplinkRecord, ...]:
+        number, scenario = self.totals.next_round, self.scenario
+        gate = scenario.config.channel.gate
+        return uplinks(
+            number,
+            problem,
+            sortie.plan,
+            passages,
+            area=scenario.area,
+            community_of=scenario.community_of,
+            gate="instantaneous" if gate == "instantaneous" else "average",
+            rng=scenario.streams.generator(f"uplink/{number}"),
+            radio=scenario.radio,
+        )
 
     def _problem(self, start: Passage, recalled: RoundMemory | None) -> RoundProblem:
         scenario, mission = self.scenario, self.scenario.config.mission

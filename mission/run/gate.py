@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fl.radio.channel import Channel, average_per
+from fl.radio.channel import Channel
+from fl.radio.custom_radio import CustomRadio
 from fl.radio.uplink import Gate, deliver
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -45,10 +46,12 @@ def uplinks(
     community_of: Sequence[str],
     gate: Gate,
     rng: np.random.Generator,
+    radio: Channel | CustomRadio | None = None,
 ) -> tuple[UplinkRecord, ...]:
     """One record per scheduled device, in order of step and device.
 
-    Updates are drawn at the true positions; `rng` is this round's own stream.
+    Updates are drawn at the true positions; `rng` is this round's own stream. `radio`, by default
+    the channel that the round was planned with, gives the rates where the aircraft was.
     """
     served = [
         (int(step), int(device), passages.get(int(step)))
@@ -63,8 +66,9 @@ def uplinks(
             horizontal[device] = math.dist((x, y), problem.devices_m[device])
             transmitted[device] = True
     arrivals = deliver(
-        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng, gate=gate
-    )
+        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng,
+        radio=radio, gate=gate,
+    )  # fmt: skip
 
     records = []
     for step, device, passage in served:
@@ -74,7 +78,7 @@ def uplinks(
         if passage is not None:
             t_s = passage.t_ns / 1e9
             est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per = _per(problem.channel, ground, est)
+            est_per = _per(radio or problem.channel, ground, est)
         records.append(
             UplinkRecord(
                 round=round_number,
@@ -105,6 +109,6 @@ def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:
     return float(x), float(y), -float(pos_ned_m[2])
 
 
-def _per(channel: Channel, device_m: Floats, at: tuple[float, float, float]) -> float:
+def _per(radio: Channel | CustomRadio, device_m: Floats, at: tuple[float, float, float]) -> float:
     horizontal = math.hypot(at[0] - device_m[0], at[1] - device_m[1])
-    return float(average_per(channel, horizontal, height_m=at[2]))
+    return float(radio.per(np.array([horizontal]), np.array([at[2]]))[0])

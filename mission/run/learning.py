@@ -4,6 +4,7 @@ from fl.errors import DivergedError
 from fl.federation import rounds as learning
 from mission.base.arrays import Bools
 from mission.base.errors import TrainingError
+from mission.base.user_code import plugins_of_learning
 
 
 def learn(
@@ -18,10 +19,12 @@ def learn(
 
     Raises:
         TrainingError: the training diverged; names round, community and device.
+        UsersCodeError, InputError: a plug-in failed, or answered what cannot be used.
     """
     try:
-        return learning.play_round(
-            federation, state, scheduled=scheduled, delivered=delivered, workers=workers
-        )
+        with plugins_of_learning():
+            return learning.play_round(
+                federation, state, scheduled=scheduled, delivered=delivered, workers=workers
+            )
     except DivergedError as error:
         raise TrainingError(f"learning diverged: {error}") from None

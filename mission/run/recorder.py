@@ -17,6 +17,7 @@ from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.run.callbacks import Callbacks, RoundReport
 from mission.run.checkpoint import CheckpointFolder
 from mission.run.progress import Progress, make_progress
 from mission.run.round_result import RoundResult
@@ -36,6 +37,7 @@ class FolderRecorder:
     checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
+    callbacks: Callbacks = field(default_factory=Callbacks)
     # Up to the end of the last round: simulated seconds, and wall seconds spent on flying them.
     _flown_s: float = field(default=0.0, init=False)
     _wall_s: float = field(default=0.0, init=False)
@@ -78,6 +80,8 @@ class FolderRecorder:
             InterruptedFiles(self.folder).discard()
             self.checkpoint.save(self.scenario.federation, result.state, result.memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
+        report = RoundReport(record, result.uplinks, learnt, again=result.remembered)
+        self.callbacks.round_finished(report)
 
     def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
@@ -123,6 +127,7 @@ def recording(
     console: RunConsole,
     stopwatch: Stopwatch,
     mirrors: Sequence[Sink] = (),
+    callbacks: Callbacks,
 ) -> Iterator[FolderRecorder]:
     """Open log (`mirrors` see it too) and tables; they are closed whole however the block ends."""
     devices = Devices(scenario.devices_m, scenario.community_of)
@@ -154,8 +159,9 @@ def recording(
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
         recorder = FolderRecorder(
-            scenario, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch
-        )
+            scenario, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch,
+            callbacks,
+        )  # fmt: skip
         for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

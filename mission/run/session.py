@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,13 @@ from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
+from mission.base.user_code import plugins_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.open import Flyers
 from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
+from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.flown_experiment import FlownExperiment
@@ -41,6 +43,7 @@ class _Ready:
     folder: RunFolder
     checkpoint: CheckpointFolder
     state: learning.FederationState
+    callbacks: Callbacks
     memory: Sequence[RoundMemory] = ()  # rounds to fly again
     live: tuple[LiveView, ...] = ()
 
@@ -78,9 +81,11 @@ def fly_session(
         with folder.unless_refused():
             flyers.await_vehicle(say=console.say)
         text = config.to_toml()
-        state = learning.init(scenario.federation)
+        with folder.unless_refused(), plugins_of_learning():
+            state = learning.init(scenario.federation)
+            callbacks = _callbacks(folder, config)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
-        ready = _Ready(scenario, flyers, folder, checkpoint, state, live=live)
+        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
     with folder.lock():
         with stopwatch("setup"):
             write_atomically(folder.config, text)
@@ -128,8 +133,11 @@ def resume_session(
             flyers.check()
             found = checkpoint.load(scenario.federation, values)
             live = live_views(console)
+            callbacks = _callbacks(folder, config)
             InterruptedFiles(folder).take()
-        ready = _Ready(scenario, flyers, folder, checkpoint, found.state, found.rounds, live)
+        ready = _Ready(
+            scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
+        )
         return _fly(ready, console, stopwatch, page=page)
 
 
@@ -171,15 +179,19 @@ def _experiment(
     ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
-    with recording(
-        ready.scenario,
-        ready.folder,
-        ready.checkpoint,
-        fence=ready.flyers.fence(),
-        console=console,
-        stopwatch=stopwatch,
-        mirrors=ready.live,
-    ) as recorder:
+    with (
+        closing(ready.callbacks),
+        recording(
+            ready.scenario,
+            ready.folder,
+            ready.checkpoint,
+            fence=ready.flyers.fence(),
+            console=console,
+            stopwatch=stopwatch,
+            mirrors=ready.live,
+            callbacks=ready.callbacks,
+        ) as recorder,
+    ):
         log, strategy = recorder.log, ready.scenario.strategy
         kind = (
             IdealExperiment
@@ -201,3 +213,7 @@ def _experiment(
             memory=ready.memory,
             workers=workers or os.cpu_count() or 1,
         )
+
+
+def _callbacks(folder: RunFolder, config: RunConfig) -> Callbacks:
+    return make_callbacks(config.callbacks, CallbackContext(folder.path, config))

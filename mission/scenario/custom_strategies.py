@@ -25,10 +25,11 @@ KEY = "mission.strategy"
 class StrategyContext:
     """What a strategy's factory is given: `factory(context) -> Strategy`."""
 
-    mission: MissionConfig
+    mission: MissionConfig  # the table `mission` of the configuration
     planner: Planner  # the one that the configuration names
-    devices_m: Floats  # (K, 2) area coordinates
-    area: Area
+    devices_m: Floats  # (K, 2) area coordinates in metres: x east, y north
+    area: Area  # size_m and home_m in metres; from_ned and to_ned cross into the flight's frame
+    seed: int  # of the run: draw from np.random.default_rng((seed, round)) and nothing else
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,9 @@ class RoundInfo:
 
     round: int  # about to be planned, from 1
     delta: Floats  # (K,) the paper's importance, with or without fairness as the strategy says
-    p: Floats  # (K,) share of each device in its community's data
-    cov: Floats  # (K,) psi of each device's community
-    community_of: NDArray[np.int64]  # (K,)
+    p: Floats  # (K,) share in (0, 1] of each device in its community's data
+    cov: Floats  # (K,) psi of each device's community, 0 or more
+    community_of: NDArray[np.int64]  # (K,) index of each device's community, from 0
     last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
     accuracy: Floats  # (K,) eps_k as each device last sent it, 0 to 1; NaN: never heard
 

@@ -12,13 +12,14 @@ import numpy as np
 from fl.config import CommunityConfig
 from fl.errors import LearningInputError
 from fl.federation import rounds as learning
+from fl.plugins import is_plugin
 from fl.radio.channel import Channel, link_budget
+from fl.radio.custom_radio import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.user_code import is_import_path
-from mission.config.models import RunConfig
+from mission.config.models import STRATEGIES, RunConfig
 from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
@@ -34,7 +35,8 @@ class Scenario:
     streams: RandomStreams
     area: Area
     devices_m: Floats  # (K, 2) area coordinates
-    channel: Channel
+    channel: Channel  # that rounds are planned with
+    radio: Channel | CustomRadio  # that decides whose update arrives
     federation: learning.Federation
     strategy: Strategy | None  # None: ideal, nothing is flown
 
@@ -137,6 +139,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     devices_m = _placed(config.communities, drawn_m)
     try:
         channel = config.channel.channel(altitude_m=config.mission.altitude_m)
+        radio = make_radio(config.channel.gate, channel)
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
@@ -144,8 +147,10 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         raise InputError(str(error)) from None
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
-        custom_strategy(mission.strategy, StrategyContext(mission, planner, devices_m, area))
-        if is_import_path(mission.strategy)
+        custom_strategy(
+            mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
+        )
+        if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
         else make_strategy(mission, planner, devices_m=devices_m, area=area)
     )
-    return Scenario(config, streams, area, devices_m, channel, federation, strategy)
+    return Scenario(config, streams, area, devices_m, channel, radio, federation, strategy)

@@ -19,7 +19,7 @@ class Sortie:
     """What one round flies, and what it costs of the budget."""
 
     plan: RoundPlan
-    hold_s: float = 0.0  # hover at each stop
+    hold_s: float = 0.0  # seconds of hover at each stop, 0 or more
     cost_m: float | None = None  # of L_total; None: the metres flown, L_max at most
 
 
@@ -33,11 +33,11 @@ class Strategy(Protocol):
 
     @property
     def approach_m(self) -> Floats | None:
-        """(2,) where to be before the first round; None: above home."""
+        """(2,) where to be before the first round, area coordinates in m; None: above home."""
         ...
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """Plan one round from the start in `problem`."""
+        """Plan one round from the start in `problem`; `round_index` counts from 0."""
         ...
 
 

@@ -85,14 +85,14 @@ class Grid:
 
 
 def make_grid(
-    path: Path,
+    source: Path | RunConfig,
     *,
     strategies: Sequence[str],
     seeds: int,
     rounds: int | None = None,
     axes: Sequence[Axis] = (),
 ) -> Grid:
-    """Every run of a sweep over the configuration in `path`, each validated.
+    """Every run of a sweep over a configuration, or that in a file, each validated.
 
     Seeds count up from the configuration's.
 
@@ -113,12 +113,12 @@ def make_grid(
     axes = [axis for axis in axes if len(axis.values) > 1]
     if rounds is not None:
         common["mission.rounds"] = rounds
-    base = load_config(path, common)
+    base = load_config(source, common)
     numbers = tuple(range(base.seed, base.seed + seeds))
     runs = []
     for point in points(strategies, numbers, axes):
         own = {"mission.strategy": point.strategy, "seed": point.seed}
-        config = load_config(path, {**common, **dict(point.settings), **own})
+        config = load_config(source, {**common, **dict(point.settings), **own})
         if config.link.kind != "in_process":
             raise InputError(
                 f"link.kind = {config.link.kind!r}: the runs of a sweep fly side by side, "

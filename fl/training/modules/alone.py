@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from fl.data.dataset import Split
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Vector, batch_order
 from fl.training.modules.repeatable import own_randomness
+from fl.training.modules.statistics import Statistics
 
 
 class OneByOne:
@@ -20,6 +21,7 @@ class OneByOne:
     def __init__(self, module: nn.Module, device: torch.device) -> None:
         self._module = module
         self._parameters = list(module.parameters())
+        self._statistics = Statistics(module)
         self._device = device
 
     def train(
@@ -43,7 +45,9 @@ class OneByOne:
         settings: LocalSettings,
     ) -> LocalResult:
         order = batch_order(task, settings)
-        anchor = torch.tensor(model, device=self._device)
+        parameters, buffers = np.split(model, [model.size - self._statistics.size])
+        self._statistics.write(buffers)
+        anchor = torch.tensor(parameters, device=self._device)
         weights = anchor.clone()
         velocity = torch.zeros_like(weights)
         correction = None
@@ -67,7 +71,8 @@ class OneByOne:
                 slope.add_(weights, alpha=settings.mu).sub_(anchor, alpha=settings.mu)
                 velocity.mul_(settings.momentum).add_(slope)
                 weights.sub_(velocity, alpha=settings.learning_rate)
-        return LocalResult(weights.cpu().numpy(), len(order), float(total) / len(order))
+        after = np.concatenate([weights.cpu().numpy(), self._statistics.read()])
+        return LocalResult(after, len(order), float(total) / len(order))
 
 
 def take(parameters: Sequence[nn.Parameter], flat: Tensor) -> None:

@@ -21,6 +21,7 @@ from fl.training.local import (
 )
 from fl.training.modules.alone import OneByOne, images_of, take
 from fl.training.modules.repeatable import own_randomness, repeatable
+from fl.training.modules.statistics import Statistics
 from fl.training.modules.users import Factory, built, check_answer
 
 logger = logging.getLogger(__name__)
@@ -74,12 +75,14 @@ class ModuleNetwork:
         self._device = torch.device(device)
         self._module = built(factory, name).to(self._device)
         self._parameters = list(self._module.parameters())
+        self._statistics = Statistics(self._module)
         height, width, channels = image_shape
         images = torch.zeros(2, channels, height, width, device=self._device)
         check_answer(self._module, images, name=name, classes=classes)
         alone = OneByOne(self._module, self._device)
         self._training: Training = alone
-        if lockstep or (lockstep is None and device == "cuda"):
+        # Buffers change within a step, which no module shares between devices.
+        if not self.buffers and (lockstep or (lockstep is None and device == "cuda")):
             # Imported here: experimental, and no other path has any of it.
             from fl.training.modules.lockstep import Lockstep
 
@@ -97,14 +100,20 @@ class ModuleNetwork:
 
     @property
     def shapes(self) -> Shapes:
-        """Shapes in the order of `named_parameters`."""
-        return tuple(tuple(value.shape) for value in self._parameters)
+        """Shapes in the order of `named_parameters`, then of `buffers`."""
+        return tuple(tuple(value.shape) for value in self._parameters) + self._statistics.shapes
+
+    @property
+    def buffers(self) -> int:
+        """How many numbers the module's buffers hold."""
+        return self._statistics.size
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """The module's own initialisation, with torch's generator seeded from `rng`."""
         with own_randomness(rng, self._device):
-            values = [value.detach().reshape(-1) for value in self._factory().parameters()]
-        return np.concatenate([value.numpy() for value in values])
+            module = self._factory()
+        values = [value.detach().reshape(-1).numpy() for value in module.parameters()]
+        return np.concatenate([*values, Statistics(module).read()])
 
     def train(
         self,
@@ -125,7 +134,9 @@ class ModuleNetwork:
     ) -> NDArray[np.int64]:
         """How many images of each class the model gets right, (classes,)."""
         correct = np.zeros(self._classes, dtype=np.int64)
-        take(self._parameters, torch.tensor(model, device=self._device))
+        parameters, buffers = np.split(model, [model.size - self.buffers])
+        take(self._parameters, torch.tensor(parameters, device=self._device))
+        self._statistics.write(buffers)
         self._module.eval()
         with repeatable(), torch.inference_mode():
             for start in range(0, len(split.labels), EVALUATION_BATCH):

@@ -1,36 +1,31 @@
 """What a torch module must be to be trained here, and where users' own come from."""
 
-import importlib
 from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
 
 from fl.errors import USERS_MISTAKES, NetworkError, first_line, kind_of
+from fl.plugins import PluginError, find, is_plugin
 
 Factory = Callable[[], nn.Module]
 
 
 def imported(name: str) -> Factory:
     """What "package.module:callable" names; `NetworkError` where there is no such thing."""
-    module_name, colon, attribute = name.partition(":")
-    if not colon or not module_name or not attribute:
+    if not is_plugin(name):
         raise NetworkError(name, "it is 'lenet', 'mcmahan' or 'package.module:callable'")
     try:
-        found = getattr(importlib.import_module(module_name), attribute)
-    except USERS_MISTAKES as error:
-        raise NetworkError(name, f"cannot be imported: {first_line(error)}") from error
-    if not callable(found):
-        raise NetworkError(name, f"is {kind_of(found)}, not callable")
-    factory: Factory = found
+        factory: Factory = find(name, key="communities.network")
+    except PluginError as error:
+        raise NetworkError(name, error.reason) from error
     return factory
 
 
 def built(factory: Factory, name: str) -> nn.Module:
     """The module that the factory makes, with all its parameters trained as float32.
 
-    Buffers (running statistics of batch normalisation) are refused: what they are after
-    averaging over devices is not defined. Raises `NetworkError`.
+    Raises `NetworkError`.
     """
     try:
         with torch.random.fork_rng(devices=[]):
@@ -39,8 +34,6 @@ def built(factory: Factory, name: str) -> nn.Module:
         raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
     if not isinstance(module, nn.Module):
         raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
-    if next(iter(module.buffers()), None) is not None:
-        raise NetworkError(name, "it has buffers (batch normalisation?); use GroupNorm")
     if next(iter(module.parameters()), None) is None:
         raise NetworkError(name, "it has no parameters")
     for key, value in module.named_parameters():

@@ -34,12 +34,6 @@ class Small(nn.Module):
         return self.layers(x)
 
 
-class Normalised(Small):
-    def __init__(self) -> None:
-        super().__init__()
-        self.norm = nn.BatchNorm2d(1)
-
-
 class TooFew(Small):
     def __init__(self) -> None:
         super().__init__()
@@ -146,7 +140,6 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("Normalised", "has buffers"),
         ("TooFew", r"gives \(2, 9\) for 2 images, not \(2, 10\)"),
         ("WrongImage", r"fails on images of \(2, 1, 8, 8\)"),
         ("needs_argument", "calling it fails"),

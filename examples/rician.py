@@ -1,0 +1,42 @@
+"""Another radio: a line of sight with Rician fading, in place of log-normal shadowing.
+
+The power gain of a Rician channel with factor K is a noncentral chi-square variable, so a packet
+is lost with probability 1 - Q_1(sqrt(2 K), sqrt(2 (1 + K) gamma_0 / snr)), where snr is the mean
+(Simon, Alouini: Digital Communication over Fading Channels, section 2.2.1.2). Plans are still made
+with the configured channel: plan_per says what the planner believed, true_per what this radio did.
+
+    aerofed run --set channel.gate=examples.rician:make
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ncx2
+
+from mission.api import Channel
+
+Floats = NDArray[np.float64]
+
+K_DB = 10.0  # power of the line of sight over that of all reflections
+
+
+@dataclass(frozen=True)
+class Rician:
+    """The configured channel's line-of-sight link budget, with Rician fading."""
+
+    channel: Channel
+    k: float
+
+    def per(self, distance_m: Floats, height_m: Floats) -> Floats:
+        """Packet error rates (n,) at horizontal distances and heights (n,) in metres."""
+        c = self.channel
+        slant_m = np.maximum(np.hypot(distance_m, height_m), 1.0)
+        mean_db = c.tx_power_db + c.beta_los_db - c.noise_db - 10 * c.alpha_los * np.log10(slant_m)
+        relative = c.snr_threshold / 10.0 ** (mean_db / 10.0)
+        return ncx2.cdf(2.0 * (1.0 + self.k) * relative, df=2, nc=2.0 * self.k)
+
+
+def make(channel: Channel) -> Rician:
+    """What `channel.gate` names."""
+    return Rician(channel, 10.0 ** (K_DB / 10.0))

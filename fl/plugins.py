@@ -1,0 +1,153 @@
+"""A researcher's own code: found by name, held to its interface, and named where it fails.
+
+A name is an import path, `package.module:callable`, found in the working directory too, or that of
+an entry point which an installed package declares in the group `aerofed.plugins`.
+"""
+
+import importlib
+import importlib.metadata
+import importlib.util
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from fl.errors import LearningError, LearningInputError, first_line, kind_of
+
+IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
+GROUP = "aerofed.plugins"
+
+
+@dataclass(eq=False)
+class PluginError(LearningInputError):
+    """A plug-in that cannot be used, or that failed: `__cause__` is what its code raised."""
+
+    key: str  # the setting that names it
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.key} = {self.name!r}: {self.reason}"
+
+
+def is_import_path(text: str) -> bool:
+    """Whether the text has the form of one."""
+    return re.fullmatch(IMPORT_PATH, text) is not None
+
+
+def is_plugin(name: str) -> bool:
+    """Whether it is an import path, or an entry point that is installed."""
+    return is_import_path(name) or name in _entry_points()
+
+
+def checked_name(name: str, built_in: tuple[str, ...]) -> str:
+    """The name, where it is built in or a plug-in's.
+
+    Raises:
+        ValueError: it is neither; says what there is.
+    """
+    if name in built_in or is_plugin(name):
+        return name
+    installed = _entry_points()
+    close = get_close_matches(name, (*built_in, *installed), n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise ValueError(
+        f"must be one of {', '.join(map(repr, (*built_in, *installed)))} or the import path of "
+        f"your own, 'package.module:callable'{hint}"
+    )
+
+
+def problem_of(name: str) -> str | None:
+    """Why a plug-in is not found; its module is not imported, only the packages around it are."""
+    _look_here()
+    module, _, _ = _path(name).partition(":")
+    try:
+        found = importlib.util.find_spec(module)
+    except Exception as error:
+        return f"cannot be imported: {first_line(error)}"
+    return None if found else f"cannot be imported: No module named {module!r}"
+
+
+def find(name: str, *, key: str) -> Callable[..., Any]:
+    """The callable of that name.
+
+    Raises:
+        PluginError: it cannot be imported, or cannot be called; `key` is the setting.
+    """
+    _look_here()
+    module, _, attribute = _path(name).partition(":")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except Exception as error:
+        raise PluginError(key, name, f"cannot be imported: {first_line(error)}") from error
+    if not callable(found):
+        raise PluginError(key, name, f"is {kind_of(found)}, not callable")
+    made: Callable[..., Any] = found
+    return made
+
+
+def make(name: str, *arguments: object, key: str, members: tuple[str, ...]) -> Any:
+    """What the factory of that name makes of the arguments; it must have these members.
+
+    Raises:
+        PluginError: it cannot be imported or called, or makes something else.
+    """
+    factory = find(name, key=key)
+    try:
+        made = factory(*arguments)
+    except Exception as error:
+        raise PluginError(key, name, f"calling it fails: {first_line(error)}") from error
+    missing = [member for member in members if not hasattr(made, member)]
+    if missing:
+        raise PluginError(
+            key,
+            name,
+            f"gives {kind_of(made)} without {', '.join(missing)}; needed: {', '.join(members)}",
+        )
+    return made
+
+
+@contextmanager
+def guarded(name: str, *, key: str, doing: str) -> Iterator[None]:
+    """Run a plug-in's code in the block: what it raises is its own, and is said to be.
+
+    Raises:
+        PluginError: one line with the place in its file.
+    """
+    try:
+        yield
+    except LearningError:
+        raise
+    except Exception as error:
+        raise PluginError(key, name, told(name, doing, error)) from error
+
+
+def told(name: str, doing: str, error: BaseException) -> str:
+    """What a plug-in was asked, what it raised, and where in its module (or anywhere else)."""
+    module = sys.modules.get(_path(name).partition(":")[0])
+    file = getattr(module, "__file__", None)
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if file is not None and frame.filename == file]
+    frame = (own or frames)[-1]
+    return f"{doing}: {first_line(error)} ({frame.filename}, line {frame.lineno})"
+
+
+def _look_here() -> None:
+    """Have modules found in the working directory too, after all others."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+
+
+def _path(name: str) -> str:
+    return name if is_import_path(name) else _entry_points().get(name, name)
+
+
+def _entry_points() -> dict[str, str]:
+    """Import paths by the name of the entry point."""
+    return {item.name: item.value for item in importlib.metadata.entry_points(group=GROUP)}

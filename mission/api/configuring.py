@@ -1,0 +1,80 @@
+"""What a run is told: configurations by name, file or value, and channels."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from mission.base.errors import InputError
+
+if TYPE_CHECKING:
+    from fl.radio.channel import Channel
+    from mission.config.models import RunConfig
+
+# A name ("quickstart"), a TOML file, or a configuration.
+Source: TypeAlias = "str | Path | RunConfig"
+
+_GIVER = "overrides"
+
+
+def config(
+    source: Source = "quickstart", overrides: Mapping[str, Any] | None = None
+) -> "RunConfig":
+    """A run's configuration: `source`, with single keys set over it, checked as a whole.
+
+    Args:
+        source: "quickstart", "paper", "paper-sweep" or "town", which come along; the path of a TOML
+            file; or a configuration, which stays as it is.
+        overrides: values by dotted key, as on the command line: {"mission.rounds": 3}.
+
+    Raises:
+        InputError: there is no such file, or a key or value is refused; a line for each.
+    """
+    from mission.config.loading import load_config
+
+    return load_config(_found(source), overrides, giver=_GIVER)
+
+
+def channel(
+    preset: str = "suburban", *, altitude_m: float | None = None, **constants: float
+) -> "Channel":
+    """An air-to-ground channel: `channel("urban").per(distance_m, height_m)`.
+
+    Args:
+        preset: a name of docs/channels.md.
+        altitude_m: height that `per` assumes where it is given none; default: the preset's 60 m.
+        constants: keys of the table `channel` of a configuration: `extra_gain_db=3.0`.
+
+    Raises:
+        InputError: an unknown preset or constant, or one out of range.
+    """
+    from pydantic import ValidationError
+
+    from fl.config import ChannelConfig
+    from fl.errors import SettingError
+    from mission.base.explain import explain
+
+    try:
+        found = ChannelConfig.model_validate({"preset": preset, **constants})
+        return found.channel(altitude_m=altitude_m)
+    except ValidationError as error:
+        raise InputError("\n".join(explain(error, ChannelConfig, "channel"))) from None
+    except SettingError as error:
+        raise InputError(f"channel: {error}") from None
+
+
+def folder(path: Path | str | None, what: str) -> Path | None:
+    """A data folder, which must be there.
+
+    Raises:
+        InputError: it is not.
+    """
+    if path is None:
+        return None
+    found = Path(path)
+    if not found.is_dir():
+        raise InputError(f"{what} = {str(path)!r}: no such folder")
+    return found
+
+
+def _found(source: Source) -> "Path | RunConfig":
+    return Path(source) if isinstance(source, str) else source

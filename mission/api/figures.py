@@ -1,0 +1,45 @@
+"""Pictures as values: shown by a notebook without a network, or written to a file."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mission.base.errors import InputError
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One picture. As the last value of a notebook's cell it is shown."""
+
+    name: str
+    chart: Any = field(repr=False)  # an Altair chart
+
+    def save(self, path: Path | str) -> Path:
+        """Write it to a file, .png, .svg or .pdf; returns the path.
+
+        Raises:
+            InputError: another kind of file, or it cannot be written.
+        """
+        from mission.figures.render import save
+
+        save(self.chart, Path(path))
+        return Path(path)
+
+    def _repr_png_(self) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            return self.save(Path(folder) / "figure.png").read_bytes()
+
+
+def chosen(pictures: Mapping[str, Any], name: str, *, of: Path) -> Figure:
+    """The picture of that name, among files `NAME.png`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    found = pictures.get(f"{name}.png")
+    if found is None:
+        names = ", ".join(repr(file.removesuffix(".png")) for file in pictures) or "none"
+        raise InputError(f"{of}: no figure {name!r}; there are: {names}")
+    return Figure(name, found)

@@ -1,0 +1,23 @@
+"""Tables as pandas DataFrames: the one home of pandas."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from mission.base.columns import columns
+from mission.log.records import is_by_community
+
+
+def frame(
+    record: Any | None, values: Mapping[str, Any] | Sequence[Mapping[str, Any]]
+) -> pd.DataFrame:
+    """Columns by name, or rows, as a DataFrame.
+
+    An empty table has the columns of `record` all the same, but those by community.
+    """
+    found = pd.DataFrame(values)
+    if len(found.columns) or record is None:
+        return found
+    known = {c.name: c.holds for c in columns(record) if not is_by_community(c)}
+    return pd.DataFrame({name: pd.Series([], dtype=kind) for name, kind in known.items()})

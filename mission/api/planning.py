@@ -1,0 +1,67 @@
+"""Rounds planned without flying them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from mission.api.configuring import Source, config, folder
+from mission.base.errors import InputError
+
+if TYPE_CHECKING:
+    from mission.planner.problem import Planner, RoundPlan, RoundProblem
+
+
+def plan(
+    problem: "RoundProblem", planner: "str | Planner" = "certified", **options: float
+) -> "RoundPlan":
+    """Plan one round; the plan is checked against every constraint of the problem.
+
+    Args:
+        problem: where devices stand and what they are worth; see `first_problem`.
+        planner: "certified", "sqp", "paper", "paper_literal", or an object with `plan(problem)`.
+        options: keys of the table `planner` of a configuration: `gap=0.001`.
+
+    Raises:
+        InputError: no such planner, or an option is refused.
+        PlanError: the problem makes no sense, or the plan breaks a constraint.
+    """
+    from mission.base.explain import explain
+    from mission.planner.config import PlannerConfig
+    from mission.planner.evaluate import check_plan, check_problem
+    from mission.planner.factory import make_planner
+
+    check_problem(problem)
+    if isinstance(planner, str):
+        try:
+            chosen = PlannerConfig.model_validate({"kind": planner, **options})
+        except ValidationError as error:
+            raise InputError("\n".join(explain(error, PlannerConfig, "planner"))) from None
+        method = make_planner(chosen)
+    elif options:
+        raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")
+    else:
+        method = planner
+    found = method.plan(problem)
+    check_plan(problem, found)
+    return found
+
+
+def first_problem(
+    source: Source = "quickstart",
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    data_dir: Path | str | None = None,
+) -> "RoundProblem":
+    """The planning problem of a configuration's first round, from above home.
+
+    `dataclasses.replace(problem, path_budget_m=400.0)` makes others of it.
+
+    Raises:
+        InputError: the configuration is refused, or its data are missing or damaged.
+    """
+    from mission.scenario.scenario import build_scenario
+
+    resolved = config(source, overrides)
+    return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()

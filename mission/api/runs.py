@@ -1,0 +1,230 @@
+"""Runs: flown, gone on with, and read back as tables."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mission.api.configuring import Source, config, folder
+from mission.api.figures import Figure, chosen
+from mission.base.errors import INTERRUPTED, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import pandas as pd
+
+    from mission.analysis.load import LoadedRun
+    from mission.base.console import RunConsole
+    from mission.config.models import RunConfig
+
+RUNS = Path("runs")  # of folders that nobody named
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run in its folder, or a flight log by itself; of a killed one, the rounds that ended.
+
+    Tables are read when first asked for. Positions are area coordinates in metres (x east, y
+    north, height above home), times simulated seconds.
+    """
+
+    path: Path
+
+    @cached_property
+    def rounds(self) -> "pd.DataFrame":
+        """A row a round, with the columns of `rounds.csv`."""
+        return self.table("rounds")
+
+    @cached_property
+    def uplinks(self) -> "pd.DataFrame":
+        """A row a scheduled device of a round, with the columns of `uplinks.csv`."""
+        return self.table("uplinks")
+
+    @cached_property
+    def learning(self) -> "pd.DataFrame":
+        """A row a device and round, from round 0 (untrained), with the columns of `learning.csv`.
+
+        Raises:
+            InputError: a log by itself; `table("learning")` has what a log knows, by community.
+        """
+        from mission.api.frames import frame
+        from mission.base.interrupted_files import InterruptedFiles
+        from mission.base.run_folder import RunFolder
+        from mission.log.records import DeviceRecord, flat
+        from mission.log.tables import read_table
+
+        if self.path.is_file():
+            raise InputError(
+                f"{self.path}: a log has no table of devices; its folder's learning.csv has, "
+                'and table("learning") is what the log knows, by community'
+            )
+        here = RunFolder(self.path)
+        # A resumed run keeps its longer tables until it has caught up with them.
+        kept = InterruptedFiles(here).path / here.learning.name
+        records = read_table(kept if kept.is_file() else here.learning, DeviceRecord)
+        ended = {0, *self.rounds["round"]}
+        return frame(DeviceRecord, [flat(item) for item in records if item.round in ended])
+
+    @cached_property
+    def track(self) -> "pd.DataFrame":
+        """A row a sample: `t_s`, `round` (0 between rounds), true and estimated position."""
+        found = self.table("track")
+        t_s = found["t_s"].to_numpy()
+        found.insert(1, "round", 0)
+        for record in self._loaded.data.rounds:
+            inside = (t_s >= record.start_t_s) & (t_s <= record.start_t_s + record.duration_s)
+            found.loc[inside, "round"] = record.round
+        return found
+
+    def table(self, name: str) -> "pd.DataFrame":
+        """Any table of the log, as `aerofed log export` writes it: "plans", "events", "wind" ...
+
+        Raises:
+            InputError: there is no such table, or the log cannot be read.
+        """
+        from mission.api.frames import frame
+        from mission.log.export.tables import tables
+        from mission.log.records import RoundRecord, UplinkRecord
+
+        found = tables(self._loaded.data)
+        if name not in found:
+            raise InputError(f"{self.path}: no table {name!r}; there are: {', '.join(found)}")
+        return frame({"rounds": RoundRecord, "uplinks": UplinkRecord}.get(name), found[name])
+
+    @property
+    def status(self) -> str:
+        """ "finished", "interrupted", "failed", or "running" (also of a run that was killed)."""
+        return str(self._loaded.summary.get("status", "finished"))
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """What `summary.json` says; empty for a log by itself."""
+        return self._loaded.summary
+
+    @cached_property
+    def config(self) -> "RunConfig":
+        """What it was flown with, as the log has it.
+
+        Raises:
+            InputError: the log's copy is missing, or of another version.
+        """
+        import tomllib
+
+        from mission.config.models import RunConfig
+
+        try:
+            values = tomllib.loads(self._loaded.data.attachments["config.toml"].decode())
+            return RunConfig.model_validate_json(json.dumps(values), strict=True)
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{self.path}: its configuration cannot be read: {error}") from None
+
+    def figure(self, name: str = "map") -> Figure:
+        """A picture of the run: "map", "rounds" or "learning".
+
+        Raises:
+            InputError: there is none of that name, or nothing to draw in it.
+        """
+        from mission.figures.run import run_pictures
+
+        return chosen(run_pictures(self._loaded), name, of=self.path)
+
+    @cached_property
+    def _loaded(self) -> "LoadedRun":
+        from mission.analysis.load import load_run
+
+        return load_run(self.path)
+
+
+def run(
+    source: Source = "quickstart",
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    out: Path | str | None = None,
+    data_dir: Path | str | None = None,
+    quiet: bool = True,
+) -> Run:
+    """Fly a run, as `aerofed run` does: the same configuration and seed give the same bytes.
+
+    It returns when the run is over, also where an event loop is running (in a notebook): the run
+    has a thread with a loop of its own then.
+
+    Args:
+        source: "quickstart", "paper", "paper-sweep", "town"; a TOML file; or a configuration.
+        overrides: values by dotted key: {"mission.rounds": 3, "mission.strategy": "no_cov"}.
+        out: new or empty folder for the results; default: a new one under runs/.
+        data_dir: folder with the data sets' files, where tasks need files.
+        quiet: show nothing; False shows what `aerofed run` shows.
+
+    Raises:
+        AerofedError: what `aerofed run` would end with. What was flown before stays in `out`.
+        KeyboardInterrupt: it was interrupted; `resume(out)` goes on.
+    """
+    from mission.base.run_folder import free_folder
+
+    resolved = config(source, overrides)
+    data = folder(data_dir, "data_dir")
+    path = (
+        Path(out)
+        if out is not None
+        else free_folder(RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}")
+    )
+
+    def fly(console: "RunConsole") -> int:
+        from mission.run.session import fly_session
+
+        return fly_session(resolved, path, data_dir=data, console=console)
+
+    return _flown(fly, path, quiet=quiet)
+
+
+def resume(path: Path | str, *, quiet: bool = True) -> Run:
+    """Go on with a run that was interrupted or killed; it ends as if it never had been.
+
+    Raises:
+        AerofedError: not a run, or one that cannot go on here; or what ends it this time.
+        KeyboardInterrupt: it was interrupted again.
+    """
+
+    def fly(console: "RunConsole") -> int:
+        from mission.run.session import resume_session
+
+        return resume_session(Path(path), console=console)
+
+    return _flown(fly, Path(path), quiet=quiet)
+
+
+def load(path: Path | str) -> Run:
+    """A run that was flown: its folder, or its log (`flight.mcap`) by itself.
+
+    Raises:
+        InputError: neither.
+    """
+    found = Run(Path(path))
+    _ = found._loaded
+    return found
+
+
+def _flown(fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool) -> Run:
+    from rich.console import Console
+
+    from mission.base.console import RunConsole
+    from mission.base.interrupts import in_a_thread
+
+    console = RunConsole(Console(quiet=quiet), quiet=quiet)
+    code = in_a_thread(lambda: fly(console)) if _loop_is_running() else fly(console)
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt(f"{path} was interrupted; resume({str(path)!r}) goes on")
+    return Run(path)
+
+
+def _loop_is_running() -> bool:
+    import asyncio
+
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True

@@ -1,0 +1,137 @@
+"""Many runs side by side: strategies, seeds and settings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from mission.api.configuring import Source, config, folder
+from mission.api.figures import Figure, chosen
+from mission.api.runs import RUNS, Run
+from mission.base.errors import INTERRUPTED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from mission.sweep.state import SweepState
+
+ALL = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep in its folder; of one that is not over, the runs that are done."""
+
+    path: Path
+
+    @cached_property
+    def runs(self) -> "pd.DataFrame":
+        """A row a run, with the columns of `runs.csv`."""
+        from mission.api.frames import frame
+
+        return frame(None, [result.summary for result in self._state.results])
+
+    @cached_property
+    def rounds(self) -> "pd.DataFrame":
+        """A row a round of every run, with the columns of `rounds.csv`."""
+        from mission.api.frames import frame
+
+        return frame(None, [row for result in self._state.results for row in result.rounds])
+
+    def run(self, name: str) -> Run:
+        """One of its runs, by the name in column `run` of `runs`."""
+        return Run(self.path / "runs" / name)
+
+    def figure(self, name: str = "final") -> Figure:
+        """A picture of the sweep, by the name of its file in `figures/`.
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        from mission.sweep.outcome.figures import sweep_pictures
+
+        return chosen(sweep_pictures(self.path.name, self._state.results), name, of=self.path)
+
+    @cached_property
+    def _state(self) -> "SweepState":
+        from mission.sweep.state import read_sweep
+
+        return read_sweep(self.path)
+
+
+def sweep(
+    source: Source = "quickstart",
+    *,
+    strategies: Sequence[str] = ALL,
+    seeds: int = 3,
+    settings: Mapping[str, Sequence[Any]] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    out: Path | str | None = None,
+    data_dir: Path | str | None = None,
+    jobs: int | None = None,
+    engine: Literal["joblib", "ray"] = "joblib",
+    address: str | None = None,
+    run_figures: bool = False,
+    quiet: bool = True,
+) -> Sweep:
+    """Fly every strategy with every seed and every value of every setting, in processes.
+
+    Called again with the same `out` it goes on: finished runs are kept, and strategies, seeds and
+    values may be added.
+
+    Args:
+        source: a configuration, as for `run`.
+        strategies: which to compare; "package.module:factory" is one of your own.
+        seeds: how many, counting up from the configuration's.
+        settings: values to sweep by dotted key: {"channel.extra_gain_db": [0.0, 3.0]}.
+        overrides: values by dotted key that all runs have.
+        out: folder for runs and results; default: runs/sweep-NAME.
+        data_dir: folder with the data sets' files, where tasks need files.
+        jobs: runs at a time; default: one a core.
+        engine: "joblib", processes of this machine; "ray", a cluster.
+        address: of the Ray cluster.
+        run_figures: draw the pictures of every run, too; `run(name).figure()` draws one later.
+        quiet: show nothing; False shows what `aerofed sweep` shows.
+
+    Raises:
+        AerofedError: a value is refused before anything flies, or runs failed, each named.
+        KeyboardInterrupt: it was interrupted; the same call goes on.
+    """
+    from rich.console import Console
+
+    from mission.sweep.execute.choice import check_options
+    from mission.sweep.grid import Axis, make_grid
+
+    check_options(engine, jobs=jobs, address=address)
+    base = config(source, overrides)
+    axes = [Axis(key, tuple(values)) for key, values in (settings or {}).items()]
+    grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes)
+    path = Path(out) if out is not None else RUNS / f"sweep-{grid.base.name}"
+    data = folder(data_dir, "data_dir")
+    from mission.sweep.sweep import sweep as execute
+
+    code = execute(
+        grid,
+        path,
+        data_dir=data,
+        engine=engine,
+        jobs=jobs,
+        address=address,
+        run_figures=run_figures,
+        console=Console(quiet=quiet),
+    )
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt(f"{path} was interrupted; the same call goes on")
+    return Sweep(path)
+
+
+def load_sweep(path: Path | str) -> Sweep:
+    """A sweep that was flown, or is under way.
+
+    Raises:
+        InputError: not a sweep's folder, or none of its runs is done.
+    """
+    found = Sweep(Path(path))
+    _ = found._state
+    return found

@@ -1,0 +1,89 @@
+"""A researcher's own code that is told of every round: for TensorBoard, MLflow, W&B."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from fl.federation.rounds import RoundLearning
+from mission.base.user_code import make_from, users_code
+from mission.config.models import RunConfig
+from mission.log.records import RoundRecord, UplinkRecord
+
+KEY = "callbacks"
+
+
+@dataclass(frozen=True)
+class CallbackContext:
+    """What a callback's factory is given: `factory(context) -> Callback`."""
+
+    folder: Path  # of the run: files that a callback leaves belong into it
+    config: RunConfig
+
+
+@dataclass(frozen=True)
+class RoundReport:
+    """A finished round, as callbacks are told of it."""
+
+    round: RoundRecord  # its row in rounds.csv
+    uplinks: tuple[UplinkRecord, ...]  # its rows in uplinks.csv
+    learning: RoundLearning
+    again: bool  # told before: a resumed run flies its finished rounds again
+
+
+class Callback(Protocol):
+    """Told of every finished round, in order. Nothing that it does alters the run."""
+
+    def round_finished(self, report: RoundReport) -> None:
+        """A round is over, and in the tables and the checkpoint."""
+        ...
+
+    def close(self) -> None:
+        """No round follows: the run has ended, however it did."""
+        ...
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """All of a run's callbacks, with their names. One that fails ends the run with its name."""
+
+    each: tuple[tuple[str, Any], ...] = ()
+
+    def round_finished(self, report: RoundReport) -> None:
+        """Tell all of them.
+
+        Raises:
+            UsersCodeError: one of them failed; a resumed run goes on after this round.
+        """
+        for name, callback in self.each:
+            doing = f"round_finished() of round {report.round.round}"
+            with users_code(name, key=KEY, doing=doing):
+                callback.round_finished(report)
+
+    def close(self) -> None:
+        """Close all of them, also where one fails at it.
+
+        Raises:
+            UsersCodeError: one of them failed.
+        """
+        with ExitStack() as stack:
+            for name, callback in self.each:
+                stack.callback(_close, name, callback)
+
+
+def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Callbacks:
+    """What the factories of these names make.
+
+    Raises:
+        InputError: one cannot be imported or called, or makes something else.
+    """
+    members = ("round_finished", "close")
+    return Callbacks(
+        tuple((name, make_from(name, context, key=KEY, members=members)) for name in names or ())
+    )
+
+
+def _close(name: str, callback: Callback) -> None:
+    with users_code(name, key=KEY, doing="close()"):
+        callback.close()

@@ -1,0 +1,100 @@
+"""Flower's own strategies as algorithms here; needs flwr."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flwr", reason="Flower is not installed", exc_type=ImportError)
+
+from flwr.common import Parameters
+from flwr.server.strategy import FedAdam, FedAvg, FedAvgM, Krum, Strategy
+
+from examples.flower import FlowerAlgorithm
+from fl.federation import algorithms
+from fl.federation.algorithms import Update
+from mission import api as aerofed
+from mission.base.errors import FlightError
+from mission.run.recorder import FolderRecorder
+from mission.run.round_result import RoundResult
+
+pytestmark = pytest.mark.real
+
+SMALL = {
+    "mission.flight": "none", "mission.steps": 4, "mission.rounds": 3, "planner.gap": 0.1,
+    "mission.path_budget_m": 400.0, "communities.0.devices": 4, "communities.1.devices": 3,
+    "learning.local_epochs": 1, "learning.algorithm": "examples.flower:make",
+}  # fmt: skip
+RNG = np.random.default_rng(1)
+MODEL = RNG.standard_normal(20).astype(np.float32)
+SENT = [
+    Update(k, p, MODEL + RNG.standard_normal(20).astype(np.float32), 3)
+    for k, p in enumerate((0.1, 0.2, 0.3))
+]
+
+
+def average(at: Parameters) -> Strategy:
+    return FedAvg(initial_parameters=at)
+
+
+def momentum(at: Parameters) -> Strategy:
+    return FedAvgM(initial_parameters=at, server_momentum=0.5, server_learning_rate=0.7)
+
+
+def test_flowers_average_is_ours() -> None:
+    theirs = FlowerAlgorithm(average, 0.9)
+    after, _ = theirs.apply(theirs.init(MODEL, 3), MODEL, SENT)
+    ours, _ = algorithms.FedAvg(0.9).apply({}, MODEL, SENT)
+    assert after == pytest.approx(ours, rel=1e-5, abs=1e-6)
+
+
+def test_flowers_momentum_is_ours_over_rounds() -> None:
+    theirs, ours = FlowerAlgorithm(momentum, 0.9), algorithms.FedAvgM(0.9, 0.7, 0.5)
+    one = two = MODEL
+    state, known = theirs.init(MODEL, 3), ours.init(MODEL, 3)
+    for _ in range(3):
+        one, state = theirs.apply(state, one, SENT)
+        two, known = ours.apply(known, two, SENT)
+    assert one == pytest.approx(two, rel=1e-4, abs=1e-5)
+
+
+def test_what_a_strategy_keeps_is_in_the_state() -> None:
+    theirs = FlowerAlgorithm(lambda at: FedAdam(initial_parameters=at), 0.9)
+    one, state = theirs.apply(theirs.init(MODEL, 3), MODEL, SENT)
+    assert set(state) == {"rounds", "m_t", "v_t"}
+    alone = FedAdam(initial_parameters=Parameters([], ""))
+    assert alone.m_t is None
+    two, later = theirs.apply(state, one, SENT)
+    fresh, _ = theirs.apply(theirs.init(MODEL, 3), one, SENT)
+    assert later["rounds"][0] == 2
+    assert not np.allclose(two, fresh)  # the moments count
+
+
+def test_krum_leaves_the_outlier_out() -> None:
+    theirs = FlowerAlgorithm(
+        lambda at: Krum(initial_parameters=at, num_malicious_clients=1, num_clients_to_keep=1), 0.9
+    )
+    wild = Update(3, 0.4, MODEL + 100.0, 3)
+    after, _ = theirs.apply(theirs.init(MODEL, 4), MODEL, [*SENT, wild])
+    assert np.abs(after - MODEL).max() < 10.0
+
+
+@pytest.mark.slow
+def test_it_flies_and_resumes_to_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = aerofed.run("quickstart", SMALL, out=tmp_path / "whole")
+    finished = FolderRecorder.finished
+
+    def cut(self: FolderRecorder, result: RoundResult) -> None:
+        finished(self, result)
+        if result.record.round == 2:
+            raise FlightError("cut")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FolderRecorder, "finished", cut)
+        with pytest.raises(FlightError):
+            aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
+    resumed = aerofed.resume(tmp_path / "cut")
+    for name in ("rounds.csv", "uplinks.csv", "learning.csv"):
+        assert (resumed.path / name).read_bytes() == (whole.path / name).read_bytes()

@@ -1,0 +1,29 @@
+"""The notebooks of examples/ run from their first cell to their last, in a kernel of their own."""
+
+import os
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [path.name for path in sorted(EXAMPLES.glob("*.ipynb"))])
+# Of the kernel's client, not of the notebooks.
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(EXAMPLES.parent)]))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    monkeypatch.setenv("JUPYTER_DATA_DIR", str(tmp_path / "jupyter"))
+    notebook = nbformat.read(EXAMPLES / name, as_version=4)
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert not any(cell.outputs for cell in cells), "a notebook is kept without outputs"
+    client = NotebookClient(notebook, timeout=540, resources={"metadata": {"path": str(tmp_path)}})
+    client.execute()
+    shown = [out for cell in cells for out in cell.outputs if out.output_type == "execute_result"]
+    assert len(shown) >= 3
+    if name == "first_run.ipynb":
+        assert any("image/png" in out.data for out in shown)

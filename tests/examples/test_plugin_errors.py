@@ -1,0 +1,246 @@
+"""What is wrong with a plug-in is one line: which plug-in, where, and what. Each kind, each way."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission import api as aerofed
+from mission.base.errors import UsersCodeError
+
+MODULE = """
+import numpy as np
+import torch
+from mission.api import Samples
+
+class Algorithm:
+    mu = momentum = 0.0
+    def init(self, model, devices): return {}
+    def correction(self, state, device): return None
+    def apply(self, state, model, updates): return model, state
+
+class Fails(Algorithm):
+    def apply(self, state, model, updates):
+        return model / updates.sum  # algorithm's slip
+
+class Short(Algorithm):
+    def apply(self, state, model, updates): return model[:3], state
+
+class Endless(Algorithm):
+    def apply(self, state, model, updates): return model * np.nan, state
+
+class NoState(Algorithm):
+    def init(self, model, devices): return None
+
+class BadMomentum(Algorithm):
+    momentum = 3.0
+
+class Radio:
+    def __init__(self, channel): pass
+    def per(self, distance_m, height_m): return distance_m / 1e6
+
+class RadioFails(Radio):
+    def per(self, distance_m, height_m):
+        return self.table[distance_m]  # radio's slip
+
+class RadioOver(Radio):
+    def per(self, distance_m, height_m): return 1.5 + 0.0 * distance_m
+
+class RadioShort(Radio):
+    def per(self, distance_m, height_m): return 0.5
+
+class Net(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.dense = torch.nn.Linear(64, 10)
+        self.calls = 0
+    def forward(self, x):
+        self.calls += self.training
+        if self.calls > 2: raise KeyError("weights")  # network's slip
+        return self.dense(x.flatten(1))
+
+def split(task): return np.array_split(np.arange(len(task.labels)), task.devices)
+def split_fails(task):
+    return task.label  # partition's slip
+def split_twice(task): return [np.arange(5)] * task.devices
+def split_few(task): return split(task)[1:]
+def split_far(task): return [np.array([10**6 + i]) for i in range(task.devices)]
+def split_floats(task): return [np.array([0.5])] * task.devices
+
+X, Y = np.zeros((40, 8, 8)), np.arange(40) % 10
+def data_fails(data_dir):
+    return data_dir / "file"  # data set's slip
+def data_other(data_dir): return X
+def data_pixels(data_dir): return Samples(X + 3.0, Y, X, Y)
+def data_labels(data_dir): return Samples(X, Y[:5], X, Y)
+def data_owner(data_dir): return Samples(X, Y, X, Y, Y[:3])
+
+class Tells:
+    def __init__(self, context): pass
+    def round_finished(self, report): pass
+    def close(self): pass
+
+class TellsBadly(Tells):
+    def round_finished(self, report):
+        raise OSError("no server")  # callback's slip
+
+class ClosesBadly(Tells):
+    def close(self):
+        raise OSError("no server")  # callback's end
+
+def algorithm(learning): return Algorithm()
+def fails(learning): return Fails()
+def short(learning): return Short()
+def endless(learning): return Endless()
+def no_state(learning): return NoState()
+def bad_momentum(learning): return BadMomentum()
+def nothing(anything): return object()
+def broken(anything): return undefined_name
+"""
+
+SMALL = {
+    "mission.flight": "none",
+    "mission.steps": 4,
+    "mission.rounds": 2,
+    "mission.path_budget_m": 400.0,
+    "planner.gap": 0.1,
+    "communities.0.devices": 3,
+    "communities.1.devices": 3,
+    "learning.local_epochs": 1,
+}
+KEYS = {
+    "algorithm": "learning.algorithm",
+    "gate": "channel.gate",
+    "network": "communities.0.network",
+    "task": "communities.0.task",
+    "partition": "communities.0.partition",
+    "callbacks": "callbacks",
+}
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module in the working directory, which is where a researcher's stands."""
+    (tmp_path / "mine.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+
+
+def refused(kind: str, name: str) -> aerofed.AerofedError:
+    value: Any = f"mine:{name}"
+    more = {KEYS[kind]: [value] if kind == "callbacks" else value}
+    with pytest.raises(aerofed.AerofedError) as caught:
+        aerofed.run("quickstart", {**SMALL, **more}, out="out")
+    assert str(caught.value).count("\n") == 0
+    assert f"'mine:{name}'" in str(caught.value)
+    assert caught.value.exit_code == 2
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "words"),
+    [
+        ("algorithm", "nothing", "learning.algorithm = 'mine:nothing': gives an object without mu"),
+        ("algorithm", "no_state", "init() gives a NoneType as its state, not a dictionary"),
+        ("algorithm", "bad_momentum", "momentum is 3.0: must be from 0 to 1"),
+        ("algorithm", "short", "apply() gives a model of shape (3,), not ("),
+        ("algorithm", "endless", "apply() gives a model with values that are not finite"),
+        ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
+        ("gate", "RadioOver", "per() gives 1.5 at "),
+        ("gate", "RadioShort", "per() gives shape (), not ("),
+        (
+            "task",
+            "data_other",
+            "'mine:data_other': gives a ndarray, not Samples",
+        ),
+        ("task", "data_pixels", "x_train holds floats outside [0, 1]"),
+        ("task", "data_labels", "40 training images, but 5 training labels"),
+        ("task", "data_owner", "owner is int64 (3,); wanted integers (40,)"),
+        ("partition", "split_twice", "sample 0 is given 3 times"),
+        ("partition", "split_few", "gives shares of 2 devices, not 3"),
+        ("partition", "split_far", "device 0 gets sample 1000000; there are 0 to "),
+        ("partition", "split_floats", "device 0 gets float64 (1,); wanted whole numbers"),
+        ("callbacks", "nothing", "callbacks = 'mine:nothing': gives an object without round_fin"),
+        *[
+            (kind, "broken", "calling it fails: NameError: name 'undefined_name'")
+            for kind in ("algorithm", "gate", "callbacks")
+        ],
+        *[(kind, "missing", "cannot be imported: AttributeError") for kind in KEYS],
+    ],
+)
+def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
+    assert words in str(refused(kind, name))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "doing", "raised", "slip"),
+    [
+        ("algorithm", "fails", "apply()", "AttributeError", "# algorithm's slip"),
+        ("gate", "RadioFails", "per()", "AttributeError", "# radio's slip"),
+        ("network", "Net", "training in round 1", "KeyError: 'weights'", "# network's slip"),
+        ("task", "data_fails", "the factory", "TypeError", "# data set's slip"),
+        ("partition", "split_fails", "the partition", "AttributeError", "# partition's slip"),
+        ("callbacks", "TellsBadly", "round_finished() of round 1", "OSError", "# callback's slip"),
+        ("callbacks", "ClosesBadly", "close()", "OSError", "# callback's end"),
+    ],
+)
+def test_what_it_raises_is_named_with_its_line(
+    kind: str, name: str, doing: str, raised: str, slip: str, tmp_path: Path
+) -> None:
+    error = refused(kind, name)
+    key = KEYS[kind].replace(".0", "")
+    number = next(i for i, text in enumerate(MODULE.splitlines(), 1) if slip in text)
+    assert f"{key} = 'mine:{name}': {doing}: {raised}" in str(error)
+    assert f"({tmp_path / 'mine.py'}, line {number})" in str(error)
+    if kind in ("task", "partition"):  # before anything is flown: nothing is left
+        assert not (tmp_path / "out").exists()
+    else:
+        assert isinstance(error, UsersCodeError)
+        assert slip in (tmp_path / "out" / "traceback.txt").read_text()
+        assert aerofed.load("out").status == "failed"
+
+
+def test_a_callback_that_failed_is_passed_when_the_run_goes_on() -> None:
+    more = {**SMALL, "callbacks": ["mine:TellsBadly"]}
+    with pytest.raises(UsersCodeError):
+        aerofed.run("quickstart", more, out="out")
+    module = Path("mine.py")
+    module.write_text(MODULE.replace('raise OSError("no server")', "pass"))
+    sys.modules.pop("mine")
+    assert len(aerofed.resume("out").rounds) == 2
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
+    value: Any = "nowhere.at_all:make"
+    with pytest.raises(aerofed.InputError, match="nowhere"):
+        aerofed.config("quickstart", {KEYS[kind]: [value] if kind == "callbacks" else value})
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("learning.algorithm", "must be one of 'fedprox', .* did you mean fedavg?"),
+        ("channel.gate", "must be one of 'average', 'instantaneous' or the import path"),
+        ("communities.0.task", "must be one of 'digits', "),
+        ("communities.0.partition", "must be one of 'labels', "),
+        ("planner.factory", "must be an import path"),
+        ("callbacks", "neither an import path"),
+    ],
+)
+def test_a_name_that_is_none(key: str, words: str) -> None:
+    value: Any = ["fedvag"] if key == "callbacks" else "fedvag"
+    with pytest.raises(aerofed.InputError, match=words):
+        aerofed.config("quickstart", {key: value})
+
+
+def test_owners_and_buffers_that_are_not_there() -> None:
+    with pytest.raises(aerofed.InputError, match="the data of digits do not tell any owners"):
+        aerofed.run("quickstart", {**SMALL, "communities.0.partition": "owners"}, out="out")
+    with pytest.raises(aerofed.InputError, match="buffers belongs to a torch module of your own"):
+        aerofed.config("quickstart", {"communities.0.buffers": "local"})
+    more = {"communities.0.network": "mine:Net", "communities.0.buffers": "local"}
+    with pytest.raises(aerofed.InputError, match="buffers = 'local': its network has none"):
+        aerofed.run("quickstart", {**SMALL, **more}, out="out")

@@ -1,0 +1,116 @@
+"""Modules with buffers: averaged over the arrivals, or kept by each device."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from fl.config import CommunityConfig, LearningConfig
+from fl.federation import rounds as fed
+from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.training.modules.statistics import Statistics
+from flightdyn.random import RandomStreams
+
+COMMUNITY = {
+    "name": "digits", "task": "digits", "devices": 3, "labels_per_device": 5,
+    "network": "test_buffers:Net",
+}  # fmt: skip
+
+
+class Net(nn.Module):
+    """Its batch normalisation counts the batches, too, in a whole number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm, self.dense = nn.BatchNorm1d(64, momentum=None), nn.Linear(64, 10)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.dense(self.norm(x.flatten(1)))
+
+
+def build(**more: str) -> fed.Federation:
+    community = CommunityConfig.model_validate({**COMMUNITY, **more})
+    learning = LearningConfig(batch_size=64, learning_rate=0.05, algorithm="fedadam")
+    return fed.build([community], learning, data_dir=None, stream=RandomStreams(1).generator)
+
+
+def play(
+    federation: fed.Federation, state: fed.FederationState, *heard: int
+) -> tuple[fed.FederationState, fed.RoundLearning]:
+    got = np.isin(np.arange(3), heard)
+    return fed.play_round(federation, state, scheduled=got, delivered=got)
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    monkeypatch.syspath_prepend(request.path.parent)
+
+
+def test_statistics_go_out_and_come_back() -> None:
+    net = Net()
+    statistics = Statistics(net)
+    assert statistics.size == 64 + 64 + 1
+    flat = np.concatenate([np.full(64, 0.5), np.full(64, 2.0), [7.4]]).astype(np.float32)
+    statistics.write(flat)
+    assert net.norm.num_batches_tracked == 7
+    assert statistics.read() == pytest.approx([*flat[:-1], 7.0])
+
+
+def test_averaged_buffers_are_the_weighted_mean_of_what_arrived() -> None:
+    federation = build()
+    start = fed.init(federation)
+    community = federation.communities[0]
+    assert start.buffers[0].shape == (0, 129)
+    after, _ = play(federation, start, 0, 2)
+    # Statistics that are counted up (momentum None) are means over the device's own samples.
+    images = community.dataset.train.images.reshape(-1, 64).astype(np.float64)
+    seen = images * community.scaling.scale + community.scaling.shift
+    p = community.p[[0, 2]] / community.p[[0, 2]].sum()
+    expected = np.zeros(64)
+    for weight, device in zip(p, (0, 2), strict=True):
+        order = RandomStreams(1).generator(f"fl/digits/device{device}/round1")
+        samples = order.permutation(community.shares[device])
+        batches = [samples[i : i + 64] for i in range(0, len(samples), 64)]
+        expected += weight * np.mean([seen[batch].mean(axis=0) for batch in batches], axis=0)
+    assert after.models[0][-129:-65] == pytest.approx(expected, abs=1e-5)
+    assert after.algorithm[0]["first_moment"].size == after.models[0].size - 129
+
+
+def test_local_buffers_stay_with_their_device_which_is_measured_with_them() -> None:
+    federation = build(buffers="local")
+    start = fed.init(federation)
+    after, learnt = play(federation, start, 0, 2)
+    kept = after.buffers[0]
+    assert kept.shape == (3, 129)
+    assert (kept[1] == start.buffers[0][1]).all()  # not heard
+    assert not np.allclose(kept[0], kept[2])
+    community = federation.communities[0]
+    parameters = after.models[0][:-129]
+    right = [
+        community.network.correct_per_class(
+            community.reporting, np.concatenate([parameters, own]), scaling=community.scaling
+        ).sum()
+        for own in kept
+    ]
+    every = len(community.reporting.labels)
+    assert learnt.accuracy["digits"] == pytest.approx(community.p @ np.array(right) / every)
+    assert len({*learnt.device_accuracy.tolist()}) == 3
+    # The UAV's model carries the average of those that it heard.
+    p = community.p[[0, 2]] / community.p[[0, 2]].sum()
+    assert after.models[0][-129:] == pytest.approx(p @ kept[[0, 2]], rel=1e-4)
+    again, _ = play(federation, after, 0, 1)
+    assert (again.buffers[0][2] == kept[2]).all()
+    # It went on from its own: batches counted twice, those of the others not at all.
+    assert again.buffers[0][0][-1] == 2 * kept[0][-1]
+
+
+@pytest.mark.parametrize("more", [{}, {"buffers": "local"}])
+def test_a_checkpoint_holds_them(more: dict[str, str]) -> None:
+    federation = build(**more)
+    state, _ = play(federation, fed.init(federation), 1)
+    back = from_bytes(federation, to_bytes(federation, state))
+    assert back.buffers[0].tolist() == state.buffers[0].tolist()
+    one, _ = play(federation, state, 0, 1)
+    two, _ = play(federation, back, 0, 1)
+    assert one.models[0].tobytes() == two.models[0].tobytes()
+    assert to_bytes(federation, one) == to_bytes(federation, two)

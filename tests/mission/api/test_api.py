@@ -1,0 +1,290 @@
+"""The Python API: its names, what it returns, and that it flies within a running event loop."""
+
+import asyncio
+import inspect
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission import api as aerofed
+from mission.base.errors import PlanError
+from mission.base.interrupts import in_a_thread, run_flight
+from mission.cli import call
+from mission.log.records import UplinkRecord
+from mission.log.tables import read_table
+from mission.planner.errors import PlanInputError
+
+SMALL = {
+    "mission.steps": 4,
+    "mission.path_budget_m": 250.0,
+    "mission.rounds": 2,
+    "communities.0.devices": 3,
+    "communities.1.devices": 3,
+    "learning.local_epochs": 1,
+}
+TABLES = ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
+    """Flown as a notebook flies: an event loop is running."""
+
+    async def cell() -> aerofed.Run:
+        return aerofed.run("quickstart", SMALL, out=tmp_path_factory.mktemp("api") / "out")
+
+    return asyncio.run(cell())
+
+
+def test_the_public_names() -> None:
+    assert aerofed.__all__ == [
+        "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "Figure",
+        "ImportanceStrategy", "InputError", "LearningConfig", "MissionConfig", "Partition",
+        "PartitionTask", "Planner", "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
+        "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
+        "StaleStart", "Strategy", "StrategyContext", "Sweep", "Update", "UplinkRecord", "channel",
+        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep",
+        "plan", "resume", "run", "sweep",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", aerofed.__all__)
+def test_every_public_name_is_documented(name: str) -> None:
+    found = getattr(aerofed, name)
+    assert inspect.getdoc(found)
+    if inspect.isclass(found) and found.__module__.startswith("mission.api"):
+        for member, value in vars(found).items():
+            if not member.startswith("_") and (callable(value) or hasattr(value, "func")):
+                assert inspect.getdoc(value), member
+
+
+def test_importing_it_brings_nothing_heavy() -> None:
+    code = (
+        "import sys; from mission import api; print(*(m for m in sys.argv[1:] if m in sys.modules))"
+    )
+    heavy = ("pandas", "torch", "altair", "mavsdk", "jsbsim", "cvxpy", "scipy", "asyncio.events")
+    command = [sys.executable, "-c", code, *heavy[:-1]]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+@pytest.mark.slow
+def test_a_run_in_a_running_loop_is_that_of_the_command_line(
+    run: aerofed.Run, tmp_path: Path
+) -> None:
+    sets = [f"{key}={value}" for key, value in SMALL.items()]
+    assert call(["run", "--out", str(tmp_path / "cli"), "--quiet", "--set", *sets]) == 0
+    for name in TABLES:
+        assert (run.path / name).read_bytes() == (tmp_path / "cli" / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_tables_are_data_frames(run: aerofed.Run) -> None:
+    assert run.status == "finished"
+    assert run.rounds["round"].tolist() == [1, 2]
+    assert {"accuracy_digits", "cov_digits", "true_objective"} <= set(run.rounds.columns)
+    written = pd.read_csv(run.path / "rounds.csv")
+    pd.testing.assert_frame_equal(run.rounds, written)
+    records = read_table(run.path / "uplinks.csv", UplinkRecord)
+    assert run.uplinks["device"].tolist() == [item.device for item in records]
+    assert run.uplinks["delivered"].dtype == bool
+    assert len(run.learning) == 6 * 3
+    assert run.learning["loss"].notna().sum() == run.uplinks["delivered"].sum()
+    assert set(run.track["round"]) == {0, 1, 2}
+    first = run.track[run.track["round"] == 1]
+    steps = np.diff(first[["true_x_m", "true_y_m"]].to_numpy(), axis=0)
+    assert np.hypot(*steps.T).sum() == pytest.approx(run.rounds["flown_path_m"][0], abs=0.5)
+    assert run.config.mission.rounds == 2
+    assert run.summary["seed"] == 1
+    assert len(run.table("plans")) == 2 * 4
+
+
+@pytest.mark.slow
+def test_a_figure_is_shown_and_saved(run: aerofed.Run, tmp_path: Path) -> None:
+    figure = aerofed.load(run.path).figure("map")
+    assert figure._repr_png_() == (run.path / "figures" / "map.png").read_bytes()
+    assert figure.save(tmp_path / "map.svg").read_bytes().startswith(b"<svg")
+    with pytest.raises(aerofed.InputError, match="no figure 'mpa'; there are: 'map', 'rounds'"):
+        run.figure("mpa")
+
+
+@pytest.mark.slow
+def test_a_log_by_itself(run: aerofed.Run) -> None:
+    log = aerofed.load(run.path / "flight.mcap")
+    pd.testing.assert_frame_equal(log.rounds, run.rounds)
+    assert set(log.table("learning")["community"]) == {"digits", "colour-shapes"}
+    with pytest.raises(aerofed.InputError, match="a log has no table of devices"):
+        _ = log.learning
+    with pytest.raises(aerofed.InputError, match="no table 'plan'; there are: track, plans"):
+        log.table("plan")
+
+
+@pytest.mark.slow
+def test_runs_compare_as_on_the_command_line(run: aerofed.Run) -> None:
+    table = aerofed.compare(run, run.path / "flight.mcap")
+    assert table.index.tolist() == ["out", "flight.mcap"]
+    assert table.loc["out", "flown_path_m"] == pytest.approx(run.rounds["flown_path_m"].sum())
+    rounds = aerofed.compare(run, by_round=True)
+    assert rounds.loc[("out", 2), "delivered"] == run.rounds["delivered"][1]
+    assert len(aerofed.compare(run, rounds=1, by_round=True)) == 1
+    twice = aerofed.compare(run, aerofed.load(run.path))
+    assert twice.index.tolist() == [str(run.path)] * 2
+
+
+def test_plans() -> None:
+    problem = aerofed.first_problem("quickstart", {"mission.steps": 4})
+    plan = aerofed.plan(problem, gap=0.05)
+    assert plan.waypoints_m.shape == (4, 2)
+    assert plan.gap <= 0.05
+
+    class Stay:
+        def plan(self, problem: aerofed.RoundProblem) -> aerofed.RoundPlan:
+            return aerofed.finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+
+    assert aerofed.plan(problem, Stay()).path_m == 0.0
+
+
+def test_channels() -> None:
+    per = aerofed.channel("suburban").per([0.0, 100.0], 60.0)
+    assert per == pytest.approx(average_per(CHANNEL_PRESETS["suburban"], [0.0, 100.0]))
+    low = aerofed.channel("suburban", altitude_m=30.0)
+    assert low.per(100.0) == aerofed.channel("suburban").per(100.0, 30.0)
+    assert aerofed.channel("suburban", extra_gain_db=3.0).per(100.0) < per[1]
+
+
+def test_configurations(tmp_path: Path) -> None:
+    base = aerofed.config("quickstart")
+    assert aerofed.config(base, {"mission.rounds": 3}).mission.rounds == 3
+    assert base.mission.rounds == 6
+    (tmp_path / "own.toml").write_text(base.to_toml())
+    assert (
+        aerofed.config(tmp_path / "own.toml") == base == aerofed.config(str(tmp_path / "own.toml"))
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: aerofed.config("quikstart"), "quikstart: no such .* did you mean quickstart"),
+        (lambda: aerofed.config("none.toml"), "none.toml: cannot read the configuration"),
+        (
+            lambda: aerofed.config("quickstart", {"mission.round": 3}),
+            "^overrides: mission.round: unknown key; did you mean rounds",
+        ),
+        (
+            lambda: aerofed.config(aerofed.config(), {"mission.rounds": 0}),
+            "^overrides: mission.rounds = 0: must be a whole number",
+        ),
+        (lambda: aerofed.run(data_dir="nowhere"), "data_dir = 'nowhere': no such folder"),
+        (lambda: aerofed.channel("rural"), "channel: preset = 'rural': no such channel"),
+        (lambda: aerofed.channel(gain=3.0), "channel: gain: unknown key"),
+        (lambda: aerofed.channel(altitude_m=0.0), "channel: altitude_m = 0.0: must be above 0"),
+        (lambda: aerofed.load("nowhere"), "nowhere: no such run folder"),
+        (lambda: aerofed.load_sweep("nowhere"), "nowhere"),
+        (lambda: aerofed.resume("nowhere"), "nowhere: no such folder"),
+        (aerofed.compare, "give at least one run"),
+        (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
+        (
+            lambda: aerofed.plan(aerofed.first_problem(), "best"),
+            "planner: kind = 'best': must be one of",
+        ),
+        (lambda: aerofed.sweep(strategies=["cov", "cov"]), "'cov' is named twice"),
+        (lambda: aerofed.sweep(jobs=0), "jobs 0: at least 1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:
+    assert callable(wrong)
+    with pytest.raises(aerofed.InputError, match=words):
+        wrong()
+
+
+def test_a_problem_that_makes_no_sense() -> None:
+    channel = aerofed.channel()
+    problem = aerofed.RoundProblem(
+        np.zeros((2, 2)), np.ones(3), np.zeros(2), steps=2, per_step=1, path_budget_m=1.0,
+        channel=channel,
+    )  # fmt: skip
+    with pytest.raises(PlanInputError, match="importance has shape"):
+        aerofed.plan(problem)
+    assert issubclass(PlanInputError, PlanError | aerofed.AerofedError)
+
+
+@pytest.mark.slow
+def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
+    run: aerofed.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mission.run.recorder import FolderRecorder
+    from mission.run.round_result import RoundResult
+
+    finished = FolderRecorder.finished
+
+    def press(self: FolderRecorder, result: RoundResult) -> None:
+        finished(self, result)
+        if result.record.round == 1:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    async def cell() -> aerofed.Run:
+        return aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
+
+    async def again() -> aerofed.Run:
+        return aerofed.resume(tmp_path / "cut")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FolderRecorder, "finished", press)
+        with pytest.raises(KeyboardInterrupt, match="resume"):
+            in_a_notebook(cell())
+    assert aerofed.load(tmp_path / "cut").status == "interrupted"
+    in_a_notebook(again())
+    for name in TABLES:
+        assert (tmp_path / "cut" / name).read_bytes() == (run.path / name).read_bytes()
+
+
+def in_a_notebook(cell: object) -> object:
+    """Ctrl-C comes out of the cell, not as asyncio's cancellation of all."""
+    loop = asyncio.new_event_loop()
+    try:
+        return loop.run_until_complete(cell)  # type: ignore[arg-type]
+    finally:
+        loop.close()
+
+
+def test_an_interruption_before_the_flight_begins_ends_it_as_it_begins() -> None:
+    begun = threading.Event()
+
+    async def flight() -> None:
+        await asyncio.sleep(3600.0)
+
+    def work() -> None:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        begun.set()
+        run_flight(flight())
+
+    with pytest.raises(KeyboardInterrupt):
+        in_a_thread(work)
+    assert begun.is_set()
+
+
+@pytest.mark.slow
+def test_sweeps(tmp_path: Path) -> None:
+    async def cell() -> aerofed.Sweep:
+        return aerofed.sweep(
+            "quickstart", strategies=["cov", "ideal"], seeds=1, overrides=SMALL,
+            settings={"learning.mu": [0.0, 0.1]}, out=tmp_path / "s", jobs=2,
+        )  # fmt: skip
+
+    swept = asyncio.run(cell())
+    assert len(swept.runs) == 4
+    assert set(swept.runs["learning.mu"]) == {0.0, 0.1}
+    assert len(swept.rounds) == 8
+    written = pd.read_csv(tmp_path / "s" / "runs.csv")
+    pd.testing.assert_frame_equal(swept.runs, written, check_dtype=False)
+    one = swept.run(swept.runs["run"][0])
+    assert len(one.rounds) == 2
+    assert swept.figure("final")._repr_png_().startswith(b"\x89PNG")
+    assert len(aerofed.load_sweep(tmp_path / "s").runs) == 4
