@@ -194,7 +194,9 @@ def by_grid(problem, *, spacing, slack_m):
     gain = np.zeros(columns)
     gain[serve] = worth[None]
     gain[served_at_start] = at_start
-    rows, where, weight, low_side, high_side = [], [], [], [], []
+    rows, where, weight = [], [], []
+    low_side: list[float] = []
+    high_side: list[float] = []
 
     def constrain(columns, weights, lower, upper):
         rows.append(np.full(len(columns), len(low_side)))
