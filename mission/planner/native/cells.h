@@ -101,16 +101,23 @@ static double upper_from(const Cells *cells, double r)
     return cells->upper[i] + t * (cells->upper[i + 1] - cells->upper[i]);
 }
 
-/* Bounds of what device k brings at the corners of a square, linear in between. */
-static Corners reward_at_corners(const Cells *cells, int64_t k, Point middle, double half)
+/* The smallest size of squares with tangents that is not under this one. */
+static int size_of(double half)
+{
+    int size = 0;
+    while (size < SIZES - 1 && half <= LARGEST_HALF / (double)(2 << size)) size++;
+    return size;
+}
+
+/* Bounds of what device k brings at the corners of a square of that size, linear in between. */
+static inline Corners reward_at_corners(
+    const Cells *cells, int64_t k, Point middle, double half, int size)
 {
     const Point u = cells->devices.at[k];
     const double r = between(middle, u), delta = cells->devices.delta[k];
     const double nearest = delta * upper_from(cells, r - 1.4142136 * half);
     const int64_t rows = cells->devices.rows, i = (int64_t)(r + 0.5);
     if (half > LARGEST_HALF || i >= rows) return nearest - (Corners){0.0};
-    int size = 0;
-    while (size < SIZES - 1 && half <= LARGEST_HALF / (double)(2 << size)) size++;
     const double *row = cells->devices.table + 3 * i;
     const double slope = falling(row);
     const double here = row[0] + slope * (r - (double)i) + cells->rise[size * rows + i];
@@ -125,9 +132,10 @@ static Corners reward_at_corners(const Cells *cells, int64_t k, Point middle, do
 static int64_t add_cell(Cells *cells, double x, double y, double half)
 {
     const int64_t devices = cells->devices.count, number = cells->count++;
+    const int size = size_of(half);
     Corners *reward = cells->reward + devices * number;
     for (int64_t k = 0; k < devices; k++)
-        reward[k] = reward_at_corners(cells, k, (Point){x, y}, half);
+        reward[k] = reward_at_corners(cells, k, (Point){x, y}, half, size);
     cells->cell[number] = (Cell){.x = x, .y = y, .half = half, .rated = -1};
     return number;
 }

@@ -6,7 +6,8 @@
 #include "ascent.h"
 #include "potentials.h"
 
-static const double RATE = 6.0, LAST_RATE = 0.045; /* steps of all devices together, as shares of the best reward */
+/* Steps of all devices together, as shares of the best reward. */
+static const double RATE = 6.0, LAST_RATE = 0.045;
 static const double FEW_DEVICES = 50.0; /* fewer do not each take larger steps */
 static const double HEAT = 0.1, LAST_HEAT = 0.005;    /* smoothness of mu, as shares of mu L */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
@@ -42,7 +43,8 @@ typedef struct {
 
 static int64_t most_samples(const Mesh *mesh) { return mesh->vertices * SPLITS * SPLITS; }
 
-static Descent lay_out_descent(Arena *arena, const Devices *devices, const Limits *limits, int64_t samples)
+static Descent lay_out_descent(
+    Arena *arena, const Devices *devices, const Limits *limits, int64_t samples)
 {
     const Mesh first = mesh_of(devices, limits->length), mesh = finer_mesh(&first);
     const int64_t v = mesh.vertices, all = v * devices->count;
@@ -73,7 +75,8 @@ static Descent lay_out_descent(Arena *arena, const Devices *devices, const Limit
 
 /* List the places where device k is looked at: vertices, and more where f bends within a cell.
    Returns how many; they are written where there is memory for them. */
-static int64_t list_samples(const Devices *devices, const Mesh *mesh, double length, int64_t k, Sample *into)
+static int64_t list_samples(
+    const Devices *devices, const Mesh *mesh, double length, int64_t k, Sample *into)
 {
     int64_t count = 0;
     const double best = devices->table[0], faint = FAINT * best;
@@ -87,13 +90,15 @@ static int64_t list_samples(const Devices *devices, const Mesh *mesh, double len
         const int splits =
             inner && bend * mesh->side * mesh->side > 8.0 * BENT * best ? SPLITS : 1;
         for (int i = 0; i < splits * splits; i++) {
-            const double east = (double)(i % splits) / splits, north = (double)(i / splits) / splits;
+            const double east = (double)(i % splits) / splits;
+            const double north = (double)(i / splits) / splits;
             const Point place = {corner.x + mesh->side * east, corner.y + mesh->side * north};
             const double f = reward(between(place, devices->at[k]), devices).f;
             if (f < faint || from_start(place, 0.0, 1.0) > length) continue;
             if (into) {
+                const int32_t alone = (int32_t)v; /* at the edge of the mesh */
                 into[count] = inner ? sample_at(mesh, v, east, north)
-                                    : (Sample){{(int32_t)v, (int32_t)v, (int32_t)v}, {1.0, 0.0, 0.0}, 0.0};
+                                    : (Sample){{alone, alone, alone}, {1.0, 0.0, 0.0}, 0.0};
                 into[count].reward = devices->delta[k] * f;
             }
             count++;
@@ -115,7 +120,8 @@ static int64_t count_samples(const Devices *devices, const Limits *limits)
 {
     const Mesh first = mesh_of(devices, limits->length), second = finer_mesh(&first);
     const int64_t count = count_on(devices, &first, limits->length);
-    return most(count, count_on(devices, &second, limits->length));
+    const int64_t fine = count_on(devices, &second, limits->length);
+    return count > fine ? count : fine;
 }
 
 static void fill_samples(Descent *all)
@@ -127,7 +133,10 @@ static void fill_samples(Descent *all)
 }
 
 /* psi, from chi and the sum over phi. */
-static inline double psi_at(const Descent *all, int64_t i) { return all->now.chi[i] - all->half_sum[i]; }
+static inline double psi_at(const Descent *all, int64_t i)
+{
+    return all->now.chi[i] - all->half_sum[i];
+}
 
 /* The rises of a function along the sides of all triangles. */
 static void rise_of(Descent *all, const double *value)
@@ -195,10 +204,12 @@ static inline double step_down(double slope, double *mean, double *square, Pace 
     return unit * pace.rate * (*mean / pace.mean_past) / (sqrt(*square / pace.square_past) + 1e-8);
 }
 
-static void step_all(int64_t count, const double *slope, double *x, Moments of, Pace pace, double unit)
+static void step_all(
+    int64_t count, const double *slope, double *x, Moments of, Pace pace, double unit)
 {
     double *restrict mean = of.mean, *restrict square = of.square, *restrict at = x;
-    for (int64_t i = 0; i < count; i++) at[i] -= step_down(slope[i], mean + i, square + i, pace, unit);
+    for (int64_t i = 0; i < count; i++)
+        at[i] -= step_down(slope[i], mean + i, square + i, pace, unit);
 }
 
 /* Turn h into the slopes of its smooth maximum times the length: `slopes` by |grad phi . t|, `lean`
@@ -301,7 +312,8 @@ static double slope_of_peak(Descent *all, int64_t k, const double *phi)
     for (int64_t i = 0; i < count; i++) {
         const double share = all->value[i] / total;
         if (share > 0.0)
-            for (int c = 0; c < 3; c++) all->gradient[sample[i].vertex[c]] -= share * sample[i].share[c];
+            for (int c = 0; c < 3; c++)
+                all->gradient[sample[i].vertex[c]] -= share * sample[i].share[c];
     }
     return 1.0 - unserved / total;
 }
@@ -413,7 +425,8 @@ static void refine(Descent *all)
     const Mesh mesh = all->now.mesh, fine = finer_mesh(&mesh);
     const int64_t devices = all->cells.devices.count;
     for (int64_t k = devices - 1; k >= 0; k--) { /* from the last: they move into what is behind */
-        memcpy(all->gradient, all->now.phi + k * mesh.vertices, (size_t)mesh.vertices * sizeof(double));
+        const double *phi = all->now.phi + k * mesh.vertices;
+        memcpy(all->gradient, phi, (size_t)mesh.vertices * sizeof(double));
         refine_function(&mesh, all->gradient, all->now.phi + k * fine.vertices);
     }
     memcpy(all->gradient, all->now.chi, (size_t)mesh.vertices * sizeof(double));

@@ -225,7 +225,8 @@ static void look_into(
     const Point middle = {
         corner.x + mesh->side * part.east + half, corner.y + mesh->side * part.north + half};
     if (from_start(middle, half, -1.0) > length) return;
-    const Corners reward = reward_at_corners(cells, peak->device, middle, half);
+    const Corners reward = reward_at_corners(
+        cells, peak->device, middle, half, size_of(half));
     double bound = -INFINITY;
     for (int i = 0; i < 4; i++) {
         const Sample at = sample_at(

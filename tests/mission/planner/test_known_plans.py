@@ -13,6 +13,7 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.certified import FEW_STEPS, CertifiedPlanner
+from mission.planner.native.library import MOST_DEVICES
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import SqpPlanner
 
@@ -41,7 +42,10 @@ def test_plans_and_bounds_are_those_of_the_first_implementation(case):
     enough_places = case["devices"] <= case["steps"] * case["per_step"]
     if case["steps"] > FEW_STEPS and enough_places:
         assert plan.value == pytest.approx(case["certified"], rel=1e-9)
-        assert plan.upper_bound == pytest.approx(case["upper_bound"], rel=1e-9)
+        if case["devices"] <= MOST_DEVICES:
+            assert plan.upper_bound == pytest.approx(case["upper_bound"], rel=1e-9)
+        else:  # potentials bound it better
+            assert plan.value <= plan.upper_bound < case["upper_bound"]
         assert plan.nodes == case["nodes"]
     else:  # another search, or a bound that was not one: places were given up for good
         assert plan.value >= case["certified"] * (1.0 - 1e-9)

@@ -106,7 +106,7 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
         steepest * problem.path_budget_m - psi.min() + nu * limits.steps * limits.per_step
         + (peaks - nu).sum()
     )  # fmt: skip
-    assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.012
+    assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.03
 
 
 def test_potentials_on_another_mesh_are_refused():
@@ -194,7 +194,9 @@ def by_grid(problem, *, spacing, slack_m):
     gain = np.zeros(columns)
     gain[serve] = worth[None]
     gain[served_at_start] = at_start
-    rows, where, weight, low_side, high_side = [], [], [], [], []
+    rows, where, weight = [], [], []
+    low_side: list[float] = []
+    high_side: list[float] = []
 
     def constrain(columns, weights, lower, upper):
         rows.append(np.full(len(columns), len(low_side)))
