@@ -294,7 +294,7 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
     ("area", "words"),
     [
         (
-            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[410,300],[500,300],[500,500]]",
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[410,300],[500,300],[410,500]]",
             "the start lies nearer than area.margin_m = 15 m to the area 'school', which must not",
         ),
         (
