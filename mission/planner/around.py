@@ -21,12 +21,13 @@ from mission.planner.schedule import assign
 
 _SHARES = (0.9, 0.75, 0.55)  # of the budget, where the way around costs the rest
 _TRIED = 2  # paths of either kind that are improved
+_LED = 25  # of those drawn, for which ways are looked for
 _DRAWN = 150  # paths at random: around areas there are many best ones nearby, and one best of all
 _MOST_DEVICES = 40  # that a path is grown towards: the way between any two of them is needed
-_FIRSTS = 12  # devices, each of which one path is grown from
+_FIRSTS = 8  # devices, each of which one path is grown from
 _FREE_M = 20.0  # of a way that one more device takes: less counts as this
-_STRIDES_M = (80.0, 30.0, 10.0, 3.0, 1.0)
-_ROUNDS = 3  # over all waypoints with one stride, at most
+_FAR_M, _NEAR_M = (80.0, 30.0), (10.0, 3.0, 1.0)  # strides of all that are tried, of the best
+_ROUNDS = 2  # over all waypoints with one stride, at most
 _GAIN = 1e-6  # of the value: less is no improvement
 _SHORTER_M = 0.5
 _TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
@@ -57,7 +58,8 @@ class AroundPlanner:
                 others.append(finish(problem, self.inner.plan(shorter).waypoints_m))
             drawn = [finish(problem, path) for path in _drawn(problem)]
             tried = [*_best(others), *_best(drawn)]
-            best = max((_moved(problem, other) for other in tried), key=_value)
+            coarse = [_moved(problem, other, _FAR_M) for other in tried]
+            best = _moved(problem, max(coarse, key=_value), _NEAR_M)
         bound = min(ideal.upper_bound, reach_bound(problem))  # NaN stays, where none is proven
         bound = ideal.upper_bound if np.isnan(ideal.upper_bound) else bound
         return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
@@ -79,12 +81,13 @@ def _best(plans: list[RoundPlan]) -> list[RoundPlan]:
 
 
 def _drawn(problem: RoundProblem) -> Floats:
-    """(_DRAWN, N, 2) waypoints at random among the devices, the same ones every time."""
+    """(_LED, N, 2) the best of waypoints at random among the devices, the same ones every time."""
     every = np.vstack((problem.devices_m, problem.start_m))
     rng = np.random.Generator(np.random.PCG64(0))
     paths = rng.uniform(every.min(axis=0), every.max(axis=0), (_DRAWN, problem.steps, 2))
     paths[:, 0] = problem.start_m
-    return paths
+    worth = [-_worth(problem, path) for path in paths]
+    return np.asarray(paths[np.argsort(worth, kind="stable")[:_LED]])
 
 
 def grown(problem: RoundProblem) -> list[Floats]:
@@ -171,13 +174,13 @@ def _value(plan: RoundPlan) -> float:
     return plan.value
 
 
-def _moved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
+def _moved(problem: RoundProblem, plan: RoundPlan, strides_m: tuple[float, ...]) -> RoundPlan:
     """The plan after every move of one waypoint that makes it worth more, or as much and shorter.
 
     A search by shrinking strides (Hooke and Jeeves, 1961): the way around has corners, where it
     has no gradient.
     """
-    for stride_m in _STRIDES_M:
+    for stride_m in strides_m:
         for _ in range(_ROUNDS):
             before = plan
             for n in range(1, problem.steps):

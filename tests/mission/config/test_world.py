@@ -294,7 +294,7 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
     ("area", "words"),
     [
         (
-            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[300,300],[500,300],[500,500]]",
+            "[[area.no_fly]]\nname = 'school'\npolygon_m = [[410,300],[500,300],[410,500]]",
             "the start lies nearer than area.margin_m = 15 m to the area 'school', which must not",
         ),
         (
@@ -303,7 +303,7 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
         ),
         (
             "[[area.no_fly]]\nname = 'low'\nto_m = 30\npolygon_m = [[300,300],[500,300],[500,500]]",
-            "the start lies nearer than area.margin_m = 15 m to the area 'low'",
+            "the start lies inside the area 'low', which must not be flown",
         ),
         ("[area]\nfence_m = [[0,0],[100,0],[100,100]]", "the start lies outside the fence"),
         ("[area]\nfence_m = [[0,0],[405,0],[405,800],[0,800]]", "nearer than area.margin_m = 15 m"),

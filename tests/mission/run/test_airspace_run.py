@@ -89,7 +89,7 @@ def test_log_maps_and_plan_files_show_what_counts(run: Path, tmp_path: Path) -> 
     for picture in run_pictures(loaded).values():
         if "learnt" not in str(picture.title):
             assert "no entry" in picture.to_json()
-    plan = json.loads((run / "plans" / "round-00001.plan").read_text())
+    plan = json.loads((run / "plans" / "round-001.plan").read_text())
     assert [p["inclusion"] for p in plan["geoFence"]["polygons"]] == [False, True]
     kml = tmp_path / "f.kml"
     assert call(["log", "export", str(run), str(kml), "--to", "kml"]) == 0
@@ -118,7 +118,7 @@ def test_the_baselines_keep_out_too(strategy: str, tmp_path: Path) -> None:
 
 def test_the_vehicle_itself_holds_the_fence(run: Path, tmp_path: Path) -> None:
     """A plan across the wall, flown with the fence that the run's plan files carry."""
-    plan = json.loads((run / "plans" / "round-00001.plan").read_text())
+    plan = json.loads((run / "plans" / "round-001.plan").read_text())
     home = plan["mission"]["plannedHomePosition"]
     item = plan["mission"]["items"][-1]
     first = plan["mission"]["items"][0]
