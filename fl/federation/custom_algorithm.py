@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fl.config import LearningConfig
+from fl.errors import kind_of
 from fl.federation.algorithms import (
     Algorithm,
     AlgorithmState,
@@ -45,18 +46,24 @@ class CustomAlgorithm:
         return self._state(state, "init()")
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
-        """The researcher's correction; refused where it is not of the model's size."""
+        """The researcher's correction; refused where it is not finite."""
         doing = f"correction() of device {device}"
         with guarded(self.name, key=KEY, doing=doing):
             found = self.inner.correction(state, device)
-            return None if found is None else np.asarray(found, dtype=np.float32)
+            correction = None if found is None else np.ascontiguousarray(found, dtype=np.float32)
+        if correction is not None and not np.isfinite(correction).all():
+            self._refuse(f"{doing} gives values that are not finite")
+        return correction
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
         """The researcher's next model and state."""
         with guarded(self.name, key=KEY, doing="apply()"):
-            after, kept = self.inner.apply(state, model, updates)
+            found: Any = self.inner.apply(state, model, updates)
+        if not isinstance(found, tuple) or len(found) != 2:
+            self._refuse(f"apply() gives {kind_of(found)}, not the two of model and state")
+        after, kept = found
         return self._model(after, model, "apply()"), self._state(kept, "apply()")
 
     def _number(self, member: str, low: float, high: float) -> float:
@@ -82,7 +89,12 @@ class CustomAlgorithm:
                 f"{doing} gives a {type(state).__name__} as its state, not a dictionary of arrays"
             )
         with guarded(self.name, key=KEY, doing=f"{doing}: the state that it gives"):
-            return {str(key): np.asarray(value, dtype=np.float32) for key, value in state.items()}
+            kept = {str(key): np.array(value, dtype=np.float32) for key, value in state.items()}
+        for name, value in kept.items():
+            if not np.isfinite(value).all():
+                self._refuse(f"{doing} gives a state with values that are not finite: {name}")
+            value.setflags(write=False)  # as it will be when a run is resumed
+        return kept
 
     def _refuse(self, reason: str) -> None:
         raise PluginError(KEY, self.name, reason)

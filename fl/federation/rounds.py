@@ -17,6 +17,7 @@ from fl.errors import DivergedError
 from fl.federation import fairness as fair
 from fl.federation.algorithms import AlgorithmState, StaleStart, Update, mean_step
 from fl.federation.community import Community, Federation, build
+from fl.plugins import PluginError
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
 
 __all__ = [
@@ -255,6 +256,21 @@ class CommunityUpdate:
     measured: _Measured
 
 
+def _correction(
+    federation: Federation, state: FederationState, index: int, device: int
+) -> Vector | None:
+    """What the algorithm adds to a device's gradients; that of a user's may be of any size."""
+    found = federation.algorithm.correction(state.algorithm[index], device)
+    if found is not None and found.shape != state.models[index].shape:
+        raise PluginError(
+            "learning.algorithm",
+            federation.learning.algorithm,
+            f"correction() of device {device} is of shape {found.shape}, not the model's "
+            f"{state.models[index].shape}",
+        )
+    return found
+
+
 def _train(
     federation: Federation, state: FederationState, index: int, devices: Sequence[int]
 ) -> list[LocalResult]:
@@ -268,7 +284,7 @@ def _train(
             LocalTask(
                 samples=community.shares[device],
                 rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-                correction=algorithm.correction(state.algorithm[index], device),
+                correction=_correction(federation, state, index, device),
             )
             for device in devices
         ],

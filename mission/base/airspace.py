@@ -18,6 +18,9 @@ from mission.base.arrays import Bools, Floats
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around
 _REMEMBERED = 10_000  # ways
+_REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
+_DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
+_AROUND = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
 _AT_ONCE = 200_000  # pairs of a leg and an edge
 
 
@@ -90,6 +93,10 @@ class Airspace:
             allowed &= _within(self.keep_in, points_m)
         return allowed
 
+    def outside(self, points_m: Floats) -> Bools:
+        """(P,) whether points (P, 2) are allowed, and on no outline."""
+        return self.allows(points_m) & ~self.crosses(points_m, points_m)
+
     def free(self, points_m: Floats) -> Bools:
         """(P,) whether they are allowed, and at the margin from every outline."""
         if self.is_open or not len(points_m):
@@ -103,6 +110,13 @@ class Airspace:
 
     def clear(self, from_m: Floats, to_m: Floats) -> Bools:
         """(S,) whether legs (S, 2) -> (S, 2) keep the margin from every outline."""
+        return self._keeps(from_m, to_m, self.margin_m - _SLACK_M)
+
+    def crosses(self, from_m: Floats, to_m: Floats) -> Bools:
+        """(S,) whether legs (S, 2) -> (S, 2) meet an outline, margin or not."""
+        return ~self._keeps(from_m, to_m, _SLACK_M)
+
+    def _keeps(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
         if self.is_open:
             return np.ones(len(from_m), dtype=bool)
         start, end = self._edges
@@ -111,10 +125,12 @@ class Airspace:
             _apart(from_m[some : some + chunk], to_m[some : some + chunk], start, end)
             for some in range(0, len(from_m), chunk)
         ]
-        return np.asarray(np.concatenate([*far, np.empty(0)]) >= self.margin_m - _SLACK_M)
+        return np.asarray(np.concatenate([*far, np.empty(0)]) >= away_m)
 
     def moved(self, points_m: Floats) -> Floats:
-        """(P, 2) the points; one that is not free is where it is nearest to it and free.
+        """(P, 2) the points; one that is not free is at a place close to it that is.
+
+        From an allowed point the place is on its own side of every outline.
 
         Raises:
             ValueError: nowhere is free.
@@ -134,10 +150,14 @@ class Airspace:
         away = point_m - feet
         far = np.maximum(np.hypot(*away.T), _SLACK_M)[:, None]
         beside = self._beside_m
+        # Where the margins of two outlines meet, the nearest place is at neither's side.
+        rings = (point_m + reach * beside * _AROUND for reach in _REACHES)
         places = np.vstack(
-            (feet + beside * left, feet + beside * away / far, self._corners, self._nooks)
+            (feet + beside * left, feet + beside * away / far, self._corners, self._nooks, *rings)
         )
         places = places[self.free(places)]
+        if self.outside(point_m[None])[0]:
+            places = places[~self.crosses(np.broadcast_to(point_m, places.shape), places)]
         if not len(places):
             raise ValueError("nowhere is free")
         return np.asarray(places[np.hypot(*(places - point_m).T).argmin()])

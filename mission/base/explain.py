@@ -58,8 +58,14 @@ def refusal(
 ) -> str:
     """The line about one key and its value."""
     if option := given.get(name):
-        return f"{option} {value}: {reason}"
+        return _of_option(option, value, reason)
     return f"{_Blame(source, given, giver).on(name)}: {name} = {shown(value)}: {reason}"
+
+
+def _of_option(option: str, value: Any, reason: str) -> str:
+    """Of an option that may be given several times, the reason says which one is meant."""
+    several = isinstance(value, list | tuple)
+    return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
 
 
 def shown(value: Any) -> str:
@@ -109,7 +115,7 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, blame: _Blame) -> s
             if notation == "TOML":
                 reason += _heading(value, key)
     if option := blame.given.get(name):
-        return f"{option} {value}: {reason}"
+        return _of_option(option, value, reason)
     return f"{blame.on(name)}: {name or 'configuration'}{equals}: {reason}"
 
 

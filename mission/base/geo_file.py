@@ -20,6 +20,8 @@ Pair = tuple[float, float]
 # Names of columns, of which the first is the one that messages name.
 _X, _Y = ("x", "x_m"), ("y", "y_m")
 _LAT, _LON = ("lat", "lat_deg", "latitude"), ("lon", "lon_deg", "lng", "longitude")
+MOST_CORNERS = 500  # of all outlines together: the ways around them take their cube
+_LARGEST_BYTES = 1 << 24
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
 _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
@@ -97,11 +99,17 @@ def check_degrees(where: str, lat: float, lon: float) -> None:
 
 def _text(path: Path) -> str:
     try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise InputError(
+                f"{path}: larger than {_LARGEST_BYTES >> 20} MiB: no file of a few places"
+            )
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+    except ValueError:  # a name with a null in it
+        raise InputError(f"{path}: no name of a file") from None
 
 
 def _table_places(path: Path, text: str) -> Iterator[Place]:
@@ -151,7 +159,7 @@ def _number(where: str, name: str, value: Any) -> float:
     """A finite number, from a cell or from JSON."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise InputError(f"{where}: {name} = {shown(value)}: must be a number")
@@ -231,6 +239,11 @@ def _rings(
             raise InputError(f"{where}: coordinates = {shown(rings)}: must be a list of rings")
         if len(rings) > 1:
             raise InputError(f"{where}: has {len(rings) - 1} holes: an area must be without any")
+        if len(rings[0]) > MOST_CORNERS + 1:
+            raise InputError(
+                f"{where}: a ring of {len(rings[0])} positions: an area has {MOST_CORNERS} corners "
+                "at most; simplify it"
+            )
         corners = [_position(where, position) for position in rings[0]]
         if len(corners) < 4 or corners[0] != corners[-1]:
             raise InputError(

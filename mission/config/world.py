@@ -16,7 +16,7 @@ from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import NOTHING, Given, explain, refusal
-from mission.base.geo_file import Pair, Place, Ring, read_places, read_rings
+from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
 
 _MARGIN = 0.1  # of its longer side, around the extent of what stands on the ground
@@ -103,7 +103,15 @@ def _with_rings(area: AreaConfig, path: Path, given: Given) -> AreaConfig:
         if crossing(np.array(corners)):
             raise InputError(f"{path}: {rings[0].where}: crosses itself, or has no area")
         known |= {"fence_m": corners, "fence_file": None}
-    return area.model_copy(update=known) if known else area
+    whole = area.model_copy(update=known) if known else area
+    outlines = [*(zone.polygon_m for zone in whole.no_fly), whole.fence_m or ()]
+    corners_in_all = sum(map(len, outlines))
+    if corners_in_all > MOST_CORNERS:
+        raise InputError(
+            f"{path}: area: the areas and the fence have {corners_in_all} corners; {MOST_CORNERS} "
+            "at most, as paths are led around every one of them: simplify them"
+        )
+    return whole
 
 
 def _rings(area: AreaConfig, name: str, path: Path, given: Given) -> tuple[Ring, ...]:

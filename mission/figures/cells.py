@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import altair as alt
 
 from mission.figures.charts import LayerChart, finished
-from mission.figures.style import BAD, COOL, GRID, INK, PAPER, SOFT, table
+from mission.figures.style import BAD, COOL, GRID, INK, SOFT, table
 
 _WIDTH, _HEIGHT = 78.0, 40.0
 
@@ -36,6 +36,7 @@ def cell_map(
         down=[cell.down for cell in cells],
         across=[cell.across for cell in cells],
         value=[cell.value for cell in cells],
+        strength=[abs(cell.value) for cell in cells],
         words=[cell.words for cell in cells],
         weight=["bold" if cell.bold else "normal" for cell in cells],
     )
@@ -43,17 +44,19 @@ def cell_map(
         x=alt.X("across:O", title=across, sort=columns, axis=alt.Axis(labelAngle=0)),
         y=alt.Y("down:O", title=down, sort=rows),
     )
-    ends = [-most, 0.0, most] if signed else [0.0, most]
-    colours = [BAD, PAPER, COOL] if signed else [PAPER, SOFT]
-    scale = alt.Scale(domain=ends, range=colours, interpolate="rgb")
+    # By how much it covers the paper, which is of either theme, and not by a mixed colour.
+    strength = alt.FillOpacity(
+        "strength:Q", scale=alt.Scale(domain=[0.0, most], range=[0.0, 0.7]), legend=None
+    )
+    colour = alt.when("datum.value < 0").then(alt.value(BAD)).otherwise(alt.value(COOL))
     tip = [
         alt.Tooltip("down:O", title=down),
         alt.Tooltip("across:O", title=across),
         alt.Tooltip("words:N", title=" "),
     ]
     layers = [
-        base.mark_rect(stroke=GRID, fillOpacity=0.7).encode(
-            color=alt.Color("value:Q", scale=scale, legend=None), tooltip=tip
+        base.mark_rect(stroke=GRID).encode(
+            fill=colour if signed else alt.value(SOFT), fillOpacity=strength, tooltip=tip
         ),
         *(
             base.transform_filter(alt.datum.weight == weight)

@@ -15,6 +15,7 @@ from fl.radio.channel import average_per
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace, cut
 from mission.base.arrays import Floats
+from mission.planner.certified import TABLED
 from mission.planner.evaluate import finish, success
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.schedule import assign
@@ -60,8 +61,11 @@ class AroundPlanner:
             tried = [*_best(others), *_best(drawn)]
             coarse = [_moved(problem, other, _FAR_M) for other in tried]
             best = _moved(problem, max(coarse, key=_value), _NEAR_M)
-        bound = min(ideal.upper_bound, reach_bound(problem))  # NaN stays, where none is proven
-        bound = ideal.upper_bound if np.isnan(ideal.upper_bound) else bound
+        bound = ideal.upper_bound  # NaN stays, where none is proven
+        # A way out of an area leads nearer to devices than anybody is allowed to be.
+        if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
+            bound = min(bound, reach_bound(problem))
+        assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
         return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
 
 

@@ -188,11 +188,15 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
 def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:
     space, route = problem.airspace, plan.route_m
     free = space.free(route)
-    # From a start that is not free it must first get out.
+    # From a start that is not free it must first get out; only out of an area across an outline.
     first = int(free.argmax()) if free.any() else len(route)
-    crossed = np.flatnonzero(~space.clear(route[first:-1], route[first + 1 :]))
+    wrong = ~space.clear(route[:-1], route[1:])
+    wrong[:first] = space.crosses(route[:first], route[1 : first + 1]) & space.outside(
+        route[:first]
+    )
+    crossed = np.flatnonzero(wrong)
     if len(crossed):
-        a, b = route[first + crossed[0]], route[first + crossed[0] + 1]
+        a, b = route[crossed[0]], route[crossed[0] + 1]
         raise InfeasiblePlanError(
             f"the leg from ({a[0]:.1f}, {a[1]:.1f}) to ({b[0]:.1f}, {b[1]:.1f}) leads nearer than "
             f"{space.margin_m:g} m to an area that must not be flown, or to the fence"

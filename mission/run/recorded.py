@@ -60,14 +60,16 @@ def fly_recorded(
     flight: Recorded | None = None
     totals = RunTotals.before(0)
     summary.started()
-    try:
-        with outcome.aside("log"), one_interruption(), opening as flight:
-            totals = flight.totals
-            with outcome.flight():
-                run_flight(flight.run())
-    finally:
-        if outcome.status != "finished":
-            summary.ended(outcome, totals, stopwatch)
+    # An interrupted flight is written down before another interruption is heard.
+    with one_interruption():
+        try:
+            with outcome.aside("log"), opening as flight:
+                totals = flight.totals
+                with outcome.flight():
+                    run_flight(flight.run())
+        finally:
+            if outcome.status != "finished":
+                summary.ended(outcome, totals, stopwatch)
     if outcome.status == "finished":
         InterruptedFiles(folder).discard()
     try:

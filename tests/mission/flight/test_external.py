@@ -159,7 +159,7 @@ def test_a_url_of_another_kind_is_refused_in_words(
     out = tmp_path / "out"
     assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
     (error,) = capsys.readouterr().err.splitlines()
-    assert "link.url = " in error
+    assert "--vehicle " in error
     assert url in error
     assert "udpin://HOST:PORT" in error
     assert "serial:///DEVICE:BAUD" in error

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pymap3d
 import pytest
-from described import charts, described, keys, rows
+from described import charts, described, keys, tables
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_flight import AREA, fly
@@ -84,7 +84,7 @@ def test_log_scene_map_kml_report_and_figure_have_it(tmp_path: Path) -> None:
     assert "no entry" in [node.text for node in kml.iter("{http://www.opengis.net/kml/2.2}name")]
     page = write_report(made.log).read_text(encoding="utf-8")
     shown = next(spec for title, spec in charts(page).items() if title.startswith("round 1"))
-    kinds = {row["kind"] for row in rows(shown, "kind", "part")}
+    kinds = {row["kind"] for table in tables(shown, "kind", "part") for row in table}
     assert {"fence", "no entry"} <= kinds
     assert keys(described(overview(load_run(made.log).data, "run")))["stroke"] == [
         "fence", "no entry",

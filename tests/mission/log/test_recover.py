@@ -205,14 +205,14 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         try:
             recover(log, saved)
         except LogError:
-            assert sampled_ns < 1_000_000_000
+            assert sampled_ns < 5_000_000_000
             continue
         found = messages_of(saved)
         assert found == everything[: len(found)]
         assert check(saved) == ()
         poses = load(saved).messages.get("/true/pose", [])
         newest = poses[-1].log_time if poses else 0
-        assert newest > sampled_ns - 1_000_000_000
+        assert newest > sampled_ns - 5_000_000_000
         seconds.append(newest / 1e9)
     assert len({round(s) for s in seconds}) > KILLS // 5  # the moments were spread
 

@@ -18,7 +18,8 @@ def killed(folder: Path, *, rounds: int = 3, share: float = 0.8) -> None:
     made = fly(folder, rounds=rounds)
     made.log.write_bytes(made.log.read_bytes()[: int(share * made.log.stat().st_size)])
     (folder / "checkpoint").mkdir()
-    (folder / "summary.json").write_text(json.dumps({"status": "running"}))
+    (folder / "checkpoint" / "rounds.json").write_text("[]")
+    (folder / "summary.json").write_text(json.dumps({"status": "running", "resumable": True}))
 
 
 @pytest.mark.slow

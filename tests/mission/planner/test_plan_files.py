@@ -185,7 +185,7 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
     plans = json.loads(out.read_text())
     assert list(plans) == ["a", "b/../c"]
     assert set(plans["a"]) == {
-        "waypoints", "schedule", "value", "upper_bound", "gap", "nodes", "time_s",
+        "waypoints", "route", "schedule", "value", "upper_bound", "gap", "nodes", "time_s",
     }  # fmt: skip
     way, schedule = np.array(plans["a"]["waypoints"]), np.array(plans["a"]["schedule"])
     assert way.shape == (4, 2)

@@ -58,8 +58,8 @@ def test_cells_hold_gain_and_interval_and_the_sure_ones_are_bold() -> None:
         ("10", "-7.0", "+1.0 ± 5.0", "normal"), ("10", "0.0", "+1.0 ± 5.0", "normal"),
     ]  # fmt: skip
     cell = next(iter(layers(chart)))["encoding"]
-    scale = cell["color"]["scale"]
-    assert scale["domain"] == pytest.approx([-4.0, 0.0, 4.0])  # zero has no colour
+    scale = cell["fillOpacity"]["scale"]
+    assert scale["domain"] == pytest.approx([0.0, 4.0])  # zero has no colour
     assert cell["y"]["sort"] == ["2", "10"]
 
 
