@@ -19,7 +19,7 @@ Generated from the code (`python docs/generate.py`); `aerofed COMMAND --help` sa
 def page() -> str:
     codes = "".join(f"| {code} | {what} |\n" for code, what in EXIT_CODES.items())
     text = app.generate_docs(output_format="markdown", recursive=True)
-    text = text[text.index("## aerofed run") :]
+    text = text[text.index("## aerofed init") :]
     # Headings as on the other pages, defaults that say nothing left out, examples as code.
     text = re.sub(r"^#+ (aerofed .+)$", r"## \1", text, flags=re.MULTILINE)
     text = re.sub(r" \*\[default: (\(\)|False)\]\*", "", text)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticUndefined
 
 from mission.base.schema import Key, every, locate, tag, top
 
@@ -42,6 +42,8 @@ def explain(
         _line(item, top(model), notation, _Blame(source, given, giver))
         for item in items
         if not (item["type"] == "too_short" and item["loc"] in within)
+        # A default that could not be made, as what it is made from is wrong.
+        and item["input"] is not PydanticUndefined
     )
     # The branches of a union all complain about the same key.
     return list(dict.fromkeys(lines))

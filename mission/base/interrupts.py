@@ -89,15 +89,26 @@ def in_a_thread(work: Callable[[], T]) -> T:
         _told.teller = teller
         return work()
 
-    with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool:
-        future = pool.submit(told)
-        while True:
-            try:
-                return future.result()
-            except KeyboardInterrupt:
-                if future.done():  # it is the work's own
-                    raise
-                teller.tell()
+    with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool, _heard(teller):
+        return pool.submit(told).result()
+
+
+@contextmanager
+def _heard(teller: "_Teller") -> Iterator[None]:
+    """Ctrl-C goes to the teller for as long as the block runs.
+
+    A loop that waits here has its own way with the signal, which comes to us too late: asyncio
+    cancels its main task, and that waits for us.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: teller.tell())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 class _Teller:

@@ -183,7 +183,8 @@ def _count(key: Key) -> str:
 
 def _limits(key: Key) -> str:
     if key.example is not None:
-        return f" such as {key.example!r}, matching {key.bound('pattern')}"
+        pattern = key.bound("pattern")
+        return f" such as {key.example!r}" + (f", matching {pattern}" if pattern else "")
     if key.annotation is str and key.bound("max_length") is not None:
         return f" of {key.bound('min_length')} to {key.bound('max_length')} characters"
     low, high = key.bound("ge"), key.bound("le")

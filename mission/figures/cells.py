@@ -71,5 +71,6 @@ def cell_map(
 
 def beside(charts: Sequence[LayerChart]) -> alt.HConcatChart:
     """Charts beside each other, each with colours of its own."""
-    row: alt.HConcatChart = alt.hconcat(*charts, spacing=24).resolve_scale(color="independent")
-    return row
+    row = alt.hconcat(*charts, spacing=24)
+    apart: alt.HConcatChart = row.resolve_scale(color="independent", fillOpacity="independent")
+    return apart

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -59,7 +60,7 @@ class Callbacks:
         for name, callback in self.each:
             doing = f"round_finished() of round {report.round.round}"
             with users_code(name, key=KEY, doing=doing):
-                callback.round_finished(report)
+                callback.round_finished(deepcopy(report))  # what it does to its own is its own
 
     def close(self) -> None:
         """Close all of them, also where one fails at it.

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from fl.errors import first_line
 from mission.base import csv_text
 from mission.base.errors import InputError
 from mission.base.parquet import parquet
@@ -129,7 +130,13 @@ def read_results(folder: Path, points: Sequence[Point]) -> tuple[RunResult, ...]
     Raises:
         InputError: a table is missing, damaged, or not about these runs.
     """
-    by_name = {point.name: point for point in points}
+    try:
+        return _results(folder, {point.name: point for point in points})
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{folder}: its tables are damaged: {first_line(error)}") from None
+
+
+def _results(folder: Path, by_name: Mapping[str, Point]) -> tuple[RunResult, ...]:
     runs, rounds, timings = (_read_rows(folder, name) for name in ("runs", "rounds", "timings"))
     if len(timings) != len(runs) or sum(int(row.get("rounds", -1)) for row in runs) != len(rounds):
         raise InputError(f"{folder}: runs.csv, rounds.csv and timings.csv are not of the same runs")

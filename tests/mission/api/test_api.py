@@ -6,7 +6,9 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -215,9 +217,22 @@ def test_a_problem_that_makes_no_sense() -> None:
     assert issubclass(PlanInputError, PlanError | aerofed.AerofedError)
 
 
+def in_a_notebook(cell: object) -> object:
+    """Ctrl-C comes out of the cell, not as asyncio's cancellation of all."""
+    loop = asyncio.new_event_loop()
+    try:
+        return loop.run_until_complete(cell)  # type: ignore[arg-type]
+    finally:
+        loop.close()
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("wait", [in_a_notebook, asyncio.run])
 def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
-    run: aerofed.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: aerofed.Run,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    wait: Callable[[Any], object],
 ) -> None:
     from mission.run.recorder import FolderRecorder
     from mission.run.round_result import RoundResult
@@ -238,20 +253,11 @@ def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
     with monkeypatch.context() as patch:
         patch.setattr(FolderRecorder, "finished", press)
         with pytest.raises(KeyboardInterrupt, match="resume"):
-            in_a_notebook(cell())
+            wait(cell())
     assert aerofed.load(tmp_path / "cut").status == "interrupted"
-    in_a_notebook(again())
+    wait(again())
     for name in TABLES:
         assert (tmp_path / "cut" / name).read_bytes() == (run.path / name).read_bytes()
-
-
-def in_a_notebook(cell: object) -> object:
-    """Ctrl-C comes out of the cell, not as asyncio's cancellation of all."""
-    loop = asyncio.new_event_loop()
-    try:
-        return loop.run_until_complete(cell)  # type: ignore[arg-type]
-    finally:
-        loop.close()
 
 
 def test_an_interruption_before_the_flight_begins_ends_it_as_it_begins() -> None:

@@ -148,3 +148,24 @@ def test_damaged_tables_are_named(tables: Path) -> None:
     (tables / "runs.csv").write_text(runs.replace("cov-steps=2", "cov-steps=5"))
     with pytest.raises(InputError, match=r"steps=5-extra_gain_db=-7.0-seed1: no run of this sweep"):
         read_sweep(tables)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        (
+            "runs",
+            "no_cov-steps=2-extra_gain_db=-7.0-seed1,12",
+            "no_cov-steps=2-extra_gain_db=-7.0-seed1,x",
+        ),
+        ("timings", ",1.5,", ",soon,"),
+        ("timings", ",1.5,", ",1.5,7,"),
+    ],
+)
+def test_cells_that_are_no_numbers_are_damage(tables: Path, name: str, old: str, new: str) -> None:
+    path = tables / f"{name}.csv"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match="its tables are damaged"):
+        read_sweep(tables)
