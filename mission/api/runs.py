@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mission.base.console import RunConsole
     from mission.config.models import RunConfig
 
-RUNS = Path("runs")  # of folders that nobody named
-
 
 @dataclass(frozen=True)
 class Run:
@@ -166,11 +164,7 @@ def run(
 
     resolved = config(source, overrides)
     data = folder(data_dir, "data_dir")
-    path = (
-        Path(out)
-        if out is not None
-        else free_folder(RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}")
-    )
+    path = free_folder(resolved.run_name) if out is None else Path(out)
 
     def fly(console: "RunConsole") -> int:
         from mission.run.session import fly_session

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
-from mission.api.runs import RUNS, Run
+from mission.api.runs import Run
 from mission.base.errors import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -100,6 +100,7 @@ def sweep(
     """
     from rich.console import Console
 
+    from mission.base.run_folder import RUNS
     from mission.sweep.execute.choice import check_options
     from mission.sweep.grid import Axis, make_grid
 

@@ -33,6 +33,7 @@ LIBRARIES = (
 )
 
 
+RUNS = Path("runs")  # of folders that nobody named
 _LOCK = ".lock"
 
 
@@ -170,12 +171,12 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         raise InputError(f"{path}: cannot write: {error.strerror}") from None
 
 
-def free_folder(parent: Path, name: str) -> Path:
-    """`parent/name`, or `parent/name-2`, ... : the first that does not exist."""
-    candidate, number = parent / name, 1
+def free_folder(name: str) -> Path:
+    """`runs/name`, or `runs/name-2`, ... : the first that does not exist."""
+    candidate, number = RUNS / name, 1
     while candidate.exists():
         number += 1
-        candidate = parent / f"{name}-{number}"
+        candidate = RUNS / f"{name}-{number}"
     return candidate
 
 

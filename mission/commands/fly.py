@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.commands.options import LIVE_PORT, RUNS, Flag, Overrides, console, load
+from mission.commands.options import LIVE_PORT, Flag, Overrides, console, load
 
 
 def fly(
@@ -50,4 +50,4 @@ def fly(
     from mission.base.run_folder import free_folder
     from mission.planflight.fly import fly_plan
 
-    return fly_plan(resolved, plan, out or free_folder(RUNS, plan.stem), console=watching)
+    return fly_plan(resolved, plan, out or free_folder(plan.stem), console=watching)

@@ -16,7 +16,6 @@ from mission.base.terminal import Terminal
 if TYPE_CHECKING:
     from mission.config.models import RunConfig
 
-RUNS = Path("runs")  # of folders that nobody named
 LIVE_PORT = 8765  # that Foxglove proposes
 
 Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]

@@ -13,7 +13,6 @@ from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
 from mission.commands.options import (
     LIVE_PORT,
-    RUNS,
     Flag,
     Json,
     Overrides,
@@ -108,9 +107,7 @@ def run(
     from mission.base.run_folder import RunFolder, free_folder
     from mission.config.preflight import load_data
 
-    folder = out or free_folder(
-        RUNS, f"{resolved.name}-{resolved.mission.strategy}-seed{resolved.seed}"
-    )
+    folder = out or free_folder(resolved.run_name)
     RunFolder.check(folder)
     with stopwatch("setup"), watching.waiting("loading"):
         load_data(resolved, data_dir)

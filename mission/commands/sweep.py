@@ -5,7 +5,7 @@ from typing import Literal
 
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
-from mission.commands.options import RUNS, Flag, Json, Overrides, print_json
+from mission.commands.options import Flag, Json, Overrides, print_json
 
 _PIPE_WIDTH = 160  # a file needs no line breaks
 ALL = "cov,no_cov,barycenter,rectangular,ideal"
@@ -80,6 +80,8 @@ def sweep(
     )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
+    from mission.base.run_folder import RUNS
+
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
 

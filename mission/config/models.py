@@ -281,6 +281,11 @@ class RunConfig(_Model):
         "'package.module:factory'",
     )
 
+    @property
+    def run_name(self) -> str:
+        """What tells it from other runs of its configuration: the name of its folder by default."""
+        return f"{self.name}-{self.mission.strategy}-seed{self.seed}"
+
     @field_validator("callbacks")
     @classmethod
     def _plugins(cls, callbacks: tuple[str, ...] | None) -> tuple[str, ...] | None:

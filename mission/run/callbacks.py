@@ -77,12 +77,18 @@ def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Cal
     """What the factories of these names make.
 
     Raises:
-        InputError: one cannot be imported or called, or makes something else.
+        InputError: one cannot be imported or called, or makes something else; those before it
+            are closed.
     """
-    members = ("round_finished", "close")
-    return Callbacks(
-        tuple((name, make_from(name, context, key=KEY, members=members)) for name in names or ())
-    )
+    made: list[tuple[str, Any]] = []
+    with ExitStack() as unless_all:
+        for name in names or ():
+            members = ("round_finished", "close")
+            callback = make_from(name, context, key=KEY, members=members)
+            unless_all.callback(_close, name, callback)
+            made.append((name, callback))
+        unless_all.pop_all()
+    return Callbacks(tuple(made))
 
 
 def _close(name: str, callback: Callback) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cutting import cut_after
 
 pytest.importorskip("flwr", reason="Flower is not installed", exc_type=ImportError)
 
@@ -15,8 +16,6 @@ from fl.federation import algorithms
 from fl.federation.algorithms import Update
 from mission import api as aerofed
 from mission.base.errors import FlightError
-from mission.run.recorder import FolderRecorder
-from mission.run.round_result import RoundResult
 
 pytestmark = pytest.mark.real
 
@@ -84,15 +83,8 @@ def test_it_flies_and_resumes_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = aerofed.run("quickstart", SMALL, out=tmp_path / "whole")
-    finished = FolderRecorder.finished
-
-    def cut(self: FolderRecorder, result: RoundResult) -> None:
-        finished(self, result)
-        if result.record.round == 2:
-            raise FlightError("cut")
-
     with monkeypatch.context() as patch:
-        patch.setattr(FolderRecorder, "finished", cut)
+        cut_after(patch, 2)
         with pytest.raises(FlightError):
             aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
     resumed = aerofed.resume(tmp_path / "cut")

@@ -1,5 +1,6 @@
 """What is wrong with a plug-in is one line: which plug-in, where, and what. Each kind, each way."""
 
+import importlib
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 
 from mission import api as aerofed
 from mission.base.errors import UsersCodeError
+from mission.run.callbacks import CallbackContext, make_callbacks
 
 MODULE = """
 import numpy as np
@@ -244,3 +246,21 @@ def test_owners_and_buffers_that_are_not_there() -> None:
     more = {"communities.0.network": "mine:Net", "communities.0.buffers": "local"}
     with pytest.raises(aerofed.InputError, match="buffers = 'local': its network has none"):
         aerofed.run("quickstart", {**SMALL, **more}, out="out")
+
+
+def test_callbacks_before_one_that_cannot_be_made_are_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "half_made.py").write_text(
+        "closed = []\n"
+        "class Told:\n"
+        "    def round_finished(self, report): ...\n"
+        "    def close(self): closed.append(True)\n"
+        "def first(context): return Told()\n"
+        "def second(context): raise RuntimeError('no')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    config = aerofed.config("quickstart", {"callbacks": ["half_made:first", "half_made:second"]})
+    with pytest.raises(aerofed.AerofedError, match="half_made:second"):
+        make_callbacks(config.callbacks, CallbackContext(tmp_path, config))
+    assert importlib.import_module("half_made").closed == [True]

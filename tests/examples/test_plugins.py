@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cutting import cut_after
 
 from examples import fedbuff, fednova, measured_radio, quantity_skew, rician, tabular, writers
 from fl.config import LearningConfig
@@ -13,8 +14,6 @@ from fl.federation.algorithms import FedAvg, Update
 from fl.plugins import GROUP
 from mission import api as aerofed
 from mission.base.errors import FlightError
-from mission.run.recorder import FolderRecorder
-from mission.run.round_result import RoundResult
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Nothing is flown: it takes a second or two. What is gated and learnt is the same.
@@ -80,8 +79,9 @@ def test_an_example_flies(more: dict[str, Any], tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["staleness", "same_plans"])
 def test_everything_at_once_resumes_to_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, strategy: str
 ) -> None:
     more = {
         "learning.algorithm": "examples.fedbuff:make",
@@ -91,18 +91,11 @@ def test_everything_at_once_resumes_to_the_same_bytes(
         "communities.0.network": "examples.batch_norm:Net",
         "communities.0.buffers": "local",
         "communities.1.partition": "examples.quantity_skew:split",
-        "mission.strategy": "examples.staleness:make",
+        "mission.strategy": f"examples.{strategy}:make",
     }
     whole = fly(tmp_path / "whole", more)
-    finished = FolderRecorder.finished
-
-    def cut(self: FolderRecorder, result: RoundResult) -> None:
-        finished(self, result)
-        if result.record.round == 2:
-            raise FlightError("cut")
-
     with monkeypatch.context() as patch:
-        patch.setattr(FolderRecorder, "finished", cut)
+        cut_after(patch, 2)
         with pytest.raises(FlightError, match="cut"):
             fly(tmp_path / "cut", more)
     resumed = aerofed.resume(tmp_path / "cut")

@@ -35,7 +35,9 @@ def test_the_schedule_is_as_good_as_the_relaxed_linear_program(steps, devices, p
     assert schedule.sum(axis=0).max() <= 1
     assert schedule.sum(axis=1).max() <= per_step
     value = (success * importance)[schedule].sum()
-    assert value == pytest.approx(linear_program(success, importance, per_step), rel=1e-8)
+    best = linear_program(success, importance, per_step)
+    assert value >= best * (1.0 - 1e-9)
+    assert value <= best * (1.0 + 1e-7)  # HiGHS keeps constraints, and costs, to 1e-7
 
 
 def test_what_is_worth_nothing_is_not_scheduled():

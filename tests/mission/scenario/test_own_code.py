@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cutting import cut_after
 
 from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
@@ -124,15 +125,8 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     more = ("mission.strategy=examples.staleness:make",)
     assert fly(whole, *more, rounds=3) == 0
-    finished = FolderRecorder.finished
-
-    def cut_after_two(self: FolderRecorder, result: RoundResult) -> None:
-        finished(self, result)
-        if result.record.round == 2:
-            raise FlightError("cut")
-
     with monkeypatch.context() as patch:
-        patch.setattr(FolderRecorder, "finished", cut_after_two)
+        cut_after(patch, 2)
         assert fly(cut, *more, rounds=3) == FlightError.exit_code
     assert call(["run", "--resume", str(cut), "--quiet"]) == 0
     for name in ("rounds.csv", "uplinks.csv"):
