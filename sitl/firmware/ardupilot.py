@@ -24,9 +24,17 @@ from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 
 DEFAULT_PORT = 9002
-MIN_RATE_HZ = 720  # its inertial sensors want 1.8 samples for each of its loops, at 400 Hz
-RATE_HZ = 800  # the slowest above that is a whole number of ticks of everything
+LOOPS_HZ = 400  # of ArduCopter, where SCHED_LOOP_RATE does not say otherwise
+_RATES_HZ = (250, 400, 500, 800, 1000)  # whole ticks of everything that the plant does
 _LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
+
+
+def slowest_rate_hz(loops_hz: float) -> int:
+    """Ticks a second with which it arms: its inertial sensors want 1.8 for each of its loops."""
+    return next((rate for rate in _RATES_HZ if rate >= 1.8 * loops_hz), _RATES_HZ[-1])
+
+
+RATE_HZ = slowest_rate_hz(LOOPS_HZ)
 
 
 class ArduPilotBridge:

@@ -2,7 +2,7 @@
 
 from flightdyn.plant import Plant
 from sitl.config import VehicleConfig
-from sitl.firmware.ardupilot import RATE_HZ
+from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
 from sitl.firmware.ardupilot_start import ardupilot_launch
 from sitl.firmware.launch import Launch, Order
 from sitl.firmware.px4_start import px4_launch
@@ -11,7 +11,8 @@ from sitl.firmware.px4_start import px4_launch
 def plant_rate_hz(vehicle: VehicleConfig) -> int:
     """Ticks a second in which the firmware has the plant stepped."""
     if vehicle.autopilot == "ardupilot":
-        return max(vehicle.aircraft.physics_hz, RATE_HZ)
+        loops_hz = vehicle.firmware.parameters.get("SCHED_LOOP_RATE", LOOPS_HZ)
+        return max(vehicle.aircraft.physics_hz, slowest_rate_hz(loops_hz))
     return vehicle.aircraft.physics_hz
 
 

@@ -130,11 +130,18 @@ def real(autopilot: str) -> Path:
     return Path(named)
 
 
+SLOW_LOOPS = ("--set", "vehicle.firmware.parameters.SCHED_LOOP_RATE=200")
+
+
 @pytest.mark.real
-@pytest.mark.parametrize("autopilot", sorted(REAL))
-def test_a_real_firmware_flies_rounds(tmp_path: Path, autopilot: str) -> None:
+@pytest.mark.parametrize(
+    ("autopilot", "more"), [("ardupilot", ()), ("ardupilot", SLOW_LOOPS), ("px4", ())]
+)
+def test_a_real_firmware_flies_rounds(
+    tmp_path: Path, autopilot: str, more: tuple[str, ...]
+) -> None:
     out = tmp_path / "out"
-    assert fly(out, autopilot, real(autopilot), "--rounds", "2") == 0
+    assert fly(out, autopilot, real(autopilot), "--rounds", "2", *more) == 0
     with (out / "uplinks.csv").open(newline="") as file:
         uplinks = list(csv.DictReader(file))
     assert uplinks

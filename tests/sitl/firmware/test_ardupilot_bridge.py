@@ -5,11 +5,14 @@ import json
 import math
 import random
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
+from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
+from sitl.firmware.choice import plant_rate_hz
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.native.library import Json, json_send
 
@@ -27,6 +30,18 @@ def ardupilot(bridge: ArduPilotBridge) -> Iterator[ArduPilotStandIn]:
     stand_in = ArduPilotStandIn(bridge.port)
     yield stand_in
     stand_in.close()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "rate_hz"),
+    [({}, 800), ({"SCHED_LOOP_RATE": 200}, 400), ({"SCHED_LOOP_RATE": 100}, 250)],
+)
+def test_the_rate_follows_from_the_loops_of_the_firmware(
+    parameters: dict[str, float], rate_hz: int
+) -> None:
+    firmware = FirmwareConfig(path=Path("arducopter"), parameters=parameters)
+    vehicle = VehicleConfig(autopilot="ardupilot", firmware=firmware)
+    assert plant_rate_hz(vehicle) == rate_hz
 
 
 def test_a_request_is_one_tick_and_one_answer(
