@@ -1,7 +1,18 @@
 """The planner with a certificate: the true objective, and a bound that no plan exceeds."""
 
+import math
+from dataclasses import replace
+
+import numpy as np
+
 from mission.planner.arrays import instance, relax, root_bound
-from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
+from mission.planner.evaluate import (
+    check_problem,
+    finish,
+    fit_budget,
+    objective,
+    plan_without_moving,
+)
 from mission.planner.native.library import (
     MOST_DEVICES,
     Effort,
@@ -14,6 +25,9 @@ from mission.planner.native.library import (
 from mission.planner.problem import RoundPlan, RoundProblem
 
 MAX_OPEN = 50_000
+# Searches stop at steps and gains of some absolute size: importance that is larger or smaller than
+# 2 to this power is scaled first.
+USUAL_EXPONENT = 10
 STARTS = 64  # devices that a first path is built towards
 MIN_TRIES, MAX_TRIES = 40, 450
 # Few stops are searched by where they are, many by the order of visits. In between the order
@@ -53,6 +67,9 @@ class CertifiedPlanner:
         check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
+        exponent = int(np.frexp(problem.importance.max())[1])
+        if abs(exponent) > USUAL_EXPONENT:
+            return self._in_usual_size(problem, exponent)
         devices, limits = instance(problem)
         relaxation = relax(problem, devices)
         count = len(devices.delta)
@@ -77,6 +94,14 @@ class CertifiedPlanner:
         return RoundPlan(
             made.waypoints_m, made.schedule, made.value, max(found.bound, made.value), found.nodes
         )
+
+    def _in_usual_size(self, problem: RoundProblem, exponent: int) -> RoundPlan:
+        """The same problem in units of 2 ** exponent, which rounds nothing."""
+        importance = np.ldexp(problem.importance, -exponent)
+        plan = self.plan(replace(problem, importance=importance))
+        value = objective(problem, plan.waypoints_m, plan.schedule)
+        bound = max(math.ldexp(plan.upper_bound, exponent), value)
+        return replace(plan, value=value, upper_bound=bound)
 
     def _effort(self, plan: Found, max_nodes: int) -> Effort | None:
         """What a search may look into until that many nodes; None where it need not begin."""

@@ -175,12 +175,15 @@ def test_a_plan_does_not_depend_on_where_north_is_nor_on_the_order_of_devices(se
         assert here.value <= there.upper_bound
 
 
-def test_importance_in_another_unit_gives_the_same_plan():
-    problem = random_problem(5)
+@pytest.mark.parametrize("unit", [1e-300, 1e-9, 2.0**-5, 1e6, 1e300])
+@pytest.mark.parametrize("steps", [3, 8])
+def test_importance_in_another_unit_gives_the_same_plan(unit, steps):
+    problem = random_problem(5, steps=steps)
     here = CertifiedPlanner().plan(problem)
-    scaled = dataclasses.replace(problem, importance=problem.importance * 2.0**-20)
+    scaled = dataclasses.replace(problem, importance=problem.importance * unit)
     there = CertifiedPlanner().plan(scaled)
-    assert there.value == pytest.approx(here.value * 2.0**-20, rel=1e-6)
+    check_plan(scaled, there)
+    assert there.value == pytest.approx(here.value * unit, rel=1e-6)
     assert there.gap == pytest.approx(here.gap, abs=1e-3)
 
 
