@@ -23,14 +23,34 @@ class Gain:
     other: str
     settings: str
     community: str
-    differences: tuple[float, ...]  # one a seed
-    after_equal_rounds: tuple[float, ...]  # the same where the shorter run of the two ends
-    relative: float  # of the means over seeds; NaN where the other learnt nothing
+    pairs: tuple[tuple[RunResult, RunResult], ...]  # the method's run and the other, one a seed
 
     @property
     def label(self) -> str:
         """The other group: strategy and settings."""
         return f"{self.other}, {self.settings}" if self.settings else self.other
+
+    @property
+    def finals(self) -> tuple[tuple[float, float], ...]:
+        """Final accuracies of the method and the other, a pair for each seed."""
+        column = f"final_accuracy_{self.community}"
+        return tuple((float(a.summary[column]), float(b.summary[column])) for a, b in self.pairs)
+
+    @property
+    def differences(self) -> tuple[float, ...]:
+        """Final accuracy, one difference a seed."""
+        return tuple(mine - other for mine, other in self.finals)
+
+    @property
+    def after_equal_rounds(self) -> tuple[float, ...]:
+        """The differences where the shorter run of the two ends."""
+        return tuple(_after_equal_rounds(*pair, self.community) for pair in self.pairs)
+
+    @property
+    def relative(self) -> float:
+        """Of the means over seeds; NaN where the other learnt nothing."""
+        mine, other = (math.fsum(values) for values in zip(*self.finals, strict=True))
+        return mine / other - 1.0 if other > 0.0 else math.nan
 
     @property
     def interval(self) -> Interval:
@@ -77,20 +97,8 @@ def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
                 and (METHOD, where, seed) in by_key
                 and f"final_accuracy_{community}" in run.summary
             ]
-            if other == METHOD or not pairs:
-                continue
-            finals = [tuple(_final(run, community) for run in pair) for pair in pairs]
-            mine, theirs = (math.fsum(values) for values in zip(*finals, strict=True))
-            gains.append(
-                Gain(
-                    other,
-                    where,
-                    community,
-                    tuple(a - b for a, b in finals),
-                    tuple(_after_equal_rounds(*pair, community) for pair in pairs),
-                    mine / theirs - 1.0 if theirs > 0.0 else math.nan,
-                )
-            )
+            if other != METHOD and pairs:
+                gains.append(Gain(other, where, community, tuple(pairs)))
     return tuple(gains)
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 
-from mission.sweep.outcome.gains import gain_table, paired_gains
+from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
+from mission.sweep.outcome.luck import luck_rows
 from mission.sweep.outcome.view import ACCURACY, REST, final_rounds, outcome
 from mission.sweep.state import SweepState
 
 # What the paper reports of its method against the same without fairness (section V).
-PAPER = {("no_cov", "cifar10"): "+14 %", ("no_cov", "mnist"): "about equal"}
+CLAIMED, CLAIM = 0.14, "+14 %"
+PAPER = {("no_cov", "cifar10"): CLAIM, ("no_cov", "mnist"): "about equal"}
 
 
 def reproduction(state: SweepState) -> str:
@@ -22,6 +24,13 @@ def reproduction(state: SweepState) -> str:
         ]
         note = "Points: mean difference within a seed, ± 95 % interval (Student's t)."
         lines += ["", *_table([*heads, "paper"], rows), "", note]
+    claimed = [g for g in gains if PAPER.get((g.other, g.community)) == CLAIM]
+    if claimed:
+        note = (
+            f"How often {METHOD} seems ahead by {CLAIM} or more to a reader of fewer runs. All "
+            "choices of seeds, and of rounds of the second half, count alike."
+        )
+        lines += ["", *_table(*luck_rows(claimed, CLAIMED)), "", note]
     return "\n".join(lines) + "\n"
 
 

@@ -15,6 +15,7 @@ from mission.sweep.grid import Axis, points
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
 from mission.sweep.outcome.gains import gain_table, paired_gains
+from mission.sweep.outcome.luck import luck_rows, seen_in_one_round, seen_with_seeds
 from mission.sweep.results import Row, RunResult, write_results
 from mission.sweep.state import SweepState, read_sweep
 
@@ -169,3 +170,21 @@ def test_cells_that_are_no_numbers_are_damage(tables: Path, name: str, old: str,
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match="its tables are damaged"):
         read_sweep(tables)
+
+
+def test_how_often_a_gain_is_read_off_by_luck() -> None:
+    sure, wide = paired_gains(results())[0], paired_gains(results())[2]
+    # Relative gains of the seeds: 7.5, 10 and 12.5 % in every round; -2.5, 2.5 and 7.5 %.
+    assert [seen_with_seeds(sure, 0.09, n) for n in (1, 2, 3)] == [2 / 3, 2 / 3, 1.0]
+    assert seen_in_one_round(sure, 0.09) == pytest.approx(2 / 3)
+    assert seen_with_seeds(wide, 0.05, 1) == pytest.approx(1 / 3)
+    assert math.isnan(seen_with_seeds(sure, 0.09, 4))
+    heads, rows = luck_rows([sure], 0.09)
+    assert heads[0] == "against"
+    assert rows == [["no_cov, steps = 2, extra_gain_db = -7.0", "a", "67 %", "67 %", "100 %"]]
+
+
+def test_rounds_that_one_run_has_more_are_not_read_off() -> None:
+    sure = paired_gains(results(longer=20))[0]
+    assert seen_in_one_round(sure, 0.5) == 0.0
+    assert seen_with_seeds(sure, 0.5, 1) == 1.0
