@@ -2,13 +2,23 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from cutting import cut_after
 
-from examples import fedbuff, fednova, measured_radio, quantity_skew, rician, tabular, writers
+from examples import (
+    fedbuff,
+    fednova,
+    measured_radio,
+    quantity_skew,
+    rician,
+    tabular,
+    weights,
+    writers,
+)
 from fl.config import LearningConfig
 from fl.federation.algorithms import FedAvg, Update
 from fl.plugins import GROUP
@@ -62,6 +72,7 @@ def test_an_example_is_short(path: Path) -> None:
         {"callbacks": ["examples.tensorboard_rounds:make"]},
         {"mission.strategy": "examples.staleness:make"},
         {"mission.strategy": "examples.same_plans:make"},
+        {"mission.strategy": "examples.weights:weak_task"},
     ],
     ids=lambda more: next(iter(more.values()))[0:30],
 )
@@ -142,6 +153,28 @@ def test_fedbuff_waits_and_weighs_by_staleness(monkeypatch: pytest.MonkeyPatch) 
     stale = [Update(2, 0.2, np.array([2.0, 0.0], np.float32), 1)]  # trained from [0, 0], 1 old
     three, state = algorithm.apply(state, two, [*stale, *updates((0.5, 0.5), steps=(1,))])
     assert three == pytest.approx([0.5 + 2.0 / np.sqrt(2.0) / 2.0, 0.5])
+
+
+def test_weights_of_devices_and_of_communities() -> None:
+    info = aerofed.RoundInfo(
+        round=5,
+        delta=np.ones(3),
+        p=np.array([0.25, 0.75, 1.0]),
+        cov=np.array([4.0, 4.0, 1.0]),
+        community_of=np.array([0, 0, 1]),
+        last_heard=np.array([4, 2, 0]),  # the last one never was
+        accuracy=np.array([0.5, 0.9, np.nan]),
+    )
+
+    def weight(strategy: Any) -> list[float]:
+        return list(strategy(SimpleNamespace(planner=None)).importance(info))
+
+    assert weight(weights.age) == [0.25, 2.25, 5.0]
+    assert weight(weights.age_cov) == [1.0, 9.0, 5.0]
+    assert weight(weights.sqrt_cov) == [0.5, 2.25, 1.5]
+    assert weight(weights.cov_squared) == [4.0, 18.0, 1.5]
+    assert weight(weights.weak_device) == pytest.approx([0.125, 0.1125, 1.5])
+    assert weight(weights.weak_task) == pytest.approx([0.05, 0.225, 1.5])  # mean 0.2, and 1
 
 
 def test_rician_against_drawn_channels() -> None:
