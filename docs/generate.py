@@ -5,9 +5,10 @@ leads nowhere or an example is no configuration.
 """
 
 import sys
+from functools import partial
 from pathlib import Path
 
-from pages import architecture, channels, checks, commands, configuration, formats
+from pages import architecture, channels, checks, commands, configuration, formats, outcomes
 
 DOCS = Path(__file__).parent
 PAGES = {
@@ -16,6 +17,10 @@ PAGES = {
     "commands.md": commands.page,
     "configuration.md": configuration.page,
     "file-formats.md": formats.page,
+    **{
+        str(sweep.parent.relative_to(DOCS) / "README.md"): partial(outcomes.page, sweep.parent)
+        for sweep in sorted(DOCS.glob("data/*/sweep.json"))
+    },
 }
 
 

@@ -1,7 +1,7 @@
 """A task's images and labels: what they are, and where they come from."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -110,6 +110,31 @@ def checked(
         task, train.labels, np.bincount(validation.labels, minlength=classes),
         (height, width, channels), classes, provenance, lambda: (train, validation), owners,
     )  # fmt: skip
+
+
+def subset(data: Dataset, share: float) -> Dataset:
+    """A share of a data set with as many of each class, as far as there are: its first ones."""
+    if share == 1.0:
+        return data
+
+    def first(labels: Labels) -> NDArray[np.int64]:
+        each = max(1, round(share * len(labels) / data.classes))
+        members = [np.flatnonzero(labels == label)[:each] for label in range(data.classes)]
+        return np.sort(np.concatenate(members))
+
+    def part(split: Split) -> Split:
+        kept = first(split.labels)
+        return Split(split.images[kept], split.labels[kept])
+
+    kept = first(data.labels)
+    each_held_out = max(1, round(share * int(data.held_out.sum()) / data.classes))
+    return replace(
+        data,
+        labels=data.labels[kept],
+        held_out=np.minimum(data.held_out, each_held_out),
+        load_splits=lambda: (part(data.train), part(data.validation)),
+        owners=None if data.owners is None else data.owners[kept],
+    )
 
 
 def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.custom_partition import PartitionTask, custom_partition
-from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out
+from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out, subset
 from fl.data.load import load
 from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm
@@ -158,7 +158,13 @@ def build(
         test_share = learning.test_share if learning.report_on == "test" else None
         try:
             built.append(
-                _community(config, loaded[key], rng, device=learning.device, test_share=test_share)
+                _community(
+                    config,
+                    subset(loaded[key], config.subset),
+                    rng,
+                    device=learning.device,
+                    test_share=test_share,
+                )
             )
         except NetworkError as error:
             raise replace(error, community=config.name) from error
