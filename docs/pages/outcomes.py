@@ -1,4 +1,4 @@
-"""What the sweeps under docs/data came to: the tables of `aerofed reproduction`, a page for each."""
+"""What the sweeps under docs/data came to: tables of `aerofed reproduction`, a page for each."""
 
 from pathlib import Path
 
