@@ -38,6 +38,18 @@ def load(library: Library) -> ctypes.CDLL:
     return ctypes.CDLL(str(path))
 
 
+def check_sizes(loaded: ctypes.CDLL, **structures: type[ctypes.Structure]) -> None:
+    """Refuse structures of another size than C has under their names.
+
+    Raises:
+        LibraryError: one differs, and what is read through it would be anything.
+    """
+    for name, structure in structures.items():
+        size, here = ctypes.c_int64.in_dll(loaded, f"size_of_{name}").value, ctypes.sizeof(structure)
+        if size != here:
+            raise LibraryError(f"{loaded._name}: {name} has {size} bytes there, {here} in Python")
+
+
 def level(loaded: ctypes.CDLL) -> int:
     """The level to use: the processor's best, or what the environment asks for.
 

@@ -3,6 +3,11 @@
 #include "learning.h"
 #include "levels.h"
 
+SIZE_OF(Network);
+SIZE_OF(Images);
+SIZE_OF(Rates);
+SIZE_OF(Learning);
+
 EXPORTED const Learning *at_level(int level)
 {
 #if defined(__x86_64__)

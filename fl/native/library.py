@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from native.building import library
-from native.loading import address, functions, load
+from native.loading import address, check_sizes, functions, load
 
 MOST_BLOCKS = MOST_LAYERS = 8
 KERNELS = (3, 5)
@@ -129,7 +129,9 @@ class Images:
         )
 
 
-_FUNCTIONS = functions(load(library("learning")), _Functions)
+_LIBRARY = load(library("learning"))
+check_sizes(_LIBRARY, Network=_Network, Images=_Images, Rates=_Rates, Learning=_Functions)
+_FUNCTIONS = functions(_LIBRARY, _Functions)
 
 
 def train(

@@ -5,6 +5,16 @@
 #include "levels.h"
 #include "ticks.h"
 
+SIZE_OF(Flight);
+SIZE_OF(Trajectory);
+SIZE_OF(Guide);
+SIZE_OF(Interpreter);
+SIZE_OF(Gauge);
+SIZE_OF(Imu);
+SIZE_OF(Inner);
+SIZE_OF(Driven);
+SIZE_OF(Ticks);
+
 EXPORTED const Ticks *ticks(void)
 {
     static const Ticks TICKS = {read_gauges, sample, order, fly_ticks, drive_tick};

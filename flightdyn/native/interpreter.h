@@ -8,7 +8,8 @@
 
 typedef struct { /* of the interpreter */
     void *(*call)(void *callable, void *const *arguments, size_t count, void *names);
-    double (*value)(void *number);
+    double (*value)(void *number); /* -1 where it is none, with an error set */
+    void *(*error)(void);          /* NULL where none is set */
     void *(*number)(double value);
     void (*release)(void *object);
 } Interpreter;
@@ -44,8 +45,10 @@ static int read_gauges(const Interpreter *python, const Gauge *gauges, int64_t c
     for (int64_t i = 0; i < count; i++) {
         void *number = python->call(gauges[i].get, NULL, 0, NULL);
         if (!number) return 0;
-        values[i] = (python->value(number) - gauges[i].offset) * gauges[i].scale;
+        const double value = python->value(number);
         python->release(number);
+        if (value == -1.0 && python->error()) return 0;
+        values[i] = (value - gauges[i].offset) * gauges[i].scale;
     }
     return 1;
 }

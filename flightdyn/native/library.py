@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from native.building import library
-from native.loading import address, functions, load
+from native.loading import address, check_sizes, functions, load
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
@@ -41,7 +41,8 @@ class _Functions(ctypes.Structure):
     )  # fmt: skip
 
 
-_FUNCTIONS = functions(load(library("flight")), _Functions)
+_LIBRARY = load(library("flight"))
+_FUNCTIONS = functions(_LIBRARY, _Functions)
 _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE = _FUNCTIONS.reference, _FUNCTIONS.guide
@@ -264,6 +265,9 @@ class Memory(ctypes.Structure):
         ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
         ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
     )  # fmt: skip
+
+
+check_sizes(_LIBRARY, Flight=_Functions, Trajectory=_Trajectory, Guide=Memory)
 
 
 class Guide:

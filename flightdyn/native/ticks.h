@@ -3,8 +3,6 @@
 #ifndef TICKS_H
 #define TICKS_H
 
-#include <string.h>
-
 #include "interpreter.h"
 
 enum { AXES = 6 }; /* body rates (rad/s), specific force (m/s2) */
@@ -77,11 +75,14 @@ static int feed(Inner *inner, const double rates[3])
 static int order(Inner *inner, const double orders[7])
 {
     const Interpreter *python = inner->python;
-    memcpy(inner->error, orders, sizeof(double[7])); /* and feed, and collective */
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
+        inner->error[i] = orders[i];
+        inner->feed[i] = orders[3 + i];
         if (!set(python, inner->set_errors[i], inner->error[i]) ||
             !set(python, inner->set_feeds[i], inner->feed[i]))
             return 0;
+    }
+    inner->collective = orders[6];
     return set(python, inner->set_collective, inner->collective);
 }
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from native.building import library
-from native.loading import address, load
+from native.loading import address, check_sizes, load
 
 AXES = 6  # of a sample: body rates (rad/s), specific force (m/s2)
 
@@ -26,7 +26,7 @@ Setter = Callable[[float], object]
 
 
 class _Interpreter(ctypes.Structure):
-    _fields_ = tuple((name, _POINTER) for name in ("call", "value", "number", "release"))
+    _fields_ = tuple((name, _POINTER) for name in ("call", "value", "error", "number", "release"))
 
 
 def of_python(*names: str) -> tuple[int | None, ...]:
@@ -35,7 +35,10 @@ def of_python(*names: str) -> tuple[int | None, ...]:
 
 
 _PYTHON = _Interpreter(
-    *of_python("PyObject_Vectorcall", "PyFloat_AsDouble", "PyFloat_FromDouble", "Py_DecRef")
+    *of_python(
+        "PyObject_Vectorcall", "PyFloat_AsDouble", "PyErr_Occurred", "PyFloat_FromDouble",
+        "Py_DecRef",
+    )  # fmt: skip
 )
 
 
@@ -75,6 +78,10 @@ class _Ticks(ctypes.Structure):
 
 
 _LIBRARY = load(library("flight"))
+check_sizes(
+    _LIBRARY, Interpreter=_Interpreter, Gauge=_Gauge, Imu=_Imu, Inner=_Inner, Driven=_Driven,
+    Ticks=_Ticks,
+)  # fmt: skip
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
 _READ, _SAMPLE, _ORDER, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.order, _TICKS.fly

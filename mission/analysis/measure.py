@@ -7,7 +7,7 @@ import numpy as np
 
 from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown, reached
-from mission.base.arrays import Floats, Ints
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
@@ -58,10 +58,9 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     miss = np.array(
         [(item.true_x_m - item.plan_x_m, item.true_y_m - item.plan_y_m) for item in reached]
     ).reshape(-1, 2)
-    at = route_index(plan)
-    heading = np.array([_heading(plan.route_m, int(at[item.step])) for item in reached]).reshape(
-        -1, 2
-    )
+    heading = np.array(
+        [_heading(plan.route_m, int(plan.stops_at[item.step])) for item in reached]
+    ).reshape(-1, 2)
     error = belief.pos_m - truth.pos_m
     plan_per = np.array([item.plan_per for item in uplinks])
     true_per = np.array([item.true_per for item in uplinks])
@@ -101,16 +100,6 @@ def _at_places(measured: Measured, run: FlightData) -> Measured:
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
     return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
-
-
-def route_index(plan: PlanRecord) -> Ints:
-    """(N,) which points of the route are the waypoints, in their order."""
-    found: list[int] = []
-    for waypoint in plan.waypoints_m:
-        first = found[-1] + 1 if found else 0
-        same = (plan.route_m[first:] == waypoint).all(axis=1)
-        found.append(first + int(same.argmax()))
-    return np.array(found)
 
 
 def _heading(waypoints_m: Floats, step: int) -> Floats:

@@ -99,6 +99,7 @@ class PlanRecord:
     route_m: Annotated[
         Floats, PAIRS, "(P, 2) path as it is flown: waypoints, and corners around areas"
     ]
+    stops_at: Ints  # (N,) which points of the route are the waypoints; logged where not all are
 
     @property
     def route_height_m(self) -> Floats:

@@ -258,6 +258,7 @@ def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
             height_m=points[:, 2],
             ideal_slot_s=polyline.along(points) / speed_mps,
             route_m=points[:, :2],
+            stops_at=np.arange(len(points)),
         )
     )
 

@@ -3,9 +3,7 @@
 #ifndef LEVELS_H
 #define LEVELS_H
 
-#include <stdint.h>
-
-#define EXPORTED __attribute__((visibility("default")))
+#include "sizes.h"
 
 #if defined(__x86_64__)
 #include <cpuid.h>

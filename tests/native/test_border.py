@@ -1,5 +1,6 @@
 """What the C code must not be given is refused before it is."""
 
+import ctypes
 from dataclasses import replace
 from typing import Any
 
@@ -7,8 +8,11 @@ import numpy as np
 import pytest
 
 from fl.native import library as learning
+from flightdyn.native.ticks import Gauges
 from mission.planner.native import library as planner
-from native.loading import address
+from native import building
+from native.errors import LibraryError
+from native.loading import address, check_sizes, load
 
 NET = learning.Network((6, 6, 1), (2,), (3,), (1,), (4,), 2 * 10 + 4 * 19)
 WEIGHTS = np.zeros(NET.parameters, np.float32)
@@ -112,3 +116,20 @@ def test_problems_that_the_search_cannot_take():
         planner.explore(devices(0), limits, starts=1, tries=1)
     with pytest.raises(ValueError, match="must be finite"):
         planner.assign(np.array([[np.nan]]), 1)
+
+
+def test_a_structure_of_another_size_than_in_c():
+    class Short(ctypes.Structure):
+        _fields_ = (("steps", ctypes.c_int64), ("per_step", ctypes.c_int64))
+
+    loaded = load(building.library("planner"))
+    with pytest.raises(LibraryError, match=r"Limits has 24 bytes there, 16 in Python$"):
+        check_sizes(loaded, Limits=Short)
+
+
+def test_a_gauge_that_shows_no_number_is_an_error():
+    gauges = Gauges([(lambda: -1.0, 0.0, 1.0), (lambda: "high", 0.0, 1.0)])  # type: ignore[list-item,return-value]
+    with pytest.raises(TypeError, match="must be real number, not str"):
+        gauges.read()
+    gauges.bind([lambda: -1.0, lambda: 2.0])
+    assert gauges.read() == [-1.0, 2.0]

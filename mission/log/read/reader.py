@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.log import topics
 from mission.log.errors import ForeignLogError
 from mission.log.read.contents import Contents, Row, load
@@ -120,6 +121,8 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
     waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
     schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
     altitude_m = _number(row["altitude_m"])
+    # Earlier logs do not know of areas to fly around.
+    route_m = np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2)
     for step, device in row["schedule"]:
         schedule[step, device] = True
     return PlanRecord(
@@ -136,9 +139,19 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
         # Earlier logs have only the one height, which is the same everywhere in a run.
         height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
         ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
-        # Nor do they know of areas to fly around.
-        route_m=np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2),
+        route_m=route_m,
+        stops_at=np.array(row.get("stops_at") or _stops_at(route_m, waypoints_m), dtype=np.int64),
     )
+
+
+def _stops_at(route_m: Floats, waypoints_m: Floats) -> list[int]:
+    """Which points of the route are the waypoints, in a log that does not say: each the first that
+    equals it, which a corner in the same place may be."""
+    found = [-1]
+    for waypoint in waypoints_m:
+        first = found[-1] + 1
+        found.append(first + int((route_m[first:] == waypoint).all(axis=1).argmax()))
+    return found[1:]
 
 
 def _round(row: dict[str, Any]) -> RoundRecord:

@@ -196,6 +196,7 @@ def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
 
 def plan(written: PlanRecord) -> bytes:
     """Our record of a round's plan; the schedule as pairs of step and device."""
+    at = written.stops_at
     return record(
         {
             "round": written.round,
@@ -210,6 +211,8 @@ def plan(written: PlanRecord) -> bytes:
             "height_m": written.height_m.tolist(),
             "ideal_slot_s": written.ideal_slot_s.tolist(),
             "route_m": written.route_m.tolist(),
+            # Only where there are corners between, so that other runs' logs stay as they were.
+            **({} if len(at) == len(written.route_m) else {"stops_at": at.tolist()}),
         }
     )
 

@@ -125,6 +125,7 @@ class FlightLog:
                 height_m=np.full(len(plan.waypoints_m), altitude_m),
                 ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
                 route_m=plan.route_m,
+                stops_at=plan.stops_at,
             )
         )
 

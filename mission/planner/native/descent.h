@@ -178,18 +178,20 @@ static double work_out(Descent *all, const Directions *ways)
     return steepest * all->limits.length / mesh->side;
 }
 
-/* The bound of the present potentials. */
+/* The bound of the present potentials; where they are no numbers, there is none. */
 static double bound_by_potentials(Descent *all)
 {
     const Mesh *mesh = &all->now.mesh;
     const int64_t v = mesh->vertices;
-    double bound = work_out(all, &all->fine), lowest = 0.0;
+    double bound = work_out(all, &all->fine), lowest = 0.0, zero = 0.0;
     for (int64_t i = 0; i < v; i++) lowest = least(lowest, psi_at(all, i));
+    for (int64_t i = 0; i < v; i++) zero += 0.0 * all->now.chi[i]; /* comparing would pass a NaN */
+    for (int64_t i = 0; i < v * all->cells.devices.count; i++) zero += 0.0 * all->now.phi[i];
     bound += all->now.nu * (double)(all->limits.steps * all->limits.per_step) - lowest;
     for (int64_t k = 0; k < all->cells.devices.count; k++)
         bound += most_beyond(
             &all->cells, mesh, all->limits.length, k, all->now.phi + k * v, all->now.nu);
-    return bound;
+    return isfinite(bound + zero) ? bound : INFINITY;
 }
 
 /* One step down a slope; `past` makes up for the means' beginning at zero. */

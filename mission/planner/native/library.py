@@ -8,7 +8,7 @@ import numpy as np
 
 from mission.base.arrays import Floats, Ints
 from native.building import library
-from native.loading import address, functions, load
+from native.loading import address, check_sizes, functions, load
 
 MOST_DEVICES = 40  # of a search
 
@@ -136,7 +136,11 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
         raise ValueError(f"{name} must be from 0 to {end - 1}")
 
 
-_FUNCTIONS = functions(load(library("planner")), _Functions)
+_LIBRARY = load(library("planner"))
+check_sizes(
+    _LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions
+)
+_FUNCTIONS = functions(_LIBRARY, _Functions)
 
 
 def explore(

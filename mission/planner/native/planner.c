@@ -3,6 +3,11 @@
 #include "planner.h"
 #include "levels.h"
 
+SIZE_OF(Devices);
+SIZE_OF(Limits);
+SIZE_OF(Relaxation);
+SIZE_OF(Planner);
+
 EXPORTED const Planner *at_level(int level)
 {
 #if defined(__x86_64__)

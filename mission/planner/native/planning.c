@@ -88,8 +88,8 @@ static int64_t lower_potentials(
         if (provide(&arena)) {
             *all = lay_out_descent(&arena, &dear, limits, samples);
             all->least_nu = left_out;
-            taken = descend(
-                all, fewer(turns, DEVICE_TURNS / dear.count), price, value, enough, bound);
+            const int64_t most_turns = dear.count ? DEVICE_TURNS / dear.count : 0;
+            taken = descend(all, fewer(turns, most_turns), price, value, enough, bound);
             release(&arena);
         }
         release(&kept);

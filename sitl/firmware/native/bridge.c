@@ -6,10 +6,13 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define EXPORTED __attribute__((visibility("default")))
-
 #include "hil.h"
 #include "json.h"
+#include "sizes.h"
+
+SIZE_OF(Hil);
+SIZE_OF(Json);
+SIZE_OF(Past);
 
 static int gone(Hil *link, int error)
 {

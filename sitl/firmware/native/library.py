@@ -9,8 +9,8 @@ import ctypes
 from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of_python
 from flightdyn.plant import Plant
 from native.building import library
-from native.loading import load
-from sitl.firmware.native.rows import Rows
+from native.loading import check_sizes, load
+from sitl.firmware.native.rows import Past, Rows
 
 _INT, _LONG, _UNSIGNED, _DOUBLE = ctypes.c_int, ctypes.c_int64, ctypes.c_uint64, ctypes.c_double
 _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
@@ -60,6 +60,7 @@ class Json(ctypes.Structure):
 
 
 _LIBRARY = load(library("bridge"))
+check_sizes(_LIBRARY, Hil=Hil, Json=Json, Past=Past)
 # Each takes the address of its structure; `hil_send` a payload of HIL_GPS, too, or None.
 hil_wait = ctypes.CFUNCTYPE(_INT, _POINTER, _INT)(("hil_wait", _LIBRARY))
 hil_send = ctypes.CFUNCTYPE(_INT, _POINTER, _BYTES)(("hil_send", _LIBRARY))

@@ -11,7 +11,9 @@ KEPT = 4096  # guidance intervals, 80 s
 NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
 
 
-class _Past(ctypes.Structure):
+class Past(ctypes.Structure):
+    """As `bridge.h` has it."""
+
     _fields_ = tuple((name, ctypes.c_void_p) for name in ("rows", "instants")) + tuple(
         (name, ctypes.c_int64) for name in ("count", "interval_ns", "newest")
     )
@@ -26,7 +28,7 @@ class Rows:
         shape = (KEPT, NUMBERS)
         self._rows, self._instants = np.zeros(shape), np.zeros(KEPT, dtype=np.int64)
         first = plant.t_ns // interval_ns
-        self._memory = _Past(
+        self._memory = Past(
             address(self._rows, np.float64, shape, written=True),
             address(self._instants, np.int64, (KEPT,), written=True),
             KEPT,

@@ -355,3 +355,21 @@ def test_an_unfinished_log_is_named_as_cut(tmp_path: Path, made: Fixed) -> None:
     cut.write_bytes(made.log.read_bytes()[:20_000])
     with pytest.raises(DamagedLogError, match=r"damaged at byte \d+: the file ends .*log recover"):
         read_log(cut)
+
+
+def test_a_corner_in_the_place_of_the_next_waypoint_is_not_taken_for_it(tmp_path: Path) -> None:
+    made = fly(tmp_path, rounds=1)
+    waypoints = made.plans[0].waypoints_m
+    none = np.empty((0, 2))
+    via = (np.array([waypoints[1], waypoints[1] + 9.0]), *[none] * (len(waypoints) - 2))
+    path = tmp_path / "around.mcap"
+    with FlightLog(path, area=AREA, devices=made.world) as log:
+        log.plan(0, 0, made.problems[0], dataclasses.replace(made.plans[0], via_m=via),
+                 speed_mps=20.0)  # fmt: skip
+    (plan,) = read_log(path).plans
+    np.testing.assert_array_equal(plan.stops_at, [0, *range(3, len(waypoints) + 2)])
+    np.testing.assert_array_equal(plan.route_m[plan.stops_at], waypoints)
+    for log, written in ((path, True), (made.log, False)):  # not where all points are waypoints
+        with log.open("rb") as stream:
+            (_, _, message), *_ = make_reader(stream).iter_messages(topics=["/plan"])
+        assert ("stops_at" in json.loads(message.data)) is written

@@ -109,6 +109,16 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.03
 
 
+def test_potentials_that_are_no_numbers_prove_nothing():
+    problem = random_problem(0, devices=3)
+    vertices = mesh_of(problem)[0][..., 0].size
+    devices, limits = instance(problem)
+    for broken in range(2):
+        potentials = np.zeros((3, vertices)), np.zeros(vertices)
+        potentials[broken].flat[-1] = np.nan
+        assert potential_bound(devices, limits, *potentials, 0.0) == np.inf
+
+
 def test_potentials_on_another_mesh_are_refused():
     devices, limits = instance(random_problem(0, devices=3))
     with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
