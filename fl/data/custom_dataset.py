@@ -61,7 +61,8 @@ def load(name: str, data_dir: Path | None) -> Dataset:
 
 
 def _array(value: Any) -> Any:
-    return None if value is None else np.asarray(value)
+    """A copy: the factory's owner may write to theirs."""
+    return None if value is None else np.array(value)
 
 
 def _digest(arrays: Arrays) -> str:

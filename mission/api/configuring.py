@@ -51,13 +51,13 @@ def channel(
 
     from fl.config import ChannelConfig
     from fl.errors import SettingError
-    from mission.base.explain import explain
+    from mission.base.explain import Blame, explain
 
     try:
         found = ChannelConfig.model_validate({"preset": preset, **constants})
         return found.channel(altitude_m=altitude_m)
     except ValidationError as error:
-        raise InputError("\n".join(explain(error, ChannelConfig, "channel"))) from None
+        raise InputError("\n".join(explain(error, ChannelConfig, Blame("channel")))) from None
     except SettingError as error:
         raise InputError(f"channel: {error}") from None
 

@@ -27,7 +27,7 @@ def plan(
         InputError: no such planner, or an option is refused.
         PlanError: the problem makes no sense, or the plan breaks a constraint.
     """
-    from mission.base.explain import explain
+    from mission.base.explain import Blame, explain
     from mission.planner.config import PlannerConfig
     from mission.planner.evaluate import check_plan, check_problem
     from mission.planner.factory import make_planner
@@ -37,7 +37,7 @@ def plan(
         try:
             chosen = PlannerConfig.model_validate({"kind": planner, **options})
         except ValidationError as error:
-            raise InputError("\n".join(explain(error, PlannerConfig, "planner"))) from None
+            raise InputError("\n".join(explain(error, PlannerConfig, Blame("planner")))) from None
         method = make_planner(chosen)
     elif options:
         raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")

@@ -2,9 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -16,30 +15,37 @@ _LONG = 60  # characters of a value that are shown
 _TABLE = "a table"
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
-Given: TypeAlias = Mapping[str, str]  # keys of the command line -> the options that set them
-NOTHING: Given = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Blame:
+    """Where a wrong key may come from: a file or a place in one, but for those that were `given`.
+
+    Those were set by `giver`; each has the option that set it, or nothing for `--set`.
+    """
+
+    source: str
+    given: Mapping[str, str] = field(default_factory=dict)  # keys -> the options that set them
+    giver: str = "command line"
+
+    def on(self, name: str) -> str:
+        """Who set a key: `giver`, where it or something in it was given so."""
+        mine = any(
+            f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in self.given
+        )
+        return self.giver if mine else self.source
 
 
 def explain(
-    error: ValidationError,
-    model: type[BaseModel],
-    source: str,
-    *,
-    notation: Notation = "TOML",
-    given: Given = NOTHING,
-    giver: str = "command line",
+    error: ValidationError, model: type[BaseModel], blame: Blame, *, notation: Notation = "TOML"
 ) -> list[str]:
-    """A line for each wrong key of what was read from `source`, a file or a place in one.
-
-    Keys in `given` were set by `giver` and are not blamed on the file; each has the option that
-    set it, or nothing for `--set`.
-    """
+    """A line for each wrong key."""
     items = error.errors()
     # Pydantic counts the elements of a list without those that it refuses.
     counted = [item["loc"] for item in items if item["type"] == "too_short"]
     within = {loc for loc in counted for item in items if item["loc"][: len(loc) + 1] > loc}
     lines = (
-        _line(item, top(model), notation, _Blame(source, given, giver))
+        _line(item, top(model), notation, blame)
         for item in items
         if not (item["type"] == "too_short" and item["loc"] in within)
         # A default that could not be made, as what it is made from is wrong.
@@ -49,19 +55,11 @@ def explain(
     return list(dict.fromkeys(lines))
 
 
-def refusal(
-    name: str,
-    value: Any,
-    reason: str,
-    source: str,
-    *,
-    given: Given = NOTHING,
-    giver: str = "command line",
-) -> str:
+def refusal(name: str, value: Any, reason: str, blame: Blame) -> str:
     """The line about one key and its value."""
-    if option := given.get(name):
+    if option := blame.given.get(name):
         return _of_option(option, value, reason)
-    return f"{_Blame(source, given, giver).on(name)}: {name} = {shown(value)}: {reason}"
+    return f"{blame.on(name)}: {name} = {shown(value)}: {reason}"
 
 
 def _of_option(option: str, value: Any, reason: str) -> str:
@@ -76,23 +74,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 
-@dataclass(frozen=True)
-class _Blame:
-    """Where a wrong key may come from."""
-
-    source: str
-    given: Given
-    giver: str
-
-    def on(self, name: str) -> str:
-        """Who set a key: `giver`, where it or something in it was given so."""
-        mine = any(
-            f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in self.given
-        )
-        return self.giver if mine else self.source
-
-
-def _line(item: ErrorDetails, root: Key, notation: Notation, blame: _Blame) -> str:
+def _line(item: ErrorDetails, root: Key, notation: Notation, blame: Blame) -> str:
     kind, key, value = item["type"], locate(root, item["loc"]), item["input"]
     if kind == "missing" and isinstance(item["loc"][-1], int):
         # A list that is too short; its input is what the element is missing from.

@@ -95,8 +95,7 @@ class RunFolder:
                 goes_on = folder.resumable and folder.status() != "finished"
                 hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
                 raise InputError(
-                    f"{path}: the output folder is already used; give a new or empty one by "
-                    f"--out{hint}"
+                    f"{path}: the output folder is already used; give a new or empty one{hint}"
                 )
         except NotADirectoryError:
             raise InputError(f"{path}: the output folder is not a folder") from None

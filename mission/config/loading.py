@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mission.base.errors import InputError
-from mission.base.explain import NOTHING, explain, refusal
+from mission.base.explain import Blame, explain, refusal
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
@@ -56,7 +56,7 @@ def load_config(
     source: Path | RunConfig,
     overrides: Mapping[str, Any] | None = None,
     *,
-    options: Mapping[str, str] = NOTHING,
+    options: Mapping[str, str] | None = None,
     giver: str = "command line",
 ) -> RunConfig:
     """Read a TOML file, or a shipped configuration by its name, or take a configuration; apply
@@ -78,18 +78,23 @@ def load_config(
     name = str(path)
     for dotted, value in (overrides or {}).items():
         override(data, dotted, value, source=name, giver=giver)
-    given = {key: options.get(key, "") for key in overrides or {}}
+    named = options or {}
+    blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
     try:
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
-        config = RunConfig.model_validate_json(json.dumps(data, default=str), strict=True)
+        config = RunConfig.model_validate_json(json.dumps(data, default=_plain), strict=True)
     except ValidationError as error:
-        lines = explain(error, RunConfig, name, given=given, giver=giver)
-        raise InputError("\n".join(lines)) from None
-    config = with_world(config, path, given=given)
-    lines = [refusal(*problem, name, given=given, giver=giver) for problem in problems(config)]
+        raise InputError("\n".join(explain(error, RunConfig, blame))) from None
+    config = with_world(config, blame)
+    lines = [refusal(*problem, blame) for problem in problems(config)]
     if lines:
         raise InputError("\n".join(lines))
     return config
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not have: arrays and their scalars, as lists and numbers; dates as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _read(path: Path) -> dict[str, Any]:

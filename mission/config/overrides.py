@@ -7,7 +7,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from mission.base.errors import InputError
-from mission.base.explain import refusal
+from mission.base.explain import Blame, refusal
 from mission.base.schema import Key, top
 from mission.config.models import RunConfig
 
@@ -55,10 +55,10 @@ def override(
                 node.setdefault(place, _beginning(key))
             node = node[place]
             if not isinstance(node, dict | list) and _holds(key):  # the file's own fault
-                raise InputError(refusal(key.name, node, f"must be {key.words}", source))
+                raise InputError(refusal(key.name, node, f"must be {key.words}", Blame(source)))
         node[_place(node, last, key)] = value
     except _NoPlaceError as error:
-        raise InputError(refusal(dotted, value, str(error), giver)) from None
+        raise InputError(refusal(dotted, value, str(error), Blame(giver))) from None
 
 
 class _NoPlaceError(Exception):

@@ -4,9 +4,9 @@ So a run's own `config.toml` needs no other file, and all that reads a configura
 in area coordinates only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -15,7 +15,7 @@ from fl.config import CommunityConfig
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.explain import NOTHING, Given, explain, refusal
+from mission.base.explain import Blame, explain, refusal
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
 
@@ -24,31 +24,33 @@ _LEAST_MARGIN_M = 50.0
 _FAR_M = 100_000.0  # apart from each other no mission's places are
 _LARGEST_M = 100_000.0
 
+_Found = TypeVar("_Found")
 
-def with_world(config: RunConfig, path: Path, *, given: Given = NOTHING) -> RunConfig:
-    """The configuration with its files read; `path` is its own.
 
-    Files are found beside it; those named on the command line, keys in `given`, from the working
-    directory. What is not given of area and home lies about what stands there.
+def with_world(config: RunConfig, blame: Blame) -> RunConfig:
+    """The configuration with its files read; `blame` says where its keys come from.
+
+    Files are found beside its own; those named on the command line from the working directory. What
+    is not given of area and home lies about what stands there.
 
     Raises:
         InputError: a file cannot be used, or something stands outside the area.
     """
     found = {
-        index: _places_of(config, index, path, given)
+        index: _places_of(config, index, blame)
         for index, community in enumerate(config.communities)
         if community.positions_file is not None
     }
     area = config.area
     if found or any(community.positions_m is not None for community in config.communities):
-        area = _area(config, [place for places in found.values() for place in places], str(path))
+        area = _area(config, [place for places in found.values() for place in places], blame.source)
     communities = tuple(
         _placed(community, found[index], area) if index in found else community
         for index, community in enumerate(config.communities)
     )
-    area = _with_rings(area, path, given)
+    area = _with_rings(area, blame)
     placed = config.model_copy(update={"area": area, "communities": communities})
-    _check_inside(placed, found, str(path))
+    _check_inside(placed, found, blame.source)
     return placed
 
 
@@ -85,77 +87,77 @@ def _nearer(area: AreaConfig) -> str:
     return f"lies nearer than area.margin_m = {area.margin_m:g} m to"
 
 
-def _with_rings(area: AreaConfig, path: Path, given: Given) -> AreaConfig:
+def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
     """The area with the polygons of its files."""
     known: dict[str, Any] = {}
     if area.no_fly_file is not None:
-        rings = _rings(area, "no_fly_file", path, given)
-        zones = tuple(_zone(area, ring, path) for ring in rings)
+        rings = _rings(area, "no_fly_file", blame)
+        zones = tuple(_zone(area, ring, blame) for ring in rings)
         known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
     if area.fence_file is not None:
-        rings = _rings(area, "fence_file", path, given)
+        rings = _rings(area, "fence_file", blame)
         if len(rings) > 1:
-            raise InputError(
-                f"{path}: area.fence_file = {area.fence_file!r}: holds {len(rings)} polygons; a "
-                "fence is one"
-            )
-        corners = _corners(area, rings[0], path)
+            reason = f"holds {len(rings)} polygons; a fence is one"
+            raise InputError(refusal("area.fence_file", area.fence_file, reason, blame))
+        corners = _corners(area, rings[0], blame)
         if crossing(np.array(corners)):
-            raise InputError(f"{path}: {rings[0].where}: crosses itself, or has no area")
+            raise InputError(f"{blame.source}: {rings[0].where}: crosses itself, or has no area")
         known |= {"fence_m": corners, "fence_file": None}
     whole = area.model_copy(update=known) if known else area
     outlines = [*(zone.polygon_m for zone in whole.no_fly), whole.fence_m or ()]
     corners_in_all = sum(map(len, outlines))
     if corners_in_all > MOST_CORNERS:
         raise InputError(
-            f"{path}: area: the areas and the fence have {corners_in_all} corners; {MOST_CORNERS} "
+            f"{blame.source}: area: the areas and the fence have {corners_in_all} corners; {MOST_CORNERS} "
             "at most, as paths are led around every one of them: simplify them"
         )
     return whole
 
 
-def _rings(area: AreaConfig, name: str, path: Path, given: Given) -> tuple[Ring, ...]:
-    key, file = f"area.{name}", Path(getattr(area, name))
+def _rings(area: AreaConfig, name: str, blame: Blame) -> tuple[Ring, ...]:
+    return _read(read_rings, f"area.{name}", getattr(area, name), blame)
+
+
+def _read(read: Callable[[Path], _Found], key: str, name: str, blame: Blame) -> _Found:
+    """What is in the file that a key names."""
+    folder = Path() if key in blame.given else Path(blame.source).parent
     try:
-        return read_rings(file if key in given else path.parent / file)
+        return read(folder / name)
     except InputError as error:
-        raise InputError(f"{path}: {key}: {error}") from None
+        raise InputError(f"{blame.on(key)}: {key}: {error}") from None
 
 
-def _zone(area: AreaConfig, ring: Ring, path: Path) -> NoFlyConfig:
+def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
     known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
     values = {key: value for key, value in known.items() if value is not None}
     try:
         return NoFlyConfig.model_validate(
-            {**values, "polygon_m": _corners(area, ring, path)}, strict=True
+            {**values, "polygon_m": _corners(area, ring, blame)}, strict=True
         )
     except ValidationError as error:
-        raise InputError("\n".join(explain(error, NoFlyConfig, f"{path}: {ring.where}"))) from None
+        place = Blame(f"{blame.source}: {ring.where}")
+        raise InputError("\n".join(explain(error, NoFlyConfig, place))) from None
 
 
-def _corners(area: AreaConfig, ring: Ring, path: Path) -> tuple[Pair, ...]:
+def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:
     places = [Place(ring.where, corner, geodetic=True) for corner in ring.corners_deg]
     corners = np.array([_on_ground(place, area) for place in places])
-    _check_near(places, corners - np.array(area.home_m), str(path))
+    _check_near(places, corners - np.array(area.home_m), blame.source)
     return tuple((round(x, 3), round(y, 3)) for x, y in corners.tolist())
 
 
-def _places_of(config: RunConfig, index: int, path: Path, given: Given) -> tuple[Place, ...]:
+def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]:
     """The places of one community; a file that names communities holds those of several."""
     community = config.communities[index]
     key = f"communities.{index}.positions_file"
     name = community.positions_file
     assert name is not None
-    file = Path(name) if key in given else path.parent / name
-    try:
-        every = read_places(file)
-    except InputError as error:
-        raise InputError(f"{path}: {key}: {error}") from None
+    every = _read(read_places, key, name, blame)
     names = list(dict.fromkeys(place.community for place in every))
     places = every if names == [None] else [p for p in every if p.community == community.name]
 
     def refuse(reason: str) -> InputError:
-        return InputError(refusal(key, name, reason, str(path), given=given))
+        return InputError(refusal(key, name, reason, blame))
 
     if None in names and len(names) > 1:
         lost = next(place for place in every if place.community is None)
@@ -166,11 +168,12 @@ def _places_of(config: RunConfig, index: int, path: Path, given: Given) -> tuple
             f"{', '.join(repr(name) for name in names)}"
         )
     if "devices" in community.model_fields_set and len(places) != community.devices:
-        raise refuse(
-            f"holds {len(places)} places of community {community.name!r}, but "
-            f"communities.{index}.devices = {community.devices}; leave devices out to have as "
-            "many as there are"
+        reason = (
+            f"{key} = {name!r} holds {len(places)} places of community {community.name!r}; leave "
+            "devices out to have as many as there are"
         )
+        wrong = f"communities.{index}.devices", community.devices, reason
+        raise InputError(refusal(*wrong, blame))
     if len(places) > 1000:
         raise refuse(f"holds {len(places)} places; a community has 1000 devices at most")
     shares = [place for place in places if place.share is not None]
@@ -219,7 +222,7 @@ def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig
     offsets = np.array([_on_ground(place, home) for place in globe]).reshape(-1, 2)
     if globe:
         _check_near(globe, offsets, source)
-    if globe and "home_m" not in given:
+    if globe and not {"home_m", "home_lat_deg", "home_lon_deg"} <= given:
         # The extent lies in the middle of the area.
         low, high = offsets.min(axis=0), offsets.max(axis=0)
         size = (
@@ -227,8 +230,14 @@ def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig
             if "size_m" in given
             else np.ceil(high - low + 2 * _margin(high - low))
         )
-        known["home_m"] = _pair(size / 2.0 - (low + high) / 2.0)
+        corner = (low + high) / 2.0 - size / 2.0
         known["size_m"] = _pair(size)
+        if "home_m" in given:
+            known |= _moved(home, corner + area.home_m)
+            home = home.model_copy(update=known)
+            offsets = np.array([_on_ground(place, home) for place in globe])
+        else:
+            known["home_m"] = _pair(-corner)
     if "size_m" not in given and "size_m" not in known:
         shifted = offsets + np.array(known.get("home_m", area.home_m))
         every = np.vstack([np.array(flat).reshape(-1, 2), shifted])
@@ -260,6 +269,13 @@ def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dic
     degrees = np.array([place.at for place in globe])
     lat, lon = ((degrees.min(axis=0) + degrees.max(axis=0)) / 2.0).tolist()
     return {"home_lat_deg": round(lat, 7), "home_lon_deg": round(lon, 7)}
+
+
+def _moved(area: AreaConfig, by_m: Floats) -> dict[str, Any]:
+    """Latitude and longitude of what lies so far east and north of home, which is at (0, 0)."""
+    built = area.build()
+    place = built.frame.to_geodetic(built.to_ned(by_m, 0.0))
+    return {"home_lat_deg": round(place.lat_deg, 7), "home_lon_deg": round(place.lon_deg, 7)}
 
 
 def _check_near(globe: Sequence[Place], offsets: Floats, source: str) -> None:

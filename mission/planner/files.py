@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fl.radio.channel import Channel, constants_model
-from mission.base.explain import explain, shown
+from mission.base.explain import Blame, explain, shown
 from mission.base.run_folder import write_atomically
 from mission.planner.errors import PlanInputError
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -135,7 +135,7 @@ def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:
         try:
             entries.append(ProblemEntry.model_validate(values))
         except ValidationError as error:
-            wrong += explain(error, ProblemEntry, place, notation="JSON")
+            wrong += explain(error, ProblemEntry, Blame(place), notation="JSON")
     if len(wrong) > MOST_SHOWN:
         wrong[MOST_SHOWN:] = [f"{path}: and {len(wrong) - MOST_SHOWN} more"]
     if wrong:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
@@ -153,6 +155,7 @@ def _fly(
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
     config = ready.scenario.config
+    _warn_of_home(ready.scenario, console)
     summary = Summary(
         folder,
         name=config.name,
@@ -172,6 +175,17 @@ def _fly(
         page=page,
         goes_on="" if flyers.no_resume else f"; aerofed run --resume {folder.path} goes on",
     )
+
+
+def _warn_of_home(scenario: Scenario, console: RunConsole) -> None:
+    """It may be meant; more often a sign, a digit or the order of lat and lon is wrong."""
+    home_m, reach_m = scenario.config.area.home_m, scenario.config.mission.path_budget_m
+    away_m = float(np.linalg.norm(scenario.devices_m - home_m, axis=1).min())
+    if away_m > reach_m:
+        console.say(
+            f"warning: home lies {away_m:.0f} m from the nearest device, farther than a round's "
+            f"path may be long (mission.path_budget_m = {reach_m:g})"
+        )
 
 
 @contextmanager

@@ -57,14 +57,14 @@ class SweepFolder:
                 named = "; ".join(changes[:_MAX_NAMED])
                 raise InputError(
                     f"{self.path}: the sweep in this folder was started with another "
-                    f"configuration: {named}; give a new folder by --out"
+                    f"configuration: {named}; give a new folder"
                 )
         elif self.path.is_dir():
             others = [path.name for path in self.path.iterdir() if path.name != _LOCK]
             if others:
                 raise InputError(
                     f"{self.path}: already used, and not by a sweep (it holds {others[0]}); "
-                    "give a new or empty folder by --out"
+                    "give a new or empty folder"
                 )
 
     def claim(self, grid: Grid, *, data_dir: Path | None) -> None:

@@ -16,7 +16,7 @@ from mission.config.overrides import parse_override
 Key = str | int | float | bool
 
 # Keys that have an option of their own, by which the tables name them.
-_OPTIONS = {"mission.strategy": "--strategies", "seed": "--seeds", "mission.rounds": "--rounds"}
+_OPTIONS = {"mission.strategy": "strategies", "seed": "seeds", "mission.rounds": "rounds"}
 _NAME_LENGTH = 100
 
 
@@ -100,14 +100,14 @@ def make_grid(
         InputError: a value is refused, named twice, or belongs to an option of its own.
     """
     if seeds < 1:
-        raise InputError(f"--seeds {seeds}: at least 1")
+        raise InputError(f"seeds = {seeds}: at least 1")
     for axis in axes:
         if axis.key in _OPTIONS:
-            raise InputError(f"--set {axis.key}: use {_OPTIONS[axis.key]} in a sweep")
-    _refuse_twice("--strategies", strategies)
-    _refuse_twice("--set", [axis.key for axis in axes])
+            raise InputError(f"{axis.key}: use {_OPTIONS[axis.key]} in a sweep")
+    _refuse_twice("strategies", strategies)
+    _refuse_twice("settings", [axis.key for axis in axes])
     for axis in axes:
-        _refuse_twice(f"--set {axis.key}", axis.values)
+        _refuse_twice(axis.key, axis.values)
     # What has one value is common to all runs and need not be told in every row.
     common = {axis.key: axis.values[0] for axis in axes if len(axis.values) == 1}
     axes = [axis for axis in axes if len(axis.values) > 1]

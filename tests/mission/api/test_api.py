@@ -294,3 +294,16 @@ def test_sweeps(tmp_path: Path) -> None:
     assert len(one.rounds) == 2
     assert swept.figure("final")._repr_png_().startswith(b"\x89PNG")
     assert len(aerofed.load_sweep(tmp_path / "s").runs) == 4
+
+
+def test_overrides_may_be_arrays_and_their_scalars() -> None:
+    overrides = {
+        "communities.0.positions_m": np.array([[10.0, 20.0], [30.0, 40.0]], np.float32),
+        "area.home_m": (np.float32(1.0), np.float64(3.0)),
+        "mission.rounds": np.int64(2),
+        "communities.0.devices": 2,
+        "communities.0.coverage": False,
+    }
+    config = aerofed.config("quickstart", overrides)
+    assert config.communities[0].positions_m == ((10.0, 20.0), (30.0, 40.0))
+    assert (config.area.home_m, config.mission.rounds) == ((1.0, 3.0), 2)

@@ -193,7 +193,7 @@ def test_wrong_geojson_is_one_line(load, tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ("devices = 4\n", "holds 3 places of community 'a', but communities.0.devices = 4"),
+        ("devices = 4\n", "c.toml: communities.0.devices = 4: communities.0.positions_file = 'd.geojson' holds 3 places"),
         ("positions_m = [[1, 2]]\n", "positions_m and positions_file: one of them, not both"),
         ("data_shares = [1, 2]\n", "community 'a' has 3 places, but 2 data_shares"),
         ("[area]\nsize_m = [100, 100]\n", "outside the area: x must be from 0 to 100"),
@@ -366,3 +366,30 @@ def test_a_fence_is_one_polygon(load, tmp_path: Path) -> None:
     (tmp_path / "z.geojson").write_text(zones(({}, SCHOOL), ({}, SCHOOL)))
     with pytest.raises(InputError, match="holds 2 polygons; a fence is one"):
         load(BASE + AREA + 'fence_file = "z.geojson"\n')
+
+
+def test_home_given_as_a_place_in_the_area_of_devices_in_degrees(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN))
+    usual, moved = load(text), load(text, area__home_m=[100.0, -50.0])
+    for first, second in zip(
+        usual.communities[0].positions_m, moved.communities[0].positions_m, strict=True
+    ):  # the devices stay where they are in the area
+        assert first == pytest.approx(second, abs=0.2)
+    east, north, _ = pymap3d.geodetic2enu(
+        moved.area.home_lat_deg, moved.area.home_lon_deg, 0.0,
+        usual.area.home_lat_deg, usual.area.home_lon_deg, 0.0,
+    )  # fmt: skip
+    there = (100.0 - usual.area.home_m[0], -50.0 - usual.area.home_m[1])
+    assert (east, north) == pytest.approx(there, abs=0.1)
+
+
+def test_a_file_named_on_the_command_line_is_not_blamed_on_the_configuration(load) -> None:
+    for key in ("communities.0.positions_file", "area.no_fly_file"):
+        with pytest.raises(InputError, match=rf"^command line: {key}: \S+nope.csv: "):
+            load(**{key.replace(".", "__"): "/nope.csv"})
+
+
+def test_a_number_of_devices_that_contradicts_a_file_is_what_is_blamed(load, tmp_path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN))
+    with pytest.raises(InputError, match=r"^command line: communities.0.devices = 2: .* holds 3 "):
+        load(text, communities__0__devices=2)

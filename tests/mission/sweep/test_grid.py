@@ -73,17 +73,17 @@ def test_values_are_separated_by_commas(text: str, values: tuple[object, ...]) -
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"sets": ["mission.strategy=cov,ideal"]}, ["mission.strategy", "--strategies"]),
-        ({"sets": ["seed=1,2"]}, ["seed", "--seeds"]),
+        ({"sets": ["mission.strategy=cov,ideal"]}, ["mission.strategy", "strategies"]),
+        ({"sets": ["seed=1,2"]}, ["seed", "seeds"]),
         ({"sets": ["mission.steps=5,5"]}, ["mission.steps", "5", "twice"]),
         ({"sets": ["mission.steps=5", "mission.steps=6"]}, ["mission.steps", "twice"]),
         ({"sets": ["mission.steps=5,0"]}, ["mission.steps = 0", "from 1 to 500"]),
         ({"sets": ["mission.steps=5,"]}, ["mission.steps=5,", "KEY=VALUE,VALUE"]),
         ({"sets": ["mission.steps"]}, ["mission.steps", "KEY=VALUE"]),
-        ({"strategies": ("cov", "cov")}, ["--strategies", "'cov'", "twice"]),
+        ({"strategies": ("cov", "cov")}, ["strategies", "'cov'", "twice"]),
         ({"strategies": ("best",)}, ["mission.strategy", "'best'"]),
         ({"sets": ["link.kind=udp"]}, ["link.kind = 'udp'", "in_process"]),
-        ({"seeds": 0}, ["--seeds 0", "at least 1"]),
+        ({"seeds": 0}, ["seeds = 0", "at least 1"]),
         ({"rounds": 0}, ["mission.rounds = 0"]),
     ],
 )
