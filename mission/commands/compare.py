@@ -3,13 +3,13 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
+from mission.commands.options import Json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def compare(
     run: Path,
     *others: Path,
-    as_json: Annotated[bool, Parameter(name=("--json", "--as-json"), negative=())] = False,
+    as_json: Json = False,
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:
@@ -35,7 +35,7 @@ def compare(
     others
         More of them, to stand beside the first.
     as_json
-        Print JSON, with every number at full precision, instead of tables.
+        Print JSON, with every number at full precision, instead of tables: a list, a run each.
     figure
         Draw them into this file too, runs round by round, flights of plan files along the plan:
         .png, .svg or .pdf.
@@ -58,8 +58,7 @@ def compare(
         draw_comparison(found, figure)
     console = Terminal()
     if as_json:
-        data = [item.to_json() for item in found]
-        console.print_json(json.dumps(data if others else data[0]))
+        console.print_json(json.dumps([item.to_json() for item in found]))
     else:
         for table in side_by_side(found, width=console.width) if others else tables(found[0]):
             console.print(table)

@@ -108,6 +108,14 @@ def check_items(
                 f"{source}: item {item.seq}, {command_name(item.command)}: {height_m:.1f} m above "
                 f"home; 1 to {MAX_HEIGHT_M:g} m are allowed"
             )
+    here = np.zeros(3)
+    for seq, place in places.items():
+        steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
+        way = np.linspace(here, place, steps)
+        if breach := breach_of(drawn, way, home_ned_m=flight.home_ned_m, parameters=parameters):
+            name = command_name(items[seq].command)
+            raise InputError(f"{source}: item {seq}, {name}: on the way there it is {breach}")
+        here = place
     for item in rally:
         wrong = _wrong_rally(item, drawn, vehicle)
         if wrong:

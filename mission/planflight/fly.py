@@ -86,7 +86,7 @@ class _PlanFlight:
             self.totals.sim_s = self.carrier.t_ns / 1e9
 
     def conclude(self, summary: Summary) -> None:
-        """Compare what was flown with its plan, and draw it; nothing where nothing was.
+        """Compare what was flown with its plan; nothing where nothing was.
 
         Raises:
             FlightError: the plan was flown to its end, and the last place never reached.
@@ -99,9 +99,6 @@ class _PlanFlight:
         self.comparison = compare_run(run)
         numbers = self.comparison.to_json()["total"].items()
         summary.add(planned_and_flown={key: value for key, value in numbers if value is not None})
-        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
-
-        draw_run(summary.folder.path)
         last = max(self.carrier.ready.path.places)
         if self.ended and last not in reached(run.data):
             raise FlightError(f"item {last} was never reached")

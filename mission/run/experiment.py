@@ -55,10 +55,7 @@ class Experiment(ABC):
         await self._run()
 
     def conclude(self, summary: Summary) -> None:
-        """Draw what was flown, from the finished log and tables."""
-        from mission.figures.run import draw_run  # with it Altair, which nothing before needs
-
-        draw_run(summary.folder.path)
+        """Nothing: the rounds are in their tables."""
 
     def show(self, console: RunConsole) -> None:
         """What the rounds came to."""

@@ -32,7 +32,7 @@ class Recorded(Protocol):
         """
 
     def conclude(self, summary: Summary) -> None:
-        """Draw and tabulate what was flown, from the finished log."""
+        """Tabulate what was flown, from the finished log."""
 
     def show(self, console: RunConsole) -> None:
         """What it came to, for people."""
@@ -73,8 +73,12 @@ def fly_recorded(
     if outcome.status == "finished":
         InterruptedFiles(folder).discard()
     try:
-        if flight is not None and figures:
+        if flight is not None:
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
+                if figures:
+                    from mission.figures.run import draw_run  # with it Altair
+
+                    draw_run(folder.path)
                 flight.conclude(summary)
     finally:
         # Last of all: a folder that says "finished" has everything.

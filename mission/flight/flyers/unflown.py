@@ -16,7 +16,7 @@ from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
 
-PLANNED_POSITIONS = "nothing is flown: every waypoint is met exactly, at the planned speed"
+PLANNED_POSITIONS = "nothing is flown: what is planned is met exactly, at the planned speed"
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 FULL = BatteryState(voltage_v=0.0, current_a=0.0, consumed_mah=0.0, remaining=1.0)
 

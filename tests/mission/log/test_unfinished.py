@@ -28,9 +28,9 @@ def test_what_is_there_of_a_killed_run_is_compared_and_reported(
 ) -> None:
     folder = tmp_path / "run"
     killed(folder)
-    assert call(["compare", str(folder), "--as-json"]) == 0
+    assert call(["compare", str(folder), "--json"]) == 0
     printed = capsys.readouterr()
-    found = json.loads(printed.out)
+    (found,) = json.loads(printed.out)
     assert [item["round"] for item in found["rounds"]] == [1, 2]
     assert sum(item["scheduled"] for item in found["devices"]) == found["total"]["scheduled"]
     assert f"2 rounds of it are here; aerofed run --resume {folder} goes on" in printed.err
@@ -81,7 +81,7 @@ def test_runs_of_different_length_are_said_to_be(
         paths.append(str(tmp_path / name))
     assert call(["compare", *paths]) == 0
     assert "(rounds: long 3, short 2)" in capsys.readouterr().err
-    assert call(["compare", *paths, "--rounds", "2", "--as-json"]) == 0
+    assert call(["compare", *paths, "--rounds", "2", "--json"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     first, second = json.loads(printed.out)

@@ -159,25 +159,44 @@ def test_what_may_not_be_flown_is_named_and_leaves_nothing(
     assert not out.exists()
 
 
-def test_a_fence_of_the_plan_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def fenced(tmp_path: Path, *circles: tuple[bool, float, float]) -> Path:
+    """To the north and home, with circles: whether to stay inside, their latitude and radius."""
     document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
     document["geoFence"]["circles"] = [
-        {"inclusion": True, "version": 1, "circle": {"center": [47.4, 8.5], "radius": 100}}
+        {"inclusion": inside, "version": 1, "circle": {"center": [lat, 8.5], "radius": radius_m}}
+        for inside, lat, radius_m in circles
     ]
     plan = tmp_path / "fenced.plan"
     plan.write_text(json.dumps(document))
+    return plan
+
+
+def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
-    assert "fence" in capsys.readouterr().err.lower()
-    assert summary(out)["status"] == "failed"
-    # It is in the log: 100 m about home, whose place on the map is 50 m from the corner.
+    plan = fenced(tmp_path, (True, 47.4, 1000.0))
+    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    # 1000 m about home, whose place on the map is 50 m from the corner.
     (zone,) = read_log(out / "flight.mcap").fence
     assert zone.keep_in
     away = np.linalg.norm(zone.outline_m - np.array([50.0, 50.0]), axis=1)
-    np.testing.assert_allclose(away, 100.0, atol=0.01)
-    # It never left the ground.
-    assert call(["report", str(out)]) == 2
-    assert "no round was flown, so there is nothing to report: failed" in capsys.readouterr().err
+    np.testing.assert_allclose(away, 1000.0, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("circle", "words"),
+    [
+        ((True, 47.4, 100.0), "item 1, NAV_WAYPOINT (16): on the way there it is outside the fence"),
+        # Between two places, neither of which lies in it.
+        ((False, (47.4 + NORTH) / 2, 10.0), "on the way there it is inside an excluded area"),
+    ],
+)
+def test_a_way_against_the_plans_own_fence_is_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], circle: Any, words: str
+) -> None:
+    out = tmp_path / "out"
+    assert call(["fly", str(fenced(tmp_path, circle)), "--out", str(out), "--quiet"]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_a_fence_that_is_none_is_refused_before_anything_is_written(
@@ -266,7 +285,7 @@ def test_its_folder_has_the_after_care_of_a_run(
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
     assert call(["compare", str(first)]) == 0
     assert capsys.readouterr().out.splitlines() == printed[: printed.index(f"results in {first}")]
-    assert call(["compare", str(first), str(second / "flight.mcap"), "--as-json"]) == 0
+    assert call(["compare", str(first), str(second / "flight.mcap"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
     assert found[0] == found[1]
@@ -295,9 +314,9 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     killed = {key: value for key, value in summary(out).items() if key != "planned_and_flown"}
     (out / "summary.json").write_text(json.dumps(killed | {"status": "running"}))
-    assert call(["compare", str(out), "--as-json"]) == 0
+    assert call(["compare", str(out), "--json"]) == 0
     printed = capsys.readouterr()
-    found = json.loads(printed.out)["total"]
+    found = json.loads(printed.out)[0]["total"]
     assert 0 < found["slots_missed"] < found["slots"] == 4
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert "killed, or is still under way; this is what was flown" in printed.err

@@ -116,8 +116,8 @@ def test_the_log_opens_with_a_standard_reader(run: Path) -> None:
 
 @pytest.mark.slow
 def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["compare", str(run), "--as-json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    assert call(["compare", str(run), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
     assert len(found["rounds"]) == 2
     assert 0.0 < found["total"]["cross_track_rms_m"] < 3.0
     assert call(["compare", str(run)]) == 0

@@ -130,7 +130,7 @@ def test_a_changed_sweep_is_refused_by_name(
     folder = started(tmp_path / "s", grid())
     with pytest.raises(InputError) as caught:
         folder.check(grid(**more), data_dir=None)
-    for word in (str(folder.path), "--out", *words):
+    for word in (str(folder.path), "give a new folder", *words):
         assert word in str(caught.value)
 
 
