@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ class LoadedRun:
     @property
     def about(self) -> str:
         """Which run it is, with strategy or plan file, and seed: a line for pictures."""
-        config, plan_file = self._config, self.data.plan_file
+        config, plan_file = self.data.config, self.data.plan_file
         known = {**config.get("mission", {}), **config, **self.summary}
         keys = ("strategy", "seed") if plan_file is None else ("seed",)
         facts = [f"{key} {known[key]}" for key in keys if key in known]
@@ -69,14 +68,6 @@ class LoadedRun:
         count = len(self.data.rounds)
         done = f"{count} {'round of it is' if count == 1 else 'rounds of it are'} here"
         return f"{self.state}; {done}; aerofed run --resume {self.path} goes on"
-
-    @property
-    def _config(self) -> dict[str, Any]:
-        """What it was flown with; empty where the log's copy is missing or damaged."""
-        try:
-            return tomllib.loads(self.data.attachments.get("config.toml", b"").decode())
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError):
-            return {}
 
 
 def load_run(path: Path) -> LoadedRun:

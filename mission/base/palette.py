@@ -9,6 +9,7 @@ import itertools
 RGB = tuple[float, float, float]
 
 _OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442")
+COLOURS = len(_OKABE_ITO)
 _PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
 
 # By role, on white paper and on dark: a page takes what its reader's theme asks for.
@@ -27,8 +28,8 @@ PLANNED, FLOWN, FENCE = LIGHT["planned"], LIGHT["flown"], LIGHT["fence"]
 
 
 def community_colour(index: int) -> str:
-    """`#RRGGBB` of the community with this index; the set repeats after seven."""
-    return _OKABE_ITO[index % len(_OKABE_ITO)]
+    """`#RRGGBB` of the community with this index; the set repeats after `COLOURS`."""
+    return _OKABE_ITO[index % COLOURS]
 
 
 def per_colour(per: float) -> RGB:

@@ -25,6 +25,7 @@ Values: TypeAlias = Sequence[float] | np.ndarray[Any, np.dtype[np.float64]]
 LayerChart: TypeAlias = alt.LayerChart
 _MARKED = 25  # points of a line that are few enough to be marked
 _DASHED = [5, 4]
+_LOOKS = (([1, 0], [2, 3]), (_DASHED, [8, 3, 2, 3]))  # solid and dashed; where colours come again
 _ROW = 34.0  # of a strategy among the intervals
 
 
@@ -37,6 +38,7 @@ class Series:
     x: Values
     y: Values
     dashed: bool = False
+    again: bool = False  # another one has this colour
     low: Values | None = None
     high: Values | None = None
 
@@ -72,7 +74,7 @@ def line_chart(
         axis=_whole(series) if whole_x else alt.Axis(),
     )
     up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
-    dashes = named(names, [_DASHED if item.dashed else [1, 0] for item in series])
+    dashes = named(names, [_LOOKS[item.dashed][item.again] for item in series])
     key = line_keys(names)
     look = alt.Color("series:O", scale=named(names, [item.colour for item in series]), legend=key)
     base = alt.Chart(data).encode(x=across, y=up, color=look)

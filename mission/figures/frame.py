@@ -100,9 +100,18 @@ class Frame:
         ]  # fmt: skip
 
     def _areas(self, run: FlightData) -> list[alt.Chart]:
-        """What must not be flown, filled: a polygon is a closed line."""
+        """What must not be flown, filled: a polygon is a closed line; and its name."""
         rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
-        return [
+        known = run.config.get("area", {}).get("no_fly", ())
+        named_here = [
+            (zone["name"], ring.mean(axis=0)) for ring in rings for zone in known
+            if np.array_equal(zone["polygon_m"], ring)
+        ]  # fmt: skip
+        names = [
+            _label(self.chart(table(round=[0], x=[x], y=[y])), name, dy=0)
+            for name, (x, y) in named_here
+        ]
+        return names + [
             alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))])).mark_line(
                 strokeWidth=0, fill=FENCE, fillOpacity=0.12, clip=True
             ).encode(self.x(), self.y(), order="step:Q")

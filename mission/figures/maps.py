@@ -29,10 +29,10 @@ from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0
-# A cross in a ring, one unit across.
+# A ring, one unit across, and a cross in it.
+_RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _LOST = (
-    "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
-    "M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55ZM-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
+    f"{_RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55ZM-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
 )
 _OUTCOMES = ("delivered", "lost", "not served")
 
@@ -158,7 +158,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
 def _devices(
     run: FlightData, frame: Frame, rounds: Sequence[tuple[int, Floats, Served]]
 ) -> list[alt.Chart]:
-    """Colour: community. Area: importance. Filled: delivered; crossed: lost; faint: not served."""
+    """Colour: community. Area: importance. Filled: delivered; crossed: lost; ring: not served."""
     names, count = run.devices.communities, len(run.devices.community)
     if not count:
         return []
@@ -195,10 +195,7 @@ def _devices(
     )  # fmt: skip
     became = marks.mark_point(stroke=None, opacity=1).encode(
         shape=alt.Shape(
-            "outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, "circle"]), legend=key
-        ),
-        fillOpacity=alt.FillOpacity(
-            "outcome:O", scale=named(_OUTCOMES, [1.0, 1.0, 0.3]), legend=key
+            "outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, _RING]), legend=key
         ),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
     )

@@ -4,9 +4,11 @@ A field with words stands in the log's records, one without (its time) beside th
 """
 
 import json
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Self
+from functools import cached_property
+from typing import Annotated, Any, Self
 
 import numpy as np
 
@@ -226,6 +228,14 @@ class FlightData:
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
     plan_file: PlanFileRecord | None = None  # None: the rounds of a run
+
+    @cached_property
+    def config(self) -> Mapping[str, Any]:
+        """The configuration that the log holds, as TOML has it; empty where it holds none."""
+        try:
+            return tomllib.loads(self.attachments.get("config.toml", b"").decode())
+        except ValueError:
+            return {}
 
 
 def area_to_text(area: Area) -> dict[str, str]:

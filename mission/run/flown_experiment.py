@@ -57,7 +57,8 @@ class FlownExperiment(Experiment):
         """How much was flown, in words."""
         if self.scenario.config.mission.strategy == "barycenter":
             return f"hovering, {self.totals.budget_used_m:.0f} m of the path budget spent"
-        return f"{self.totals.flown_m:.0f} m flown in them"
+        none = self.scenario.config.mission.flight == "none"
+        return f"{self.totals.flown_m:.0f} m {'planned' if none else 'flown'} in them"
 
     async def _rounds(self, flyer: Flyer) -> None:
         self._stage = "take-off"

@@ -8,13 +8,14 @@ from typing import TypeAlias
 import numpy as np
 
 from mission.base.arrays import Floats
+from mission.base.palette import COLOURS
 from mission.sweep.outcome.stats import ENOUGH, band
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
 _POINTS = 200  # of a curve over distance or time
-_TOLD_APART = 14  # curves in one chart, of seven colours
+_TOLD_APART = 2 * COLOURS  # curves in one chart
 
 
 def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:

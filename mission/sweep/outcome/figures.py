@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mission.base.palette import community_colour
+from mission.base.palette import COLOURS, community_colour
 from mission.figures.cells import beside
 from mission.figures.charts import LayerChart, Series, dot_rows, line_chart
 from mission.figures.render import Chart, save_all, stacked
@@ -89,18 +89,19 @@ def gain_maps(results: Sequence[RunResult], other: str) -> list[tuple[LayerChart
 
 
 def _curves(picture: Picture, panel: Panel) -> LayerChart:
-    colours = {label: community_colour(index) for index, label in enumerate(picture.order)}
+    curves = picture.curves(panel).items()
     return line_chart(
         panel.title,
-        [_series(label, colours[label], c) for label, c in picture.curves(panel).items()],
+        [_series(label, picture.order.index(label), curve) for label, curve in curves],
         x=picture.x_label, y=panel.axis, most=panel.most, whole_x=picture.sampling is by_round,
     )  # fmt: skip
 
 
-def _series(label: str, colour: str, curve: Curve) -> Series:
+def _series(label: str, index: int, curve: Curve) -> Series:
     """One that nobody flew is dashed: it is a bound, not a rival."""
     known = bool(np.isfinite(curve.low).any())
     return Series(
-        label, colour, curve.x, curve.mean, dashed=not curve.flown,
+        label, community_colour(index), curve.x, curve.mean,
+        dashed=not curve.flown, again=index >= COLOURS,
         low=curve.low if known else None, high=curve.high if known else None,
     )  # fmt: skip

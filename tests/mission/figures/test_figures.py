@@ -28,7 +28,7 @@ from mission.figures.render import save, save_all, stacked
 from mission.figures.run import comparison_figure, draw_comparison, draw_run
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import Table
-from mission.log.values import LearningRecord
+from mission.log.values import LearningRecord, Zone
 from mission.log.write.writer import FlightLog
 
 PNG = b"\x89PNG\r\n"
@@ -83,7 +83,7 @@ def test_a_map_explains_its_lines_sizes_colours_and_what_became_of_updates(tmp_p
     found = keys(spec)
     assert found["stroke"] == ["planned", "flown"]
     assert found["fill"] == ["digits", "colour-shapes"]
-    assert found["shape"] == found["fillOpacity"] == ["delivered", "lost", "not served"]
+    assert found["shape"] == ["delivered", "lost", "not served"]
     sizes = [layer["encoding"]["size"] for layer in layers(spec) if "size" in layer["encoding"]]
     assert sizes[0]["legend"]["title"] == "importance"
     assert sizes[0]["scale"]["domain"] == [0.0, pytest.approx(0.25)]
@@ -93,6 +93,20 @@ def test_a_map_explains_its_lines_sizes_colours_and_what_became_of_updates(tmp_p
         assert row["outcome"] == state
     numbers = [layer for layer in layers(spec) if layer["encoding"].get("text")]
     assert numbers[0]["encoding"]["text"]["field"] == "device"
+
+
+def test_areas_that_must_not_be_flown_have_their_names_on_the_map(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=1)
+    ring = np.array([[100.0, 100.0], [200.0, 100.0], [150.0, 220.0]])
+    text = f"[[area.no_fly]]\nname = 'pond'\npolygon_m = {ring.tolist()}\n"
+    text += "[[area.no_fly]]\nname = 'overhead'\npolygon_m = [[0, 0], [1, 0], [0, 1]]\n"
+    run = replace(
+        load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),),
+        attachments={"config.toml": text.encode()},
+    )  # fmt: skip
+    marks = [layer["mark"] for layer in layers(described(round_map(run, run.plans[:1])))]
+    assert {mark.get("text") for mark in marks} >= {"home", "pond"}
+    assert "overhead" not in str(marks)
 
 
 def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:
