@@ -9,7 +9,7 @@ from rich.console import Console
 
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands import helps, usage
 from native.errors import LibraryError
 
@@ -84,7 +84,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
 def call(tokens: Sequence[str] | None = None) -> int:
     """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
     # Without emoji, whose table would be loaded for the first line: there may be no memory for it.
-    errors = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)
+    errors = Console(stderr=True, emoji=False, **PLAIN)
     Terminal.failure = None
     try:
         result = app(tokens, exit_on_error=False, print_error=False)

@@ -45,7 +45,10 @@ def check_sizes(loaded: ctypes.CDLL, **structures: type[ctypes.Structure]) -> No
         LibraryError: one differs, and what is read through it would be anything.
     """
     for name, structure in structures.items():
-        size, here = ctypes.c_int64.in_dll(loaded, f"size_of_{name}").value, ctypes.sizeof(structure)
+        size, here = (
+            ctypes.c_int64.in_dll(loaded, f"size_of_{name}").value,
+            ctypes.sizeof(structure),
+        )
         if size != here:
             raise LibraryError(f"{loaded._name}: {name} has {size} bytes there, {here} in Python")
 

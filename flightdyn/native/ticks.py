@@ -34,12 +34,9 @@ def of_python(*names: str) -> tuple[int | None, ...]:
     return tuple(ctypes.cast(getattr(ctypes.pythonapi, name), _POINTER).value for name in names)
 
 
-_PYTHON = _Interpreter(
-    *of_python(
-        "PyObject_Vectorcall", "PyFloat_AsDouble", "PyErr_Occurred", "PyFloat_FromDouble",
-        "Py_DecRef",
-    )  # fmt: skip
-)
+_PYTHON = _Interpreter(*of_python(
+    "PyObject_Vectorcall", "PyFloat_AsDouble", "PyErr_Occurred", "PyFloat_FromDouble", "Py_DecRef"
+))  # fmt: skip
 
 
 class _Gauge(ctypes.Structure):

@@ -16,20 +16,21 @@ _WIDE = 80
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
-def _number(value: float, digits: int = 2) -> str:
+def number(value: float, digits: int = 2) -> str:
+    """As tables show it, also those of pages; a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _pair(first: str, second: str, digits: int = 2) -> _Cell:
-    return lambda c: f"{_number(getattr(c, first), digits)} / {_number(getattr(c, second), digits)}"
+    return lambda c: f"{number(getattr(c, first), digits)} / {number(getattr(c, second), digits)}"
 
 
 def _one(name: str, digits: int = 2) -> _Cell:
-    return lambda c: _number(getattr(c, name), digits)
+    return lambda c: number(getattr(c, name), digits)
 
 
 def _three(*names: str, digits: int) -> _Cell:
-    return lambda c: " / ".join(_number(getattr(c, name), digits) for name in names)
+    return lambda c: " / ".join(number(getattr(c, name), digits) for name in names)
 
 
 _Columns = tuple[tuple[str, _Cell], ...]
@@ -88,7 +89,7 @@ def _devices(comparison: RunComparison) -> Table:
             str(item.device),
             item.community,
             f"{item.delivered}/{item.scheduled}",
-            *(_number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
+            *(number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
         )
     return table
 
@@ -121,7 +122,7 @@ def _columns(
     rows: Sequence[tuple[str, int, list[float]]],
     width: int,
 ) -> tuple[Table, ...]:
-    cells = [[_number(value, digits) for value in values] for _, digits, values in rows]
+    cells = [[number(value, digits) for value in values] for _, digits, values in rows]
     widest = max(len(cell) for row in cells for cell in row)
     labels = max(len(label) for label, _, _ in rows)
     # 2 characters at either edge of a table, and 3 between columns.

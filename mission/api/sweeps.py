@@ -10,13 +10,12 @@ from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run
 from mission.base.errors import INTERRUPTED
+from mission.config import STRATEGIES
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from mission.sweep.state import SweepState
-
-ALL = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Sweep:
 def sweep(
     source: Source = "quickstart",
     *,
-    strategies: Sequence[str] = ALL,
+    strategies: Sequence[str] = STRATEGIES,
     seeds: int = 3,
     settings: Mapping[str, Sequence[Any]] | None = None,
     overrides: Mapping[str, Any] | None = None,

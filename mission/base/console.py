@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
+from mission.base.terminal import PLAIN
+
 
 @dataclass(frozen=True)
 class RunConsole:
@@ -20,7 +22,7 @@ class RunConsole:
     def say(self, text: str) -> None:
         """A line for people."""
         if not self.quiet:
-            self.out.print(text, soft_wrap=True, highlight=False, markup=False)
+            self.out.print(text, **PLAIN)
 
     def show(self, table: Table) -> None:
         """A table for people."""

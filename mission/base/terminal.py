@@ -7,6 +7,9 @@ from typing import Any, ClassVar
 
 from rich.console import Console
 
+# Lines as they are: neither wrapped, coloured, nor read as markup.
+PLAIN: dict[str, Any] = {"soft_wrap": True, "highlight": False, "markup": False}
+
 
 class Terminal(Console):
     """A console that falls silent, instead of raising, when it can no longer be written.

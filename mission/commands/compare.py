@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ def compare(
     """Planned against flown: cross-track error, timing and packet error rates of runs.
 
     Of a run that was interrupted or killed, what is there is compared.
-
-    Example: aerofed compare paper6
 
     Parameters
     ----------
@@ -49,7 +47,7 @@ def compare(
     from mission.analysis.load import load_run
 
     loaded = [load_run(path) for path in (run, *others)]
-    aside = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    aside = Console(stderr=True, **PLAIN)
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:

@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
 from mission.base.errors import InputError, LinkLostError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json
 
 if TYPE_CHECKING:
@@ -23,8 +22,6 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
 
     Files that are there already and right are left alone.
 
-    Example: aerofed data fetch data --task mnist cifar10
-
     Parameters
     ----------
     folder
@@ -37,7 +34,7 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
     from fl.data.fetch import fetch as download
     from fl.errors import FetchError, SettingError
 
-    console = _console()
+    console = Terminal(**PLAIN)
     done: list[Path] = []
     with Progress(
         TextColumn("{task.description}", markup=False),
@@ -72,8 +69,6 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
 def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> int:
     """Read every data set in a folder as a run would, and say what was found.
 
-    Example: aerofed data check data
-
     Parameters
     ----------
     folder
@@ -94,7 +89,7 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; aerofed data fetch {folder} makes it")
     found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or TASKS))
-    console = _console()
+    console = Terminal(**PLAIN)
     for item in () if as_json else found:
         console.print(f"{item.task}: {item.status}: {item.detail}")
     if as_json:
@@ -107,7 +102,3 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
             f"{folder}: holds none of the data sets; aerofed data fetch {folder} downloads them"
         )
     return 0
-
-
-def _console() -> Console:
-    return Terminal(highlight=False, markup=False, soft_wrap=True)

@@ -5,7 +5,7 @@ from typing import Literal
 
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 
 
 def init(
@@ -14,8 +14,6 @@ def init(
     out: Path = Path(),
 ) -> int:
     """Write a configuration of your own, with comments, to begin from.
-
-    Example: aerofed init paper
 
     Parameters
     ----------
@@ -37,7 +35,7 @@ def init(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be made: {error.strerror}") from None
-    console = Terminal(highlight=False, markup=False, soft_wrap=True)
+    console = Terminal(**PLAIN)
     for file, target in zip(files, targets, strict=True):
         write_atomically(target, file.read_bytes())
         console.print(target)

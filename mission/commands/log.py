@@ -4,12 +4,11 @@ from pathlib import Path
 from typing import Literal
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, plain, print_json
 
 Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
@@ -17,8 +16,6 @@ Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
 
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
     """Save everything sound of a log that was cut short or damaged, as a complete log.
-
-    Example: aerofed log recover runs/quickstart/flight.mcap
 
     Parameters
     ----------
@@ -36,7 +33,7 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
     if as_json:
         print_json(saved)
         return 0
-    console = _console()
+    console = Terminal(**PLAIN)
     console.print(
         f"{saved.target}: {saved.messages} messages, {saved.attachments} attachments, "
         f"{saved.seconds:.1f} s of simulated time"
@@ -51,8 +48,6 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
 
 def info(log: Path, *, as_json: Json = False) -> int:
     """Say what is in a log: topics, schemas, rates, attachments, metadata.
-
-    Example: aerofed log info runs/quickstart/flight.mcap
 
     Parameters
     ----------
@@ -69,7 +64,7 @@ def info(log: Path, *, as_json: Json = False) -> int:
         topics = [{**plain(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
         print_json({**plain(found), "messages": found.messages, "topics": topics})
         return 0
-    console = _console()
+    console = Terminal(**PLAIN)
     console.print(
         f"{log}: {found.size_bytes / 1e6:.2f} MB, {found.messages} messages, "
         f"{found.end_s - found.start_s:.1f} s of simulated time, "
@@ -93,8 +88,6 @@ def info(log: Path, *, as_json: Json = False) -> int:
 def check(log: Path, *, as_json: Json = False) -> int:
     """Verify every checksum, the numbering and the index of a log.
 
-    Example: aerofed log check runs/quickstart/flight.mcap
-
     Parameters
     ----------
     log
@@ -110,7 +103,7 @@ def check(log: Path, *, as_json: Json = False) -> int:
     if as_json:
         print_json({"log": log, "sound": not findings, "findings": findings})
         return LIMITS_NOT_MET if findings else 0
-    console = _console()
+    console = Terminal(**PLAIN)
     for finding in findings:
         console.print(f"{log}: {finding}")
     if findings:
@@ -127,8 +120,6 @@ def export(
     as_json: Json = False,
 ) -> int:
     """Write a log's contents as tables, or its paths for a map.
-
-    Example: aerofed log export runs/quickstart/flight.mcap --to csv
 
     Parameters
     ----------
@@ -149,7 +140,7 @@ def export(
         print_json(written)
         return 0
     for path in written:
-        _console().print(path)
+        Terminal(**PLAIN).print(path)
     return 0
 
 
@@ -177,8 +168,6 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
 def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     """Say where two logs differ.
 
-    Example: aerofed log diff a/flight.mcap b/flight.mcap
-
     Parameters
     ----------
     first
@@ -190,7 +179,7 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     """
     from mission.log.read.inspection import diff as compare
 
-    console = _console()
+    console = Terminal(**PLAIN)
     lines = compare(_file(first), _file(second))
     if as_json:
         print_json({"same": not lines, "differences": lines})
@@ -211,7 +200,3 @@ def _file(log: Path) -> Path:
     if not file.is_file():
         raise InputError(f"{log}: not a run folder: it has no {file.name}")
     return file
-
-
-def _console() -> Console:
-    return Terminal(highlight=False, markup=False, soft_wrap=True)

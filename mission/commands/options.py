@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 
 if TYPE_CHECKING:
     from mission.config.models import RunConfig
@@ -57,9 +57,7 @@ def load(
 
 def print_json(value: Any) -> None:
     """Print a value as JSON; what JSON has no number for (NaN, infinity) as null."""
-    Terminal(soft_wrap=True, highlight=False, markup=False).print(
-        json.dumps(plain(value), indent=2, allow_nan=False)
-    )
+    Terminal(**PLAIN).print(json.dumps(plain(value), indent=2, allow_nan=False))
 
 
 def plain(value: Any) -> Any:

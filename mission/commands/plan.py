@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
@@ -114,12 +114,12 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
         about = {"preset": resolved.channel.preset, "altitude_m": resolved.mission.altitude_m}
         print_json({**about, **report.numbers, "warning": report.warning})
         return 0
-    console = Terminal(soft_wrap=True, highlight=False, markup=False)
+    console = Terminal(**PLAIN)
     console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
     for line in report.lines:
         console.print(line)
     if report.warning:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"warning: {report.warning}")
+        Console(stderr=True, **PLAIN).print(f"warning: {report.warning}")
     return 0
 
 

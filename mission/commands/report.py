@@ -2,15 +2,13 @@
 
 from pathlib import Path
 
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 
 
 def report(run: Path, *, out: Path | None = None) -> int:
     """Write the report of a run or a sweep: one HTML file that needs nothing else.
 
     A run's has maps, errors, radio and learning; a sweep's has its strategies against each other.
-
-    Example: aerofed report paper6
 
     Parameters
     ----------
@@ -27,5 +25,5 @@ def report(run: Path, *, out: Path | None = None) -> int:
         from mission.report.page import write_report
 
         path = write_report(run, out)
-    Terminal(highlight=False, markup=False, soft_wrap=True).print(path)
+    Terminal(**PLAIN).print(path)
     return 0

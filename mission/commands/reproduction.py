@@ -12,8 +12,6 @@ def reproduction(sweep: Path, *, out: Path | None = None, figures: Path | None =
     strategy; and what the CoV method gains on each of the others, seed by seed. Of a sweep whose
     runs are gone its tables are enough.
 
-    Example: aerofed reproduction paper-sweep --out table.md --figures pictures
-
     Parameters
     ----------
     sweep

@@ -42,8 +42,6 @@ def run(
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
-    Example: aerofed run paper --data-dir data --rounds 6 --out paper6
-
     Parameters
     ----------
     config

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
 
 # Where PX4's simulators stand by default, and with them the places in most tutorials: Zurich.
@@ -60,7 +60,7 @@ def sitl(
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
-    console = Terminal(soft_wrap=True, highlight=False, markup=False)
+    console = Terminal(**PLAIN)
     serve(
         make_vehicles(resolved, count=count, udp=udp, logs=logs),
         speed=math.inf if speed == "max" else speed,

@@ -6,15 +6,15 @@ from typing import Literal
 from mission.base.errors import InputError
 from mission.base.terminal import Terminal
 from mission.commands.options import Flag, Json, Overrides, print_json
+from mission.config import STRATEGIES
 
 _PIPE_WIDTH = 160  # a file needs no line breaks
-ALL = "cov,no_cov,barycenter,rectangular,ideal"
 
 
 def sweep(
     config: Path,
     *,
-    strategies: str = ALL,
+    strategies: str = ",".join(STRATEGIES),
     seeds: int = 3,
     rounds: int | None = None,
     jobs: int | None = None,
@@ -31,8 +31,6 @@ def sweep(
 
     An interrupted sweep goes on when the same command is given again; seeds, strategies and
     values may be added then.
-
-    Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
+from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Flag, Overrides, load
 
 
@@ -56,7 +56,7 @@ def world(
     from sitl.firmware import ardupilot as json_interface
     from sitl.firmware import px4 as hil
 
-    console = Terminal(soft_wrap=True, highlight=False, markup=False)
+    console = Terminal(**PLAIN)
     usual = hil.DEFAULT_PORT if px4 else json_interface.DEFAULT_PORT
     with suppress(KeyboardInterrupt):
         serve_world(

@@ -1,1 +1,3 @@
 """A run's configuration: its keys, where they are read from, what is refused at once."""
+
+STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")

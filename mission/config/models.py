@@ -13,6 +13,7 @@ from fl.plugins import checked_name, is_plugin
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
+from mission.config import STRATEGIES
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
@@ -102,9 +103,6 @@ class AreaConfig(_Model):
         rings = [np.array(zone.polygon_m) for zone in self.no_fly if zone.counts_at(altitude_m)]
         fence = None if self.fence_m is None else np.array(self.fence_m)
         return Area(self.size_m, self.home_m, home, Airspace(tuple(rings), fence, self.margin_m))
-
-
-STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 
 
 class MissionConfig(_Model):

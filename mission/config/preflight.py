@@ -15,6 +15,7 @@ from fl.errors import LearningInputError, SettingError
 from fl.plugins import is_plugin, problem_of
 from fl.training.device import check_device
 from mission.base.errors import InputError
+from mission.config import STRATEGIES
 from sitl import preflight as vehicle
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ class Problem(NamedTuple):
 
 def problems(config: "RunConfig") -> Iterator[Problem]:
     """Everything of a valid configuration that cannot be used on this machine."""
-    from mission.config.models import STRATEGIES
-
     for key, value, reason in vehicle.problems_of(config.vehicle):
         yield Problem(f"vehicle.{key}", value, reason)
     for index, community in enumerate(config.communities):

@@ -108,8 +108,8 @@ def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
     corners_in_all = sum(map(len, outlines))
     if corners_in_all > MOST_CORNERS:
         raise InputError(
-            f"{blame.source}: area: the areas and the fence have {corners_in_all} corners; {MOST_CORNERS} "
-            "at most, as paths are led around every one of them: simplify them"
+            f"{blame.source}: area: the areas and the fence have {corners_in_all} corners; "
+            f"{MOST_CORNERS} at most, as paths are led around every one of them: simplify them"
         )
     return whole
 

@@ -32,7 +32,8 @@ _WIDTH, _PANEL = 640.0, 300.0
 # A ring, one unit across, and a cross in it.
 _RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _LOST = (
-    f"{_RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55ZM-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
+    f"{_RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55Z"
+    "M-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
 )
 _OUTCOMES = ("delivered", "lost", "not served")
 
@@ -194,9 +195,7 @@ def _devices(
         _OUTCOMES, symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
     )  # fmt: skip
     became = marks.mark_point(stroke=None, opacity=1).encode(
-        shape=alt.Shape(
-            "outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, _RING]), legend=key
-        ),
+        shape=alt.Shape("outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, _RING]), legend=key),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
     )
     # In a crowd only those have their number that one asks about; on a page each tells it.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mission.analysis.compare import Comparison, RunComparison, compare_run
-from mission.analysis.comparison_text import labelled
+from mission.analysis.comparison_text import labelled, number
 from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
@@ -70,7 +70,7 @@ def report_html(loaded: LoadedRun) -> str:
                 ),
             }
         else:
-            facts = [(text, _number(of[0], digits)) for text, digits, of in labelled([comparison])]
+            facts = [(text, number(of[0], digits)) for text, digits, of in labelled([comparison])]
             flown |= {
                 "details": [("The mission, to its last place", numbers[0], facts)],
                 "flight": [card(chart) for chart in profile_charts([loaded])],
@@ -115,7 +115,7 @@ def _tiles(
         total = comparison.total
         tiles += [
             (f"{total.flown_path_m / 1000:.2f} km", "flown in rounds"),
-            (f"{_number(total.straight_rms_m)} m", "cross-track rms on straights"),
+            (f"{number(total.straight_rms_m)} m", "cross-track rms on straights"),
             (f"{100 * last.battery_remaining:.0f} %", "battery left"),
         ]
         if math.isfinite(total.corner_cut_max_m):
@@ -137,7 +137,7 @@ def _places(run: FlightData, plan_file: PlanFileRecord) -> list[list[str]]:
         cells = [str(seq), *(f"{value:.1f}" for value in place)]
         event = passed.get(seq)
         if event is None:
-            cells += ["not reached", "–", "–"]
+            cells += ["not reached", "-", "-"]
         else:
             miss = np.array(event.true_m) - place
             at_s = (event.t_ns - run.plans[0].t_ns) / NS_PER_S
@@ -151,10 +151,10 @@ def _facts(item: Comparison) -> list[tuple[str, str]]:
         ("path planned / flown", f"{item.plan_path_m:.1f} / {item.flown_path_m:.1f} m"),
         ("duration", f"{item.duration_s:.1f} s"),
         ("delivered", f"{item.delivered} of {item.scheduled} (expected {item.expected:.1f})"),
-        ("objective planned", _number(item.plan_objective, 3)),
-        ("objective believed", _number(item.est_objective, 3)),
-        ("objective true", _number(item.true_objective, 3)),
-        ("proven bound", _number(item.upper_bound, 3)),
+        ("objective planned", number(item.plan_objective, 3)),
+        ("objective believed", number(item.est_objective, 3)),
+        ("objective true", number(item.true_objective, 3)),
+        ("proven bound", number(item.upper_bound, 3)),
         ("cross-track rms / max", _pair(item.cross_track_rms_m, item.cross_track_max_m, "m")),
         ("on straights rms / max", _pair(item.straight_rms_m, item.straight_max_m, "m")),
         ("corner cut mean / max", _pair(item.corner_cut_mean_m, item.corner_cut_max_m, "m")),
@@ -168,19 +168,15 @@ def _facts(item: Comparison) -> list[tuple[str, str]]:
 def _row(item: Comparison) -> list[str]:
     return [
         "all" if item.round is None else str(item.round), f"{item.flown_path_m:.0f}",
-        _number(item.cross_track_rms_m), _number(item.cross_track_max_m),
-        _number(item.corner_cut_max_m), _number(item.slot_late_mean_s),
-        _number(item.plan_per_mean, 4), _number(item.true_per_mean, 4),
-        _number(item.plan_objective, 3), _number(item.true_objective, 3),
-        _number(100 * (1 - item.true_objective / item.plan_objective), 2)
-        if item.plan_objective > 0 else "–",
+        number(item.cross_track_rms_m), number(item.cross_track_max_m),
+        number(item.corner_cut_max_m), number(item.slot_late_mean_s),
+        number(item.plan_per_mean, 4), number(item.true_per_mean, 4),
+        number(item.plan_objective, 3), number(item.true_objective, 3),
+        number(100 * (1 - item.true_objective / item.plan_objective), 2)
+        if item.plan_objective > 0 else "-",
         f"{item.delivered}/{item.scheduled}",
     ]  # fmt: skip
 
 
-def _number(value: float, digits: int = 2) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
-
-
 def _pair(first: float, second: float, unit: str) -> str:
-    return f"{_number(first)} / {_number(second)} {unit}"
+    return f"{number(first)} / {number(second)} {unit}"

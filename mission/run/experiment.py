@@ -54,8 +54,8 @@ class Experiment(ABC):
         self.recorder.learnt(0, untrained)
         await self._run()
 
-    def conclude(self, summary: Summary) -> None:
-        """Nothing: the rounds are in their tables."""
+    def conclude(self, summary: Summary) -> None:  # noqa: B027
+        """Do nothing: the rounds are in their tables."""
 
     def show(self, console: RunConsole) -> None:
         """What the rounds came to."""

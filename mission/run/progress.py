@@ -8,6 +8,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from mission.base.terminal import PLAIN
 from mission.log.records import RoundRecord
 
 
@@ -34,7 +35,7 @@ class PlainLines(Progress):
         self._console, self._rounds, self._flown = console, rounds, flown
 
     def notice(self, text: str) -> None:
-        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+        self._console.print(text, **PLAIN)
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
@@ -68,7 +69,7 @@ class LiveTable(Progress):
         self._phase, self._since_s = name, time.monotonic()
 
     def notice(self, text: str) -> None:
-        self._live.console.print(text, highlight=False, markup=False)
+        self._live.console.print(text, **PLAIN)
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         self._newest.append((record, real_time_factor))

@@ -19,7 +19,8 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.config.models import STRATEGIES, RunConfig
+from mission.config import STRATEGIES
+from mission.config.models import RunConfig
 from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem

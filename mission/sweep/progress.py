@@ -6,6 +6,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
+from mission.base.terminal import PLAIN
 from mission.sweep.grid import SweepRun
 from mission.sweep.timeleft import TimeLeft
 
@@ -35,7 +36,7 @@ class Lines:
         self._console = console
 
     def say(self, line: str) -> None:
-        self._console.print(line, soft_wrap=True, highlight=False, markup=False)
+        self._console.print(line, **PLAIN)
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
         """Only what ends is worth a line in a file."""
@@ -58,7 +59,7 @@ class Bar:
         self._progress.start()
 
     def say(self, line: str) -> None:
-        self._progress.console.print(line, soft_wrap=True, highlight=False, markup=False)
+        self._progress.console.print(line, **PLAIN)
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
         at_work = [

@@ -8,6 +8,7 @@ from typing import TypeAlias
 from rich.console import Console
 
 from mission.base.errors import INTERRUPTED, AerofedError
+from mission.base.terminal import PLAIN
 from mission.run.setup import set_up
 from mission.sweep.execute.choice import EngineName, make_engine
 from mission.sweep.execute.engine import Engine
@@ -186,4 +187,4 @@ def _report(path: Path, console: Console, page: Page | None) -> None:
 
 
 def _say(console: Console, line: str) -> None:
-    console.print(line, soft_wrap=True, highlight=False, markup=False)
+    console.print(line, **PLAIN)

@@ -137,9 +137,7 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
 
 
 _LIBRARY = load(library("planner"))
-check_sizes(
-    _LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions
-)
+check_sizes(_LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions)
 _FUNCTIONS = functions(_LIBRARY, _Functions)
 
 

@@ -70,7 +70,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, arrays: dict[str, Any], wo
 def test_a_users_arrays_are_neither_frozen_nor_kept(kind: Any, monkeypatch: Any) -> None:
     mine = Samples(np.ones((6, 4, 4, 1), kind), np.arange(6), np.ones((3, 4, 4, 1), kind),
                    np.arange(3))  # fmt: skip
-    monkeypatch.setattr(custom_dataset, "find", lambda name, *, key: lambda folder: mine)
+    monkeypatch.setattr(custom_dataset, "find", lambda *_, **__: lambda _: mine)
     found = custom_dataset.load.__wrapped__("mine:data", None)
     mine.x_train[:] = 0
     assert (found.train.images == 1).all()

@@ -193,7 +193,11 @@ def test_wrong_geojson_is_one_line(load, tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ("devices = 4\n", "c.toml: communities.0.devices = 4: communities.0.positions_file = 'd.geojson' holds 3 places"),
+        (
+            "devices = 4\n",
+            "c.toml: communities.0.devices = 4: communities.0.positions_file = 'd.geojson' "
+            "holds 3 places",
+        ),
         ("positions_m = [[1, 2]]\n", "positions_m and positions_file: one of them, not both"),
         ("data_shares = [1, 2]\n", "community 'a' has 3 places, but 2 data_shares"),
         ("[area]\nsize_m = [100, 100]\n", "outside the area: x must be from 0 to 100"),

@@ -185,7 +185,10 @@ def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("circle", "words"),
     [
-        ((True, 47.4, 100.0), "item 1, NAV_WAYPOINT (16): on the way there it is outside the fence"),
+        (
+            (True, 47.4, 100.0),
+            "item 1, NAV_WAYPOINT (16): on the way there it is outside",
+        ),
         # Between two places, neither of which lies in it.
         ((False, (47.4 + NORTH) / 2, 10.0), "on the way there it is inside an excluded area"),
     ],

@@ -105,8 +105,7 @@ def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFi
     assert call(["run", "--out", str(stopped)]) == 2
     refused(
         capsys,
-        f"already used; give a new or empty one, or go on with it: aerofed "
-        f"run --resume {stopped}",
+        f"already used; give a new or empty one, or go on with it: aerofed run --resume {stopped}",
     )
 
 
