@@ -48,78 +48,29 @@ class Cause(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """The parameter that chooses the action, and the actions for its values."""
+    """The parameter that chooses the action, and the actions for its values, from 0."""
 
     parameter: str
-    actions: Mapping[int, Action]
+    actions: tuple[Action, ...]
+
+
+def _rule(parameter: str, actions: str) -> Rule:
+    return Rule(parameter, tuple(Action[name.upper()] for name in actions.split()))
 
 
 RULES: Mapping[Cause, Rule] = {
-    Cause.FENCE_BREACHED: Rule(
-        "GF_ACTION",
-        {
-            0: Action.NOTHING,
-            1: Action.WARN,
-            2: Action.HOLD,
-            3: Action.RETURN,
-            4: Action.TERMINATE,
-            5: Action.LAND,
-        },
-    ),
-    Cause.BATTERY_LOW: Rule("COM_LOW_BAT_ACT", dict.fromkeys(range(4), Action.WARN)),
-    Cause.BATTERY_CRITICAL: Rule(
-        "COM_LOW_BAT_ACT", {0: Action.WARN, 1: Action.WARN, 2: Action.LAND, 3: Action.RETURN}
-    ),
-    Cause.BATTERY_EMERGENCY: Rule(
-        "COM_LOW_BAT_ACT", {0: Action.WARN, 1: Action.WARN, 2: Action.LAND, 3: Action.LAND}
-    ),
+    Cause.FENCE_BREACHED: _rule("GF_ACTION", "nothing warn hold return terminate land"),
+    Cause.BATTERY_LOW: _rule("COM_LOW_BAT_ACT", "warn warn warn warn"),
+    Cause.BATTERY_CRITICAL: _rule("COM_LOW_BAT_ACT", "warn warn land return"),
+    Cause.BATTERY_EMERGENCY: _rule("COM_LOW_BAT_ACT", "warn warn land land"),
     # No return: it would be flown by the very position that is in doubt.
-    Cause.GNSS_LOST: Rule(
-        "COM_POSLOSS_ACT",
-        {
-            0: Action.NOTHING,
-            1: Action.WARN,
-            2: Action.HOLD,
-            3: Action.LAND,
-            4: Action.TERMINATE,
-        },
-    ),
-    Cause.GROUND_STATION_LOST: Rule(
-        "NAV_DLL_ACT",
-        {
-            0: Action.NOTHING,
-            1: Action.HOLD,
-            2: Action.RETURN,
-            3: Action.LAND,
-            4: Action.WARN,
-            5: Action.TERMINATE,
-        },
-    ),
-    Cause.SETPOINTS_LOST: Rule(
+    Cause.GNSS_LOST: _rule("COM_POSLOSS_ACT", "nothing warn hold land terminate"),
+    Cause.GROUND_STATION_LOST: _rule("NAV_DLL_ACT", "nothing hold return land warn terminate"),
+    Cause.SETPOINTS_LOST: _rule(
         "COM_OBL_RC_ACT",
-        {
-            0: Action.POSITION,
-            1: Action.ALTITUDE,
-            2: Action.STABILIZED,
-            3: Action.RETURN,
-            4: Action.LAND,
-            5: Action.HOLD,
-            6: Action.TERMINATE,
-            7: Action.TERMINATE,
-        },
+        "position altitude stabilized return land hold terminate terminate",
     ),
-    Cause.STICKS_LOST: Rule(
-        "NAV_RCL_ACT",
-        {
-            0: Action.NOTHING,
-            1: Action.HOLD,
-            2: Action.RETURN,
-            3: Action.LAND,
-            4: Action.WARN,
-            5: Action.TERMINATE,
-            6: Action.TERMINATE,
-        },
-    ),
+    Cause.STICKS_LOST: _rule("NAV_RCL_ACT", "nothing hold return land warn terminate terminate"),
 }
 # What the vehicle is doing already, in terms of actions.
 _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATED: Action.TERMINATE}

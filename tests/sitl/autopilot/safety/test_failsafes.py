@@ -83,7 +83,7 @@ BRING_ABOUT: dict[Cause, Callable[[Desk], None]] = {
 CASES = [
     pytest.param(cause, value, action, id=f"{cause.name}-{action.name}-{value}")
     for cause, rule in RULES.items()
-    for value, action in rule.actions.items()
+    for value, action in enumerate(rule.actions)
 ]
 
 
@@ -106,7 +106,7 @@ def test_parameters_mean_what_px4_documents() -> None:
     }
     ours = {Cause.GNSS_LOST: [a.NOTHING, a.WARN, a.HOLD, a.LAND, a.TERMINATE]}
     for cause, actions in {**px4, **ours}.items():
-        assert dict(RULES[cause].actions) == dict(enumerate(actions)), cause
+        assert RULES[cause].actions == tuple(actions), cause
         assert SPECS[RULES[cause].parameter].high == len(actions) - 1
     assert set(RULES) == set(Cause)
 
