@@ -16,20 +16,22 @@ from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 
 # The libraries that a run's results depend on.
-LIBRARIES = (
-    "aerofed",
-    "mavsdk",
-    "pymavlink",
-    "jsbsim",
-    "filterpy",
-    "numpy",
-    "scipy",
-    "cvxpy",
-    "clarabel",
-    "osqp",
-    "torch",
-    "mcap",
-    "foxglove-sdk",
+LIBRARIES = tuple(
+    [
+        "aerofed",
+        "mavsdk",
+        "pymavlink",
+        "jsbsim",
+        "filterpy",
+        "numpy",
+        "scipy",
+        "cvxpy",
+        "clarabel",
+        "osqp",
+        "torch",
+        "mcap",
+        "foxglove-sdk",
+    ]
 )
 
 

@@ -24,8 +24,6 @@ def compare(
 ) -> int:
     """Planned against flown: cross-track error, timing and packet error rates of runs.
 
-    Of a run that was interrupted or killed, what is there is compared.
-
     Parameters
     ----------
     run

@@ -20,8 +20,6 @@ Tasks = Annotated[tuple[Task, ...], Parameter(name="--task", negative=(), consum
 def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = False) -> int:
     """Download data sets from their official locations; a file is kept if its checksum is right.
 
-    Files that are there already and right are left alone.
-
     Parameters
     ----------
     folder

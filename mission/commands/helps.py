@@ -73,6 +73,8 @@ Example: aerofed fly survey.plan --out survey"""
 
 SWEEP = """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
 
+An interrupted sweep goes on when the same command is given again.
+
 Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1"""
 
 DATA = """Fetch the data sets from where they are published, and check a folder.

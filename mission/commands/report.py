@@ -8,8 +8,6 @@ from mission.base.terminal import PLAIN, Terminal
 def report(run: Path, *, out: Path | None = None) -> int:
     """Write the report of a run or a sweep: one HTML file that needs nothing else.
 
-    A run's has maps, errors, radio and learning; a sweep's has its strategies against each other.
-
     Parameters
     ----------
     run

@@ -29,9 +29,6 @@ def sweep(
 ) -> int:
     """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
 
-    An interrupted sweep goes on when the same command is given again; seeds, strategies and
-    values may be added then.
-
     Parameters
     ----------
     config

@@ -4,7 +4,6 @@ import math
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,7 +16,13 @@ from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
 from mission.log.records import flat
-from mission.log.values import FlightData, InnovationTrack, PlanRecord
+from mission.log.values import (
+    BatteryTrack,
+    FlightData,
+    InnovationTrack,
+    LearningRecord,
+    PlanRecord,
+)
 
 Column: TypeAlias = Sequence[Any] | NDArray[Any]
 Tables: TypeAlias = dict[str, dict[str, Column]]
@@ -31,7 +36,6 @@ def tables(data: FlightData) -> Tables:
     seconds.
     """
     truth, belief = data.truth, data.belief
-    battery = data.battery
     return {
         "track": {
             "t_s": truth.t_ns / 1e9,
@@ -47,10 +51,7 @@ def tables(data: FlightData) -> Tables:
         },
         "rounds": _columns(map(flat, data.rounds)),
         "uplinks": _columns(map(flat, data.uplinks)),
-        "learning": _columns(
-            {"t_s": r.t_ns / 1e9, **{k: v for k, v in asdict(r).items() if k != "t_ns"}}
-            for r in data.learning
-        ),
+        "learning": _columns(map(_timed, data.learning)),
         "events": _columns(
             {
                 "t_s": event.t_ns / 1e9,
@@ -64,13 +65,7 @@ def tables(data: FlightData) -> Tables:
             }
             for event in data.events
         ),
-        "battery": {
-            "t_s": battery.t_ns / 1e9,
-            "voltage_v": battery.voltage_v,
-            "current_a": battery.current_a,
-            "consumed_mah": battery.consumed_mah,
-            "remaining": battery.remaining,
-        },
+        "battery": _timed(data.battery),
         "wind": {
             "t_s": data.wind.t_ns / 1e9,
             **{
@@ -137,6 +132,12 @@ def new_folder(folder: Path) -> Iterator[Path]:
         raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Any]:
+    """Its fields, with seconds in place of nanoseconds."""
+    fields = {**vars(record), "t_ns": record.t_ns / 1e9}
+    return {"t_s" if name == "t_ns" else name: value for name, value in fields.items()}
 
 
 def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, object]]:
