@@ -16,23 +16,10 @@ from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 
 # The libraries that a run's results depend on.
-LIBRARIES = tuple(
-    [
-        "aerofed",
-        "mavsdk",
-        "pymavlink",
-        "jsbsim",
-        "filterpy",
-        "numpy",
-        "scipy",
-        "cvxpy",
-        "clarabel",
-        "osqp",
-        "torch",
-        "mcap",
-        "foxglove-sdk",
-    ]
-)
+LIBRARIES = (
+    "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
+    "osqp", "torch", "mcap", "foxglove-sdk",
+)  # fmt: skip
 
 
 RUNS = Path("runs")  # of folders that nobody named
