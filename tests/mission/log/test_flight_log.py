@@ -369,7 +369,7 @@ def test_a_corner_in_the_place_of_the_next_waypoint_is_not_taken_for_it(tmp_path
     (plan,) = read_log(path).plans
     np.testing.assert_array_equal(plan.stops_at, [0, *range(3, len(waypoints) + 2)])
     np.testing.assert_array_equal(plan.route_m[plan.stops_at], waypoints)
-    for log, written in ((path, True), (made.log, False)):  # not where all points are waypoints
-        with log.open("rb") as stream:
+    for file, written in ((path, True), (made.log, False)):  # not where all points are waypoints
+        with file.open("rb") as stream:
             (_, _, message), *_ = make_reader(stream).iter_messages(topics=["/plan"])
         assert ("stops_at" in json.loads(message.data)) is written
