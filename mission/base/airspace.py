@@ -242,6 +242,7 @@ def _area(ring_m: Floats) -> float:
 
 
 def _turning(ring_m: Floats, *, clockwise: bool) -> Floats:
+    ring_m = ring_m[(ring_m != np.roll(ring_m, 1, axis=0)).any(axis=1)]  # each corner once
     return ring_m if (_area(ring_m) < 0.0) == clockwise else ring_m[::-1]
 
 

@@ -148,3 +148,14 @@ def test_a_route_is_cut_where_its_metres_end() -> None:
 )
 def test_outlines_that_cross_themselves_are_found(ring: np.ndarray, crosses: bool) -> None:
     assert crossing(ring) is crosses
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_corner_that_is_named_twice_is_one() -> None:
+    twice = np.vstack((SQUARE[:2], SQUARE[1:], SQUARE[:1]))
+    one, other = (Airspace((ring,), None, 10.0) for ring in (SQUARE, twice))
+    places = np.array([[110.0, 150.0], [200.0, 100.0], [205.0, 150.0]])
+    np.testing.assert_array_equal(one.moved(places), other.moved(places))
+    np.testing.assert_array_equal(
+        one.way(at(0, 150), at(300, 150)), other.way(at(0, 150), at(300, 150))
+    )
