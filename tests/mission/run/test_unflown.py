@@ -2,14 +2,22 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
+from rich.console import Console
 
+from mission.base.console import RunConsole
 from mission.cli import call
+from mission.config.loading import builtin_config, load_config
 from mission.log.errors import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 from mission.log.write.writer import FlightLog
+from mission.run.session import _warn_of_home
+from mission.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
@@ -103,3 +111,15 @@ def test_a_vehicle_that_would_never_fly_is_refused(
         capsys.readouterr().err
     )
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(("home_m", "warns"), [((0.0, 0.0), False), ((0.0, -900.0), True)])
+def test_a_home_that_no_round_leads_away_from_is_said(
+    home_m: tuple[float, float], warns: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overrides = {"area.home_m": home_m, "mission.path_budget_m": 800.0}
+    config = load_config(builtin_config("quickstart.toml"), overrides)
+    scenario = SimpleNamespace(config=config, devices_m=np.array([[0.0, 0.0], [600.0, 0.0]]))
+    _warn_of_home(cast(Scenario, scenario), RunConsole(Console()))
+    said = capsys.readouterr().out
+    assert ("warning: home lies 900 m from the nearest device" in said) is warns
