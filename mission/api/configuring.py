@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 # A name ("quickstart"), a TOML file, or a configuration.
 Source: TypeAlias = "str | Path | RunConfig"
 
-_GIVER = "overrides"
-
 
 def config(
     source: Source = "quickstart", overrides: Mapping[str, Any] | None = None
@@ -31,7 +29,8 @@ def config(
     """
     from mission.config.loading import load_config
 
-    return load_config(_found(source), overrides, giver=_GIVER)
+    found = Path(source) if isinstance(source, str) else source
+    return load_config(found, overrides, giver="overrides")
 
 
 def channel(
@@ -74,7 +73,3 @@ def folder(path: Path | str | None, what: str) -> Path | None:
     if not found.is_dir():
         raise InputError(f"{what} = {str(path)!r}: no such folder")
     return found
-
-
-def _found(source: Source) -> "Path | RunConfig":
-    return Path(source) if isinstance(source, str) else source
