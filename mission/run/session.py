@@ -99,6 +99,8 @@ def resume_session(
     path: Path,
     *,
     console: RunConsole,
+    workers: int | None = None,
+    figures: bool = True,
     stopwatch: Stopwatch | None = None,
     page: Page | None = None,
 ) -> int:
@@ -106,7 +108,7 @@ def resume_session(
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
-    checkpoint's folder. Returns the exit code.
+    checkpoint's folder. `workers` and `figures` as in `fly_session`. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
@@ -140,7 +142,7 @@ def resume_session(
         ready = _Ready(
             scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
         )
-        return _fly(ready, console, stopwatch, page=page)
+        return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
 def _fly(
@@ -148,9 +150,9 @@ def _fly(
     console: RunConsole,
     stopwatch: Stopwatch,
     *,
-    workers: int | None = None,
-    figures: bool = True,
-    page: Page | None = None,
+    workers: int | None,
+    figures: bool,
+    page: Page | None,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())

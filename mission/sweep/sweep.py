@@ -94,7 +94,13 @@ def _fly(
     with folder.lock():
         folder.claim(grid, data_dir=data_dir)
         if todo:
-            with closing(make_engine(engine, jobs=jobs, address=address)) as workers:
+            # Workers may start elsewhere: every path is made absolute here.
+            data_dir = None if data_dir is None else data_dir.resolve()
+            configs = [run.config for run in todo]
+            making = make_engine(
+                engine, jobs=jobs, address=address, configs=configs, data_dir=data_dir
+            )
+            with closing(making) as workers:
                 ends = _execute(
                     grid, todo, folder, workers,
                     data_dir=data_dir, run_figures=run_figures, console=console,
@@ -115,13 +121,11 @@ def _execute(
     console: Console,
 ) -> dict[str, RunEnd]:
     before = len(grid.runs) - len(todo)
-    # Workers may start elsewhere: every path is made absolute here.
-    data = None if data_dir is None else data_dir.resolve()
     base, here = folder.path.resolve(), Path.cwd()
 
     def order(run: SweepRun) -> RunOrder:
         path = SweepFolder(base).run(run).path
-        return RunOrder(run.name, run.config, path, data, here, figures=run_figures)
+        return RunOrder(run.name, run.config, path, data_dir, here, figures=run_figures)
 
     slots = min(workers.slots, len(todo))
     time_left = TimeLeft(folder, grid.runs, todo=todo, slots=slots)
@@ -140,7 +144,7 @@ def _execute(
             progress.update(done=before + ended, running=running)
             return
         if end is None:
-            progress.say(f"{run.name}: its worker died; the run is repeated")
+            progress.say(f"{run.name}: its worker died; another goes on with the run")
             return
         outcome = f"failed: {end.message}" if end.exit_code else _outcome(folder, run)
         parts = (outcome, time_left.text() if ended < len(todo) else "")

@@ -1,8 +1,11 @@
 """The choice between the engines of a sweep."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 from mission.base.errors import InputError
+from mission.config.models import RunConfig
 from mission.sweep.execute.engine import Engine
 
 EngineName = Literal["joblib", "ray"]
@@ -18,10 +21,22 @@ def check_options(name: EngineName, *, jobs: int | None, address: str | None) ->
         raise InputError(f"--jobs {jobs}: at least 1")
     if address is not None and name != "ray":
         raise InputError(f"--address {address}: belongs to --engine ray")
+    if address is not None and "://" in address:
+        raise InputError(
+            f"--address {address}: must be HOST:PORT of a cluster that this machine is part of; "
+            "ray start --address=HOST:PORT makes it one"
+        )
 
 
-def make_engine(name: EngineName, *, jobs: int | None, address: str | None) -> Engine:
-    """The engine of that name. Its library is imported here, not before.
+def make_engine(
+    name: EngineName,
+    *,
+    jobs: int | None,
+    address: str | None,
+    configs: Sequence[RunConfig],
+    data_dir: Path | None,
+) -> Engine:
+    """The engine of that name for runs of these configurations. Its library is imported here.
 
     Raises:
         InputError: it is not installed, or the options do not fit it.
@@ -31,7 +46,7 @@ def make_engine(name: EngineName, *, jobs: int | None, address: str | None) -> E
     if name == "ray":
         from mission.sweep.execute.cluster import RayEngine
 
-        return RayEngine(jobs=jobs, address=address)
+        return RayEngine(jobs=jobs, address=address, configs=configs, data_dir=data_dir)
     from mission.sweep.execute.local import LocalEngine
 
     return LocalEngine(jobs)

@@ -9,7 +9,9 @@ from rich.console import Console
 
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
+from mission.base.run_folder import RunFolder
 from mission.config.models import RunConfig
+from mission.run.resume import read_checkpoint
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
 ENVIRONMENT = {
@@ -40,29 +42,57 @@ class RunEnd:
 
 
 def execute(order: RunOrder) -> RunEnd:
-    """Fly one run from its start into a fresh folder; what a run before it left half-done goes.
+    """Fly one run, from its last finished round where it was cut off.
 
     An error of the run (flight failed, learning diverged, disk full) is an end, not an exception:
     the other runs of the sweep go on.
     """
     if str(order.working_dir) not in sys.path:
         sys.path.append(str(order.working_dir))
-    from mission.run.session import fly_session
+    from mission.run.session import fly_session, resume_session
 
+    console = RunConsole(Console(quiet=True), quiet=True)
     try:
-        if order.folder.exists():
-            shutil.rmtree(order.folder)
-        code = fly_session(
-            order.config,
-            order.folder,
-            data_dir=order.data_dir,
-            console=RunConsole(Console(quiet=True), quiet=True),
-            workers=1,
-            figures=order.figures,
-        )
-    except AerofedError as error:
-        return RunEnd(error.exit_code, str(error))
-    except OSError as error:
-        where, why = error.filename or order.folder, error.strerror or error
-        return RunEnd(InputError.exit_code, f"{where}: {why}")
+        if begun(order.folder):
+            code = resume_session(order.folder, console=console, workers=1, figures=order.figures)
+        else:
+            code = fly_session(
+                order.config,
+                order.folder,
+                data_dir=order.data_dir,
+                console=console,
+                workers=1,
+                figures=order.figures,
+            )
+    except (AerofedError, OSError) as error:
+        return failed(error, order.folder)
     return RunEnd(code)
+
+
+def begun(path: Path) -> bool:
+    """Whether a run that was cut off can go on in this folder; what else is in it is removed.
+
+    A run that failed, or that other versions of the libraries began, starts anew.
+
+    Raises:
+        OSError: the folder cannot be removed.
+    """
+    folder = RunFolder(path)
+    if folder.status() in ("running", "interrupted"):
+        try:
+            read_checkpoint(path)
+        except InputError:
+            pass
+        else:
+            return True
+    if path.exists():
+        shutil.rmtree(path)
+    return False
+
+
+def failed(error: AerofedError | OSError, folder: Path) -> RunEnd:
+    """The end of a run that an error made."""
+    if isinstance(error, AerofedError):
+        return RunEnd(error.exit_code, str(error))
+    where, why = error.filename or folder, error.strerror or error
+    return RunEnd(InputError.exit_code, f"{where}: {why}")
