@@ -69,7 +69,9 @@ class RayEngine:
         except LearningInputError as error:
             raise InputError(str(error)) from None
         self._data = {source: self._ray.put(dataset) for source, dataset in read.items()}
-        cpus = int(self._ray.cluster_resources().get("CPU", 1))
+        cpus = self._cpus()
+        if cpus < 1:
+            raise LinkLostError(f"--address {address}: no machine of the cluster offers a CPU")
         self._slots = cpus if jobs is None else jobs
         # No retry by Ray: only the sweep knows how often a run was lost, and what there is of it.
         self._fly = self._ray.remote(
@@ -98,6 +100,9 @@ class RayEngine:
         except (ConnectionError, ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise LinkLostError(f"--address {address}: cannot reach Ray: {reason}") from None
+
+    def _cpus(self) -> int:
+        return int(self._ray.cluster_resources().get("CPU", 0))
 
     @property
     def slots(self) -> int:

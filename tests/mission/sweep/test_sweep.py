@@ -2,7 +2,6 @@
 
 import csv
 import errno
-import importlib.util
 import json
 import os
 import shutil
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from patience import HANG_S, until
+from processes import writer_of
 
 from mission.cli import call
 from mission.commands.options import load
@@ -152,20 +152,9 @@ def test_a_killed_worker_s_run_is_repeated(
     assert code == 0
     printed = capsys.readouterr().out
     assert printed.count("its worker died") == 1  # it took no other with it
-    assert "cov-seed1: its worker died; the run is repeated" in printed
+    assert "cov-seed1: its worker died; another goes on with the run" in printed
     # And two workers find what this process found, killed or not.
     assert tables(out) == tables(swept)
-
-
-def writer_of(file: Path) -> int:
-    """The process that has a file open."""
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if any(link.readlink() == file for link in (process / "fd").iterdir()):
-                return int(process.name)
-        except OSError:
-            continue  # it ended meanwhile, or is somebody else's
-    raise AssertionError(f"nobody writes {file}")
 
 
 @pytest.mark.slow
@@ -247,7 +236,7 @@ def test_a_run_whose_worker_always_dies_is_given_up(
     monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Deadly())
     assert call(command(tmp_path / "dead", seeds=1)) == 1
     printed = capsys.readouterr()
-    assert printed.out.count("cov-seed1: its worker died; the run is repeated") == 2
+    assert printed.out.count("cov-seed1: its worker died; another goes on with the run") == 2
     assert "run cov-seed1 failed: its worker died 3 times" in printed.err
     assert "run ideal-seed1 failed" in printed.err
 
@@ -353,31 +342,12 @@ def test_what_others_finished_is_told_before_a_bug(
     engine.close()
 
 
-@pytest.mark.slow
-@pytest.mark.real
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
-@pytest.mark.skipif(not PROCFS.exists(), reason="needs Linux's list of processes")
-def test_ray_finds_the_same_though_a_worker_is_killed(swept: Path, tmp_path: Path) -> None:
-    out = tmp_path / "ray"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mission", *command(out, "--jobs", "2", "--engine", "ray")],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    log = out / "runs" / "cov-seed1" / "flight.mcap"
-    until(lambda: process.poll() is not None or (log.is_file() and log.stat().st_size > 0))
-    if process.poll() is None:
-        os.kill(writer_of(log), signal.SIGKILL)
-    printed, errors = process.communicate(timeout=HANG_S)
-    assert process.returncode == 0, errors
-    assert printed.count("cov-seed1: its worker died; the run is repeated") == 1
-    assert tables(out) == tables(swept)
-
-
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["--address", "x:1"], ["--address x:1", "--engine ray"]),
+        (["--engine", "ray", "--address", "ray://x:1"], ["ray://x:1", "HOST:PORT", "ray start"]),
         (["--strategies", "cov,,ideal"], ["--strategies cov,,ideal"]),
         (["--data-dir", "nowhere"], ["nowhere", "no such folder"]),
         (["--engine", "slurm"], ["slurm"]),

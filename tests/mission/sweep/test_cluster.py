@@ -1,0 +1,252 @@
+"""Sweeps on machines that see no folder of the sweep's, which die, differ and have no room."""
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+from patience import HANG_S, until
+from processes import writer_of
+from ray_cluster import Cluster, can_hide
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed"),
+    pytest.mark.xdist_group("ray"),
+]
+hidden = pytest.mark.skipif(not can_hide(), reason="no mount namespaces for this user")
+
+TABLES = ("runs.csv", "rounds.csv", "runs.parquet", "rounds.parquet")
+CONFIG = """
+name = "own"
+[mission]
+steps = 3
+path_budget_m = 100.0
+[learning]
+local_epochs = 1
+[[communities]]
+name = "table"
+task = "npz"
+data_file = "table.npz"
+positions_file = "places.csv"
+partition = "owners"
+network = "own_rules.network:make"
+[[communities]]
+name = "digits"
+task = "digits"
+devices = 2
+labels_per_device = 5
+"""
+RULES = """
+from mission.api import Sortie
+
+from own_rules.weights import weights
+
+
+class Own:
+    fairness, approach_m = False, None
+
+    def __init__(self, context):
+        self.planner = context.planner
+
+    def importance(self, info):
+        return weights(info)
+
+    def sortie(self, round_index, problem):
+        return Sortie(self.planner.plan(problem))
+"""
+WEIGHTS = """
+from pathlib import Path
+
+
+def weights(info):
+    return info.p * float(Path("factor.txt").read_text()) * info.age_rounds
+"""
+NETWORK = """
+from torch import nn
+
+
+def make():
+    return nn.Sequential(nn.Flatten(), nn.Linear(4, 3))
+"""
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working directory with data, places and code of the user's own."""
+    folder = tmp_path_factory.mktemp("cluster")
+    rng = np.random.default_rng(1)
+    (folder / "data").mkdir()
+    np.savez(
+        folder / "data" / "table.npz",
+        x_train=rng.standard_normal((90, 4)).astype(np.float32), y_train=np.arange(90) % 3,
+        x_test=rng.standard_normal((30, 4)).astype(np.float32), y_test=np.arange(30) % 3,
+        owner=np.arange(90) // 30,
+    )  # fmt: skip
+    (folder / "places.csv").write_text("x,y\n100,100\n300,500\n700,200\n")
+    (folder / "own.toml").write_text(CONFIG)
+    (folder / "factor.txt").write_text("2.5\n")
+    (folder / "own_rules").mkdir()
+    for name, text in (("strategy", RULES), ("weights", WEIGHTS), ("network", NETWORK)):
+        (folder / "own_rules" / f"{name}.py").write_text(text)
+    return folder
+
+
+def command(out: str, *more: str, rounds: int = 3) -> list[str]:
+    return [
+        sys.executable, "-m", "mission", "sweep", "own.toml", "--data-dir", "data", "--out", out,
+        "--strategies", "own_rules.strategy:Own,ideal", "--seeds", "1", "--rounds", str(rounds),
+        "--no-run-figures", "--no-report", *more,
+    ]  # fmt: skip
+
+
+def sweep(project: Path, *tokens: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*tokens], cwd=project, capture_output=True, text=True, timeout=HANG_S, check=False
+    )
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in TABLES}
+
+
+def run_named(folder: Path, start: str) -> Path:
+    return next(path for path in (folder / "runs").iterdir() if path.name.startswith(start))
+
+
+def rounds_known(folder: Path) -> int:
+    """How many rounds of the run with the user's strategy have come home."""
+    found = list(folder.glob("runs/own_rules*/checkpoint/rounds.json"))
+    return len(json.loads(found[0].read_text())["rounds"]) if found else 0
+
+
+@pytest.fixture(scope="module")
+def here(project: Path) -> Path:
+    """What joblib finds on this machine."""
+    done = sweep(project, *command("here", "--jobs", "2", rounds=8))
+    assert done.returncode == 0, done.stderr
+    return project / "here"
+
+
+@pytest.fixture
+def cluster(project: Path) -> Iterator[Cluster]:
+    made = Cluster(project)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def begin(cluster: Cluster, project: Path, *tokens: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [*tokens, "--engine", "ray", "--address", cluster.address], cwd=project,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=cluster.environment,
+        start_new_session=True,
+    )  # fmt: skip
+
+
+@hidden
+def test_a_run_goes_on_elsewhere_when_its_machine_dies(
+    cluster: Cluster, project: Path, here: Path
+) -> None:
+    one, other = cluster.add("one"), cluster.add("other")
+    process = begin(cluster, project, *command("there", rounds=8))
+    runs = project / "there" / "runs"
+
+    until(lambda: process.poll() is not None or rounds_known(project / "there") > 0)
+    assert process.poll() is None, process.communicate()
+    name = run_named(project / "there", "own_rules").name
+    known = rounds_known(project / "there")
+    victim = one if one.flies(name) else other
+    assert victim.flies(name)
+    victim.die()
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 0, errors
+    assert f"{name}: its worker died; another goes on with the run" in printed
+    summary = json.loads((runs / name / "summary.json").read_text())
+    assert summary["resumed_after_round"] >= known
+    assert tables(project / "there") == tables(here)
+    # The folder is a whole one, and names nothing of the machine that it was flown on.
+    ours, theirs = ({p.relative_to(f / "runs") for p in (f / "runs").rglob("*")} for f in
+                    (here, project / "there"))  # fmt: skip
+    assert theirs == ours
+    assert (runs / name / "flight.mcap").read_bytes() == (
+        here / "runs" / name / "flight.mcap"
+    ).read_bytes()
+    assert str(cluster.top) not in (runs / name / "summary.json").read_text()
+    survivor = other if victim is one else one
+    assert not list(survivor.temporary.glob("aerofed-*"))
+
+
+@hidden
+def test_a_machine_with_another_version_is_named(
+    cluster: Cluster, project: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "aerofed-0.0.1.dist-info"
+    old.mkdir()
+    (old / "METADATA").write_text("Metadata-Version: 2.1\nName: aerofed\nVersion: 0.0.1\n")
+    cluster.add("old", PYTHONPATH=str(tmp_path))
+    process = begin(cluster, project, *command("mixed"))
+    _, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 2
+    assert errors.count("\n") == 1
+    assert f"has other versions: aerofed 0.0.1 (here {version('aerofed')})" in errors
+    assert "install the same on all machines" in errors
+
+
+def locally(project: Path, out: str, temporary: Path, *before: str) -> "subprocess.Popen[str]":
+    """A sweep on a Ray of its own, whose runs are flown below `temporary`."""
+    return subprocess.Popen(
+        [*before, *command(out, "--jobs", "2", "--engine", "ray", rounds=8)], cwd=project,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
+    )  # fmt: skip
+
+
+def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, tmp_path: Path) -> None:
+    process = locally(project, "cut", tmp_path)
+    until(lambda: process.poll() is not None or rounds_known(project / "cut") > 0)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to Ray's processes too
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 130, errors
+    assert errors == ""
+    assert "the same command goes on from here" in printed
+    known = rounds_known(project / "cut")
+    done = sweep(project, *command("cut", "--jobs", "2", rounds=8))
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((run_named(project / "cut", "own_rules") / "summary.json").read_text())
+    assert summary["resumed_after_round"] == known > 0
+    assert tables(project / "cut") == tables(here)
+
+
+def test_a_worker_that_dies_takes_no_other_with_it(
+    project: Path, here: Path, tmp_path: Path
+) -> None:
+    process = locally(project, "killed", tmp_path)
+    until(lambda: process.poll() is not None or rounds_known(project / "killed") > 0)
+    log = next(tmp_path.glob("aerofed-run-*/own_rules*/flight.mcap"))
+    os.kill(writer_of(log), signal.SIGKILL)
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 0, errors
+    assert printed.count("its worker died; another goes on with the run") == 1
+    assert tables(project / "killed") == tables(here)
+
+
+@hidden
+def test_a_full_disk_here_is_the_end_of_a_run(project: Path, tmp_path: Path) -> None:
+    (project / "full").mkdir()
+    small = 'mount -t tmpfs -o size=64k none full && exec "$@"'
+    space = ("unshare", "--map-root-user", "--mount", "sh", "-c", small, "sh")
+    process = locally(project, "full/out", tmp_path, *space)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 2
+    for name in ("own_rules", "ideal"):
+        assert f"run {name}" in errors
+    assert errors.count("No space left on device") == 2
