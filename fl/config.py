@@ -285,6 +285,17 @@ class LearningConfig(_Frozen):
         description="where networks train: the processor, or (experimental) a GPU by way of torch",
     )
 
+    trainer: str | None = Field(
+        None,
+        examples=["my_package.my_module:factory"],
+        description="local training of your own, as 'package.module:factory'",
+    )
+
+    @field_validator("trainer")
+    @classmethod
+    def _trainer(cls, trainer: str | None) -> str | None:
+        return None if trainer is None else checked_name(trainer, ())
+
     @field_validator("algorithm")
     @classmethod
     def _algorithm(cls, algorithm: str) -> str:

@@ -18,6 +18,7 @@ from fl.data.load import load
 from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
+from fl.training.custom_trainer import CustomTrainer, make_trainer
 from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
 from fl.training.models import make_network
@@ -95,6 +96,7 @@ class Federation:
     learning: LearningConfig
     algorithm: Algorithm
     stream: Stream
+    trainer: CustomTrainer | None = None  # None: each network trains itself
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,6 +123,8 @@ class Federation:
     def fingerprint(self) -> str:
         """What a checkpoint belongs to: data, assignment, networks and algorithm, as SHA-256."""
         digest = hashlib.sha256(repr(self.algorithm).encode())
+        if self.trainer is not None:
+            digest.update(repr(self.trainer).encode())
         for community in self.communities:
             digest.update(repr((community.name, community.config.task)).encode())
             digest.update(repr(community.network.shapes).encode())
@@ -168,7 +172,8 @@ def build(
             )
         except NetworkError as error:
             raise replace(error, community=config.name) from error
-    return Federation(tuple(built), learning, make_algorithm(learning), stream)
+    algorithm, trainer = make_algorithm(learning), make_trainer(learning)
+    return Federation(tuple(built), learning, algorithm, stream, trainer)
 
 
 def _community(

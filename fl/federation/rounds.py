@@ -18,6 +18,7 @@ from fl.federation import fairness as fair
 from fl.federation.algorithms import AlgorithmState, StaleStart, Update, mean_step
 from fl.federation.community import Community, Federation, build
 from fl.plugins import PluginError
+from fl.training.custom_trainer import TrainingDevice
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
 
 __all__ = [
@@ -165,7 +166,7 @@ def play_round(
             parts.append((index, arrived))
     results = in_parallel(
         [partial(_train, federation, state, index, devices) for index, devices in parts],
-        workers=workers,
+        workers=workers if federation.trainer is None else 1,
     )
     trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
     for (index, devices), result in zip(parts, results, strict=True):
@@ -277,26 +278,37 @@ def _train(
     """Local training of devices, which count within their community, from one model."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
-    results = community.network.train(
-        community.dataset.train,
-        _start(federation, state, index, devices[0]),
-        [
-            LocalTask(
-                samples=community.shares[device],
-                rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-                correction=_correction(federation, state, index, device),
-            )
-            for device in devices
-        ],
-        scaling=community.scaling,
-        settings=LocalSettings(
-            learning_rate=learning.learning_rate,
-            momentum=algorithm.momentum,
-            mu=algorithm.mu,
-            batch_size=learning.batch_size,
-            epochs=learning.local_epochs,
-        ),
+    tasks = [
+        LocalTask(
+            samples=community.shares[device],
+            rng=federation.stream(f"fl/{community.name}/device{device}/round{number}"),
+            correction=_correction(federation, state, index, device),
+        )
+        for device in devices
+    ]
+    settings = LocalSettings(
+        learning_rate=learning.learning_rate,
+        momentum=algorithm.momentum,
+        mu=algorithm.mu,
+        batch_size=learning.batch_size,
+        epochs=learning.local_epochs,
     )
+    start, split = _start(federation, state, index, devices[0]), community.dataset.train
+    if federation.trainer is None:
+        results = community.network.train(
+            split, start, tasks, scaling=community.scaling, settings=settings
+        )
+    else:
+        results = [
+            federation.trainer.train(
+                TrainingDevice(
+                    community.name, device, number, community.network.shapes,
+                    community.dataset.classes, settings, task.correction,
+                ),
+                start, split, task, community.scaling,
+            )
+            for device, task in zip(devices, tasks, strict=True)
+        ]  # fmt: skip
     for device, result in zip(devices, results, strict=True):
         if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
             raise DivergedError(number, community.name, device, result.loss)

@@ -17,6 +17,8 @@ from fl.federation.algorithms import Algorithm, StaleStart, Update
 from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
 from fl.radio.custom_radio import Radio
+from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
+from fl.training.local import LocalResult, LocalSettings
 from mission.api.comparing import compare
 from mission.api.configuring import channel, config
 from mission.api.figures import Figure
@@ -40,10 +42,13 @@ __all__ = [
     "Callback",
     "CallbackContext",
     "Channel",
+    "DeviceData",
     "Figure",
     "ImportanceStrategy",
     "InputError",
     "LearningConfig",
+    "LocalResult",
+    "LocalSettings",
     "MissionConfig",
     "Partition",
     "PartitionTask",
@@ -63,6 +68,8 @@ __all__ = [
     "Strategy",
     "StrategyContext",
     "Sweep",
+    "Trainer",
+    "TrainingDevice",
     "Update",
     "UplinkRecord",
     "channel",

@@ -47,6 +47,8 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
         yield Problem(error.key, error.value, error.allowed)
     yield from _code("mission.strategy", config.mission.strategy, STRATEGIES)
     yield from _code("learning.algorithm", config.learning.algorithm, ALGORITHMS)
+    if config.learning.trainer is not None:
+        yield from _code("learning.trainer", config.learning.trainer)
     yield from _code("channel.gate", config.channel.gate, GATES)
     if config.planner.factory is not None:
         yield from _code("planner.factory", config.planner.factory)

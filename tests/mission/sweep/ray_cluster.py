@@ -1,4 +1,4 @@
-"""A Ray cluster whose machines see nothing of the sweep's: processes with namespaces of their own."""
+"""A Ray cluster whose machines see no folder of the sweep: processes with their own namespaces."""
 
 import os
 import re
