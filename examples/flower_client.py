@@ -1,19 +1,13 @@
-"""A Flower ClientApp trains the devices: what it is sent, and what it answers, is Flower's.
+"""A Flower ClientApp trains the devices; the algorithm is one of ours, or flower.py's.
 
-The message has the model's arrays and the settings of the round; the context, as the node's own,
-the device's samples (`data`: x, y). The algorithm is any of ours, or Flower's: flower.py.
-
-    pip install 'aerofed[flower]'
-    aerofed run --set learning.trainer=examples.flower_client:make learning.algorithm=fedavg \
-        communities.{0,1}.network=convnet communities.{0,1}.convnet.channels=[]
+pip install 'aerofed[flower]'; aerofed run --set learning.trainer=examples.flower_client:FlowerTrainer
 """
 
-from dataclasses import dataclass
-from itertools import pairwise
+import time
 
 import numpy as np
 import torch
-from flwr.app import ArrayRecord, ConfigRecord, Context, Message, MetricRecord, RecordDict
+from flwr.app import ArrayRecord, ConfigRecord, Context, Message, Metadata, MetricRecord, RecordDict
 from flwr.clientapp import ClientApp
 from torch.nn.functional import cross_entropy, linear
 
@@ -24,54 +18,41 @@ app = ClientApp()
 
 @app.train()
 def train(message: Message, context: Context) -> Message:
-    """Yours in its place: this one trains dense layers by SGD."""
-    arrays, how = message.content["arrays"].to_numpy_ndarrays(), message.content["config"]
-    layers = [torch.tensor(array, requires_grad=True) for array in arrays]
+    """Put yours in its place. This one trains a single dense layer by SGD."""
+    sent, how = message.content["arrays"].to_numpy_ndarrays(), message.content["config"]
+    layer = [torch.tensor(array, requires_grad=True) for array in sent]
     x, y = (torch.tensor(array) for array in context.state["data"].to_numpy_ndarrays())
-    optimiser, losses = torch.optim.SGD(layers, how["lr"], how["momentum"]), []
-    for batch in (
-        b for _ in range(how["epochs"]) for b in torch.randperm(len(y)).split(how["batch"])
-    ):
-        z = x[batch].flatten(1)
-        for weight, bias in zip(layers[::2], layers[1::2], strict=True):
-            z = linear(z.relu() if weight is not layers[0] else z, weight, bias)
-        losses.append(loss := cross_entropy(z, y[batch]))
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-    sent = ArrayRecord([layer.detach().numpy() for layer in layers])
-    metrics = MetricRecord({"train_loss": float(sum(losses)) / len(losses), "steps": len(losses)})
-    return Message(RecordDict({"arrays": sent, "metrics": metrics}), reply_to=message)
+    optimiser, losses = torch.optim.SGD(layer, how["lr"], how["momentum"]), []
+    for _ in range(how["epochs"]):
+        for batch in torch.randperm(len(y)).split(how["batch-size"]):
+            optimiser.zero_grad()
+            losses.append(cross_entropy(linear(x[batch].flatten(1), *layer), y[batch]))
+            losses[-1].backward()
+            optimiser.step()
+    trained = ArrayRecord([part.detach().numpy() for part in layer])
+    metrics = MetricRecord({"train_loss": torch.stack(losses).mean().item()})
+    return Message(RecordDict({"arrays": trained, "metrics": metrics}), reply_to=message)
 
 
-@dataclass(frozen=True)
 class FlowerTrainer:
-    """Hands a device's round to the app. Its context lasts for that round."""
-
-    app: ClientApp
+    def __init__(self, learning: LearningConfig, app: ClientApp = app) -> None:
+        self.app = app
 
     def train(self, device, model, data, rng):
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in device.shapes)])
-        parts = [
-            model[a:b].reshape(s) for (a, b), s in zip(pairwise(ends), device.shapes, strict=True)
-        ]
-        torch.manual_seed(seed := int(rng.integers(2**31)))
-        s, node = device.settings, device.device + 1
-        how = {"lr": s.learning_rate, "momentum": s.momentum, "mu": s.mu, "batch": s.batch_size,
-               "epochs": s.epochs, "server-round": device.round, "seed": seed}  # fmt: skip
-        sent = RecordDict({"arrays": ArrayRecord(parts), "config": ConfigRecord(how)})
+        """A device is a node for one round: its context holds its samples and ends with it."""
+        ends, s = np.cumsum([np.prod(shape, dtype=int) for shape in device.shapes]), device.settings
+        arrays = map(np.reshape, np.split(model, ends[:-1]), device.shapes)
+        torch.manual_seed(int(rng.integers(2**31)))
+        how = {"lr": s.learning_rate, "momentum": s.momentum, "proximal-mu": s.mu,
+               "epochs": s.epochs, "batch-size": s.batch_size}  # fmt: skip
+        content = RecordDict({"arrays": ArrayRecord(list(arrays)), "config": ConfigRecord(how)})
+        node, when = device.device + 1, (str(device.round), time.time(), 3600.0, "train")
         own = RecordDict({"data": ArrayRecord([data.x, data.y])})
         context = Context(1, node, {"partition-id": device.device}, own, {})
-        answer = self.app(Message(sent, node, "train"), context)
+        message = Message(content, metadata=Metadata(1, "", 0, node, "", *when))
+        answer = self.app(message, context).content
         if set(context.state) != {"data"}:
-            raise ValueError(
-                "the app keeps something in its context, which is gone after the round"
-            )
-        arrays, metrics = (answer.content[name] for name in ("arrays", "metrics"))
-        after = np.concatenate([array.ravel() for array in arrays.to_numpy_ndarrays()])
-        return LocalResult(after, int(metrics.get("steps", 1)), float(metrics["train_loss"]))
-
-
-def make(learning: LearningConfig) -> FlowerTrainer:
-    """What `learning.trainer` names."""
-    return FlowerTrainer(app)
+            raise ValueError("the app keeps something in its context, which ends with the round")
+        after = np.concatenate([a.ravel() for a in answer["arrays"].to_numpy_ndarrays()])
+        steps = s.epochs * -(-len(data.y) // s.batch_size)
+        return LocalResult(after, steps, float(answer["metrics"]["train_loss"]))

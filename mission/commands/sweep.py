@@ -52,8 +52,8 @@ def sweep(
     engine
         joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
     address
-        Of the Ray cluster; without one, Ray is started on this machine. With a cluster, OUT and
-        the data folder must be visible to all its machines.
+        HOST:PORT of the Ray cluster, which this machine is part of; without one, Ray is started
+        on this machine. The cluster's machines need no folder of this one.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     as_json

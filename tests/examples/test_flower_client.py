@@ -11,7 +11,8 @@ pytest.importorskip("flwr", reason="Flower is not installed", exc_type=ImportErr
 from flwr.app import ArrayRecord, Context, Message, RecordDict
 from flwr.clientapp import ClientApp
 
-from examples.flower_client import FlowerTrainer, app
+from examples.flower_client import FlowerTrainer
+from fl.config import LearningConfig
 from fl.training.custom_trainer import CustomTrainer, TrainingDevice
 from fl.training.local import LocalResult, LocalSettings, LocalTask
 from mission import api as aerofed
@@ -24,14 +25,14 @@ pytestmark = pytest.mark.real
 DENSE = {
     f"communities.{index}.{key}": value
     for index in (0, 1)
-    for key, value in (("network", "convnet"), ("convnet.channels", []), ("convnet.hidden", [8]))
+    for key, value in (("network", "convnet"), ("convnet.channels", []), ("convnet.hidden", []))
 }
 SMALL = {
     "mission.flight": "none", "mission.steps": 4, "mission.rounds": 3, "planner.gap": 0.1,
     "mission.path_budget_m": 400.0, "communities.0.devices": 4, "communities.1.devices": 3,
     "learning.local_epochs": 1, "learning.algorithm": "fedavg", **DENSE,
 }  # fmt: skip
-OURS = {**SMALL, "learning.trainer": "examples.flower_client:make"}
+OURS = {**SMALL, "learning.trainer": "examples.flower_client:FlowerTrainer"}
 
 
 def both(trainer: FlowerTrainer) -> tuple[LocalResult, LocalResult]:
@@ -52,7 +53,7 @@ def both(trainer: FlowerTrainer) -> tuple[LocalResult, LocalResult]:
 
 
 def test_an_app_that_does_what_we_do_sends_up_what_we_do() -> None:
-    theirs, ours = both(FlowerTrainer(app))
+    theirs, ours = both(FlowerTrainer(LearningConfig()))
     assert theirs.model == pytest.approx(ours.model, rel=1e-4, abs=1e-5)
     assert theirs.loss == pytest.approx(ours.loss, rel=1e-4)
     assert theirs.steps == ours.steps == 3
@@ -67,7 +68,7 @@ def test_what_an_app_would_lose_is_refused() -> None:
         return Message(RecordDict(), reply_to=message)
 
     with pytest.raises(Exception, match="keeps something in its context"):
-        both(FlowerTrainer(forgetful))
+        both(FlowerTrainer(LearningConfig(), forgetful))
 
 
 @pytest.mark.slow

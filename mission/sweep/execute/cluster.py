@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from fl.errors import LearningInputError
+from fl.errors import LearningInputError, first_line
 from mission.base.errors import AerofedError, InputError, LinkLostError
 from mission.base.run_folder import LIBRARIES
 from mission.config.models import RunConfig
@@ -59,20 +59,20 @@ class RayEngine:
             raise InputError(
                 "--engine ray: Ray is not installed: pip install 'aerofed[ray]'"
             ) from None
+        try:
+            read = data_sets(configs, data_dir)
+        except LearningInputError as error:
+            raise InputError(str(error)) from None
         with tempfile.TemporaryDirectory(prefix="aerofed-code-") as folder:
             here = Path.cwd()
             files = own_code(configs, here)
             put_together(files, here, Path(folder))
             self._connect(address, jobs, code=folder if files else None)
-        try:
-            read = data_sets(configs, data_dir)
-        except LearningInputError as error:
-            raise InputError(str(error)) from None
         self._data = {source: self._ray.put(dataset) for source, dataset in read.items()}
-        cpus = self._cpus()
-        if cpus < 1:
+        self._jobs = jobs
+        if self._cpus() < 1:
+            self._ray.shutdown()
             raise LinkLostError(f"--address {address}: no machine of the cluster offers a CPU")
-        self._slots = cpus if jobs is None else jobs
         # No retry by Ray: only the sweep knows how often a run was lost, and what there is of it.
         self._fly = self._ray.remote(
             num_cpus=1,
@@ -87,6 +87,8 @@ class RayEngine:
     def _connect(self, address: str | None, jobs: int | None, *, code: str | None) -> None:
         # Ray's workers run at the lowest priority unless this is set before it starts.
         os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  # Ray's own spelling
+        # A Ray that is started here tells nobody of it, unless it is asked to.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         local = {"num_cpus": jobs, "include_dashboard": False} if address is None else {}
         place = {} if code is None else {"working_dir": code}
         try:
@@ -97,17 +99,21 @@ class RayEngine:
                 runtime_env={"env_vars": ENVIRONMENT, **place},
                 **local,
             )
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise LinkLostError(f"--address {address}: cannot reach Ray: {reason}") from None
-
-    def _cpus(self) -> int:
-        return int(self._ray.cluster_resources().get("CPU", 0))
+        except (OSError, ValueError, RuntimeError, self._ray.exceptions.RayError) as error:
+            doing = (
+                "--engine ray: cannot start Ray here"
+                if address is None
+                else f"--address {address}: cannot reach Ray"
+            )
+            raise LinkLostError(f"{doing}: {first_line(error)}") from None
 
     @property
     def slots(self) -> int:
-        """Runs at a time: as many as asked for, by default one for each CPU of the cluster."""
-        return self._slots
+        """Runs at a time: as many as asked for, by default one for each CPU that is there now."""
+        return self._jobs or max(1, self._cpus())
+
+    def _cpus(self) -> int:
+        return int(self._ray.cluster_resources().get("CPU", 0))
 
     def start(self, order: RunOrder) -> None:
         """Hand a run to the cluster, with what the sweep's folder has of it."""

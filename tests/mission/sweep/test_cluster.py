@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -210,8 +211,15 @@ def locally(project: Path, out: str, temporary: Path, *before: str) -> "subproce
     )  # fmt: skip
 
 
-def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, tmp_path: Path) -> None:
-    process = locally(project, "cut", tmp_path)
+@pytest.fixture
+def short() -> Iterator[Path]:
+    """A folder for temporary files whose name is short enough for Ray's sockets."""
+    with tempfile.TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, short: Path) -> None:
+    process = locally(project, "cut", short)
     until(lambda: process.poll() is not None or rounds_known(project / "cut") > 0)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to Ray's processes too
     printed, errors = process.communicate(timeout=HANG_S)
@@ -226,12 +234,10 @@ def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, tmp_path: 
     assert tables(project / "cut") == tables(here)
 
 
-def test_a_worker_that_dies_takes_no_other_with_it(
-    project: Path, here: Path, tmp_path: Path
-) -> None:
-    process = locally(project, "killed", tmp_path)
+def test_a_worker_that_dies_takes_no_other_with_it(project: Path, here: Path, short: Path) -> None:
+    process = locally(project, "killed", short)
     until(lambda: process.poll() is not None or rounds_known(project / "killed") > 0)
-    log = next(tmp_path.glob("aerofed-run-*/own_rules*/flight.mcap"))
+    log = next(short.glob("aerofed-run-*/own_rules*/flight.mcap"))
     os.kill(writer_of(log), signal.SIGKILL)
     printed, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 0, errors
@@ -240,13 +246,24 @@ def test_a_worker_that_dies_takes_no_other_with_it(
 
 
 @hidden
-def test_a_full_disk_here_is_the_end_of_a_run(project: Path, tmp_path: Path) -> None:
+def test_a_full_disk_here_is_the_end_of_a_run(project: Path, short: Path) -> None:
     (project / "full").mkdir()
     small = 'mount -t tmpfs -o size=64k none full && exec "$@"'
     space = ("unshare", "--map-root-user", "--mount", "sh", "-c", small, "sh")
-    process = locally(project, "full/out", tmp_path, *space)
+    process = locally(project, "full/out", short, *space)
     _, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 2
     for name in ("own_rules", "ideal"):
         assert f"run {name}" in errors
     assert errors.count("No space left on device") == 2
+
+
+def test_a_ray_that_cannot_start_is_one_line(project: Path, tmp_path: Path) -> None:
+    far = tmp_path / ("far" * 30)  # a socket's name has 107 bytes at most
+    far.mkdir()
+    process = locally(project, "far", far)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 5
+    assert errors.count("\n") == 1
+    assert "--engine ray: cannot start Ray here" in errors
+    assert "107 bytes" in errors
