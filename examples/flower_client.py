@@ -1,6 +1,6 @@
 """A Flower ClientApp trains the devices; the algorithm is one of ours, or flower.py's.
 
-pip install 'aerofed[flower]'; aerofed run --set learning.trainer=examples.flower_client:FlowerTrainer
+aerofed run --set learning.trainer=examples.flower_client:FlowerTrainer
 """
 
 import time

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fl.plugins import checked_name
+from fl.plugins import checked_name, is_plugin
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
@@ -294,7 +294,11 @@ class LearningConfig(_Frozen):
     @field_validator("trainer")
     @classmethod
     def _trainer(cls, trainer: str | None) -> str | None:
-        return None if trainer is None else checked_name(trainer, ())
+        if trainer is not None and not is_plugin(trainer):
+            raise ValueError(
+                "must be an import path, 'package.module:factory', or a plug-in that is installed"
+            )
+        return trainer
 
     @field_validator("algorithm")
     @classmethod

@@ -14,7 +14,7 @@ from mission.run.callbacks import CallbackContext, make_callbacks
 MODULE = """
 import numpy as np
 import torch
-from mission.api import Samples
+from mission.api import LocalResult, Samples
 
 class Algorithm:
     mu = momentum = 0.0
@@ -97,6 +97,20 @@ def short(learning): return Short()
 def endless(learning): return Endless()
 def no_state(learning): return NoState()
 def bad_momentum(learning): return BadMomentum()
+class TrainerFails:
+    def __init__(self, learning): pass
+    def train(self, device, model, data, rng):
+        return device.weights  # trainer's slip
+
+class TrainerShort(TrainerFails):
+    def train(self, device, model, data, rng): return LocalResult(model[:3], 1, 0.5)
+
+class TrainerOther(TrainerFails):
+    def train(self, device, model, data, rng): return model
+
+class TrainerIdle(TrainerFails):
+    def train(self, device, model, data, rng): return LocalResult(model, 0, 0.5)
+
 def nothing(anything): return object()
 def broken(anything): return undefined_name
 """
@@ -112,6 +126,7 @@ SMALL = {
     "learning.local_epochs": 1,
 }
 KEYS = {
+    "trainer": "learning.trainer",
     "algorithm": "learning.algorithm",
     "gate": "channel.gate",
     "network": "communities.0.network",
@@ -149,6 +164,10 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("algorithm", "bad_momentum", "momentum is 3.0: must be from 0 to 1"),
         ("algorithm", "short", "apply() gives a model of shape (3,), not ("),
         ("algorithm", "endless", "apply() gives a model with values that are not finite"),
+        ("trainer", "nothing", "learning.trainer = 'mine:nothing': gives an object without train"),
+        ("trainer", "TrainerShort", "gives a model of shape (3,), not ("),
+        ("trainer", "TrainerOther", "train() of device 0 gives a ndarray, not a LocalResult"),
+        ("trainer", "TrainerIdle", "gives 0 steps: must be 1 or more"),
         ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
         ("gate", "RadioOver", "per() gives 1.5 at "),
         ("gate", "RadioShort", "per() gives shape (), not ("),
@@ -180,6 +199,7 @@ def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
     ("kind", "name", "doing", "raised", "slip"),
     [
         ("algorithm", "fails", "apply()", "AttributeError", "# algorithm's slip"),
+        ("trainer", "TrainerFails", "train() of device 0", "AttributeError", "# trainer's slip"),
         ("gate", "RadioFails", "per()", "AttributeError", "# radio's slip"),
         ("network", "Net", "training in round 1", "KeyError: 'weights'", "# network's slip"),
         ("task", "data_fails", "the factory", "TypeError", "# data set's slip"),
@@ -225,6 +245,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
     ("key", "words"),
     [
         ("learning.algorithm", "must be one of 'fedprox', .* did you mean fedavg?"),
+        ("learning.trainer", "must be an import path"),
         ("channel.gate", "must be one of 'average', 'instantaneous' or the import path"),
         ("communities.0.task", "must be one of 'digits', "),
         ("communities.0.partition", "must be one of 'labels', "),

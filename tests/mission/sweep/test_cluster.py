@@ -45,7 +45,12 @@ task = "digits"
 devices = 2
 labels_per_device = 5
 """
+# It waits in its third round until it is let on, so that a test can interrupt it there.
 RULES = """
+import tempfile
+import time
+from pathlib import Path
+
 from mission.api import Sortie
 
 from own_rules.weights import weights
@@ -61,6 +66,8 @@ class Own:
         return weights(info)
 
     def sortie(self, round_index, problem):
+        while round_index > 2 and not Path(tempfile.gettempdir(), "go").exists():
+            time.sleep(0.02)
         return Sortie(self.planner.plan(problem))
 """
 WEIGHTS = """
@@ -100,7 +107,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def command(out: str, *more: str, rounds: int = 3) -> list[str]:
+def command(out: str, *more: str, rounds: int = 4) -> list[str]:
     return [
         sys.executable, "-m", "mission", "sweep", "own.toml", "--data-dir", "data", "--out", out,
         "--strategies", "own_rules.strategy:Own,ideal", "--seeds", "1", "--rounds", str(rounds),
@@ -109,9 +116,12 @@ def command(out: str, *more: str, rounds: int = 3) -> list[str]:
 
 
 def sweep(project: Path, *tokens: str) -> "subprocess.CompletedProcess[str]":
+    (project / "free").mkdir(exist_ok=True)
+    (project / "free" / "go").touch()
     return subprocess.run(
-        [*tokens], cwd=project, capture_output=True, text=True, timeout=HANG_S, check=False
-    )
+        [*tokens], cwd=project, capture_output=True, text=True, timeout=HANG_S, check=False,
+        env={**os.environ, "TMPDIR": str(project / "free")},
+    )  # fmt: skip
 
 
 def tables(folder: Path) -> dict[str, bytes]:
@@ -131,7 +141,7 @@ def rounds_known(folder: Path) -> int:
 @pytest.fixture(scope="module")
 def here(project: Path) -> Path:
     """What joblib finds on this machine."""
-    done = sweep(project, *command("here", "--jobs", "2", rounds=8))
+    done = sweep(project, *command("here", "--jobs", "2"))
     assert done.returncode == 0, done.stderr
     return project / "here"
 
@@ -158,7 +168,7 @@ def test_a_run_goes_on_elsewhere_when_its_machine_dies(
     cluster: Cluster, project: Path, here: Path
 ) -> None:
     one, other = cluster.add("one"), cluster.add("other")
-    process = begin(cluster, project, *command("there", rounds=8))
+    process = begin(cluster, project, *command("there"))
     runs = project / "there" / "runs"
 
     until(lambda: process.poll() is not None or rounds_known(project / "there") > 0)
@@ -168,6 +178,8 @@ def test_a_run_goes_on_elsewhere_when_its_machine_dies(
     victim = one if one.flies(name) else other
     assert victim.flies(name)
     victim.die()
+    survivor = other if victim is one else one
+    (survivor.temporary / "go").touch()
     printed, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 0, errors
     assert f"{name}: its worker died; another goes on with the run" in printed
@@ -182,7 +194,6 @@ def test_a_run_goes_on_elsewhere_when_its_machine_dies(
         here / "runs" / name / "flight.mcap"
     ).read_bytes()
     assert str(cluster.top) not in (runs / name / "summary.json").read_text()
-    survivor = other if victim is one else one
     assert not list(survivor.temporary.glob("aerofed-*"))
 
 
@@ -205,7 +216,7 @@ def test_a_machine_with_another_version_is_named(
 def locally(project: Path, out: str, temporary: Path, *before: str) -> "subprocess.Popen[str]":
     """A sweep on a Ray of its own, whose runs are flown below `temporary`."""
     return subprocess.Popen(
-        [*before, *command(out, "--jobs", "2", "--engine", "ray", rounds=8)], cwd=project,
+        [*before, *command(out, "--jobs", "2", "--engine", "ray")], cwd=project,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, "TMPDIR": str(temporary)},
     )  # fmt: skip
@@ -227,7 +238,7 @@ def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, short: Pat
     assert errors == ""
     assert "the same command goes on from here" in printed
     known = rounds_known(project / "cut")
-    done = sweep(project, *command("cut", "--jobs", "2", rounds=8))
+    done = sweep(project, *command("cut", "--jobs", "2"))
     assert done.returncode == 0, done.stderr
     summary = json.loads((run_named(project / "cut", "own_rules") / "summary.json").read_text())
     assert summary["resumed_after_round"] == known > 0
@@ -239,6 +250,7 @@ def test_a_worker_that_dies_takes_no_other_with_it(project: Path, here: Path, sh
     until(lambda: process.poll() is not None or rounds_known(project / "killed") > 0)
     log = next(short.glob("aerofed-run-*/own_rules*/flight.mcap"))
     os.kill(writer_of(log), signal.SIGKILL)
+    (short / "go").touch()
     printed, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 0, errors
     assert printed.count("its worker died; another goes on with the run") == 1
