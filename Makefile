@@ -3,9 +3,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+FLOWER := $(VENV)/flower
 READY := $(VENV)/.ready
 
-.PHONY: run test test-fast check docs clean
+.PHONY: run test test-fast test-flower check docs clean
 
 run: $(READY)
 	$(BIN)/aerofed run
@@ -16,6 +17,15 @@ test: $(READY)
 # Under a minute: without whole runs, and without what needs more than a clone brings.
 test-fast: $(READY)
 	$(BIN)/python -m pytest -m "not slow and not real"
+
+# Flower asks for other versions of libraries than the lock has: they lie over those of $(VENV), in
+# an environment of its own.
+test-flower: $(READY)
+	$(PYTHON) -m venv $(FLOWER)
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" \
+		> $$($(FLOWER)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/below.pth
+	$(FLOWER)/bin/python -m pip install --quiet --disable-pip-version-check 'flwr>=1.41'
+	$(FLOWER)/bin/python -m pytest tests/examples/test_flower.py tests/examples/test_flower_client.py
 
 # What CI checks beside the tests.
 check: $(READY)

@@ -48,12 +48,11 @@ def test_the_public_names() -> None:
     assert aerofed.__all__ == [
         "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "DeviceData",
         "Figure", "ImportanceStrategy", "InputError", "LearningConfig", "LocalResult",
-        "LocalSettings", "MissionConfig", "Partition", "PartitionTask",
-         "Planner", "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
+        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "Planner", "Radio",
+        "RoundInfo", "RoundLearning", "RoundPlan",
         "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
         "StaleStart", "Strategy", "StrategyContext", "Sweep", "Trainer", "TrainingDevice", "Update",
-        "UplinkRecord", "channel",
-        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep",
+        "UplinkRecord", "channel", "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep",
         "plan", "resume", "run", "sweep",
     ]  # fmt: skip
 
