@@ -1,6 +1,7 @@
 """A Flower ClientApp as the training of the devices here; needs flwr."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from mission.scenario.scenario import build_scenario
 
 pytestmark = pytest.mark.real
 
-DENSE = {
+DENSE: dict[str, Any] = {
     f"communities.{index}.{key}": value
     for index in (0, 1)
     for key, value in (("network", "convnet"), ("convnet.channels", []), ("convnet.hidden", []))
@@ -62,7 +63,7 @@ def test_an_app_that_does_what_we_do_sends_up_what_we_do() -> None:
 def test_what_an_app_would_lose_is_refused() -> None:
     forgetful = ClientApp()
 
-    @forgetful.train()
+    @forgetful.train()  # type: ignore[untyped-decorator]
     def train(message: Message, context: Context) -> Message:
         context.state["moments"] = ArrayRecord([np.zeros(3)])
         return Message(RecordDict(), reply_to=message)

@@ -1,5 +1,6 @@
 """One run of a sweep, in whatever process an engine gives it."""
 
+import json
 import shutil
 import sys
 from dataclasses import dataclass
@@ -72,22 +73,32 @@ def execute(order: RunOrder) -> RunEnd:
 def begun(path: Path) -> bool:
     """Whether a run that was cut off can go on in this folder; what else is in it is removed.
 
-    A run that failed, or that other versions of the libraries began, starts anew.
+    A run that failed, that other versions of the libraries began, or whose vehicle cannot fly its
+    rounds again, starts anew.
 
     Raises:
+        InputError: somebody flies into it.
         OSError: the folder cannot be removed.
     """
-    folder = RunFolder(path)
-    if folder.status() in ("running", "interrupted"):
-        try:
-            read_checkpoint(path)
-        except InputError:
+    if _goes_on(RunFolder(path)):
+        return True
+    if path.is_dir():
+        with RunFolder(path).lock():  # nobody flies into it
             pass
-        else:
-            return True
     if path.exists():
         shutil.rmtree(path)
     return False
+
+
+def _goes_on(folder: RunFolder) -> bool:
+    try:
+        summary = json.loads(folder.summary.read_text(encoding="utf-8"))
+        if summary["status"] not in ("running", "interrupted") or not summary["resumable"]:
+            return False
+        read_checkpoint(folder.path)
+    except (OSError, ValueError, KeyError, TypeError, InputError):
+        return False
+    return True
 
 
 def failed(error: AerofedError | OSError, folder: Path) -> RunEnd:

@@ -52,8 +52,8 @@ def test_the_public_names() -> None:
         "RoundInfo", "RoundLearning", "RoundPlan",
         "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
         "StaleStart", "Strategy", "StrategyContext", "Sweep", "Trainer", "TrainingDevice", "Update",
-        "UplinkRecord", "channel", "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep",
-        "plan", "resume", "run", "sweep",
+        "UplinkRecord", "channel", "compare", "config", "finish", "first_problem", "fit_budget",
+        "load", "load_sweep", "plan", "resume", "run", "sweep",
     ]  # fmt: skip
 
 
