@@ -67,7 +67,7 @@ class LocalEngine:
         return tuple(ended)
 
     def close(self) -> None:
-        """Kill the processes: what they had not finished is repeated by the next sweep."""
+        """Kill the processes: the next sweep goes on with what they had not finished."""
         for pool in (*self._free, *(pool for _, pool in self._running.values())):
             pool.shutdown(kill_workers=True)
         self._free.clear()

@@ -20,9 +20,9 @@ def execute_all(
     order: Callable[[SweepRun], RunOrder],
     watch: Watch,
 ) -> dict[str, RunEnd]:
-    """Execute every run; how each ended, by name. A run whose worker dies is repeated.
+    """Execute every run; how each ended, by name. A run whose worker dies is handed to another.
 
-    `watch(run, end, running)` is called for each run that ends (`end` None: it will be repeated)
+    `watch(run, end, running)` is called for each run that ends (`end` None: it is handed to another)
     and between (`run` None). The engine stays open.
     """
     waiting, attempts = deque(runs), Counter[str]()
