@@ -22,8 +22,8 @@ def execute_all(
 ) -> dict[str, RunEnd]:
     """Execute every run; how each ended, by name. A run whose worker dies is handed to another.
 
-    `watch(run, end, running)` is called for each run that ends (`end` None: it is handed to another)
-    and between (`run` None). The engine stays open.
+    `watch(run, end, running)` is called for each run that ends (`end` None: another goes on with
+    it) and between (`run` None). The engine stays open.
     """
     waiting, attempts = deque(runs), Counter[str]()
     running: dict[str, SweepRun] = {}
