@@ -24,7 +24,7 @@ from mission.planner.evaluate import (
     scheduled,
 )
 from mission.planner.native.library import MOST_DEVICES, Found
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.reward import Altitudes
 
 FIRST_PARTS = 4  # that the limits are split into at first
@@ -35,31 +35,6 @@ ALIKE = 1.0 + 1e-9  # widths that differ by rounding
 PROMISING = 0.98  # of the best value: a path that is worth looking for its own best altitude
 LEFT_SHARE = 0.5  # of the gap: where e leaves less of it, a part is split
 MOST_SEARCHES = 6  # times `max_nodes` are looked into for all altitudes together
-
-
-@dataclass(frozen=True)
-class SampledAltitudes:
-    """A planner for one altitude, asked at several: the best of these plans, without a bound."""
-
-    inner: Planner
-    altitudes: int = 9
-
-    def plan(self, problem: RoundProblem) -> RoundPlan:
-        """Plan one round.
-
-        Raises:
-            PlanError: what the planner itself raises.
-        """
-        if problem.altitudes_m is None:
-            return self.inner.plan(problem)
-        best = None
-        for altitude_m in np.linspace(*problem.altitudes_m, self.altitudes).tolist():
-            made = finish(problem, self.inner.plan(problem.at(altitude_m)).waypoints_m)
-            if best is None or made.value > best.value:
-                best = made
-        assert best is not None
-        again = finish(problem, self.inner.plan(problem.at(best.altitude_m)).waypoints_m)
-        return max(best, again, key=lambda plan: plan.value)
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,8 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
     by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
     order_nodes = min(ORDER_NODES, goal.max_nodes // 2) if by_place else goal.max_nodes
     if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
-        if (effort := goal.effort(found, order_nodes)) is not None:
+        effort = goal.effort(found, order_nodes)
+        if effort is not None:
             found = search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
     if by_place:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count

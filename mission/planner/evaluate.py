@@ -18,7 +18,7 @@ from mission.planner.schedule import assign
 
 LENGTH_TOLERANCE_M = 1e-3
 ALTITUDES = 17  # that are looked at together
-REST_STEP_M = 0.5  # of altitudes, where the path is a point
+FINE_STEP_M = 0.5  # of altitudes, where the path is a point
 CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 
@@ -165,17 +165,23 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
     return replace(plan, upper_bound=max(plan.value, _bound_at_rest(problem)))
 
 
-def _bound_at_rest(problem: RoundProblem) -> float:
-    """What serving from the start is worth at most, whatever the altitude.
+def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
+    """(H, K) for parts of the altitudes that are open: what 1 - q_bar at `far_m` (K,) is at most.
 
-    Between samples f lies above its chord by |f''| h^2 / 8 at most; twice that for safety.
+    Between samples it lies above their chord by |f''| h^2 / 8 at most; twice that for safety.
     """
-    assert problem.altitudes_m is not None
+    if problem.altitudes_m is None:
+        return 1.0 - average_per(problem.channel, far_m)[None]
     low_m, high_m = problem.altitudes_m
-    heights = np.linspace(low_m, high_m, 2 + math.ceil((high_m - low_m) / REST_STEP_M))
-    far = np.hypot(*(problem.devices_m - problem.start_m).T)
-    f = 1.0 - average_per(problem.channel, far[None], height_m=heights[:, None])
-    most = (f + np.abs(np.diff(f, 2, axis=0)).max(axis=0) / 4.0) * problem.importance
+    heights = np.linspace(low_m, high_m, 2 + math.ceil((high_m - low_m) / FINE_STEP_M))
+    f = 1.0 - average_per(problem.channel, far_m[None], height_m=heights[:, None])
+    return np.asarray(f + np.abs(np.diff(f, 2, axis=0)).max(axis=0) / 4.0)
+
+
+def _bound_at_rest(problem: RoundProblem) -> float:
+    """What serving from the start is worth at most, whatever the altitude."""
+    far_m = np.hypot(*(problem.devices_m - problem.start_m).T)
+    most = success_bounds(problem, far_m) * problem.importance
     places = problem.steps * problem.per_step
     return float(np.sort(most, axis=1)[:, ::-1][:, :places].sum(axis=1).max())
 
@@ -203,6 +209,7 @@ def check_problem(problem: RoundProblem) -> None:
         ("importance", problem.importance),
         ("start", problem.start_m),
         ("path_budget_m", np.asarray(problem.path_budget_m)),
+        ("altitudes_m", np.asarray(problem.altitudes_m or ())),
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
@@ -213,6 +220,14 @@ def check_problem(problem: RoundProblem) -> None:
     if len(negative):
         k = int(negative[0])
         raise PlanInputError(f"importance[{k}] = {problem.importance[k]}: must be 0 or more")
+    if (
+        problem.altitudes_m is not None
+        and not 0.0 < problem.altitudes_m[0] < problem.altitudes_m[1]
+    ):
+        raise PlanInputError(
+            f"altitudes_m = {list(problem.altitudes_m)}: must be two heights above 0, the lower "
+            "first"
+        )
     if problem.path_budget_m < 0.0:
         raise PlanInputError(f"path_budget_m = {problem.path_budget_m}: must be 0 or more")
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
