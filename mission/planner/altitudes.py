@@ -125,6 +125,8 @@ class _Proof:
         most_nodes = MOST_SEARCHES * self.goal.max_nodes
         while True:
             worst = max(self._parts, key=lambda part: part.bound)
+            if not self.best.value > 0.0:  # nothing to measure a gap by
+                return worst.bound
             if worst.bound <= self.enough or self._spent >= most_nodes or not self._improve(worst):
                 return worst.bound
 

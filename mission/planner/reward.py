@@ -12,6 +12,7 @@ samples of a convex function lies above that function (Schoenberg's operator), s
 and twice differentiable upper bound whatever the spacing.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeAlias
@@ -24,7 +25,7 @@ from mission.base.arrays import Floats, Ints
 Altitudes: TypeAlias = tuple[float, ...]  # metres above home
 
 FINE_M = 0.25  # grid on which f is sampled and maximised
-QUARTERS = 4  # of the way between two altitudes, at which f is sampled
+LEAST_PARTS, MOST_PARTS = 4, 250  # of the way between two altitudes, at which f is sampled
 SLOPES = 48  # B-spline intervals of H over s
 # A device served where f is below this share of its best is bounded as if left out.
 NEGLIGIBLE = 5e-4
@@ -92,8 +93,8 @@ def excess(channel: Channel, reach_m: int, other_m: float) -> Floats:
     the chord between the two by, at most.
 
     f_h <= l f_a + (1 - l) f_b + e for every altitude h = l a + (1 - l) b. So a path is worth at
-    most what it earns with f_a + e, or with f_b + e. Sampled at quarters of the way; what f may
-    rise between them is bounded as between distances (`_between`).
+    most what it earns with f_a + e, or with f_b + e. Sampled as densely as f bends; what it may
+    rise between samples is bounded as between distances (`_between`).
     """
     low_m, high_m = sorted((channel.altitude_m, other_m))
     return _excess(replace(channel, altitude_m=low_m), reach_m, high_m)
@@ -101,7 +102,8 @@ def excess(channel: Channel, reach_m: int, other_m: float) -> Floats:
 
 @lru_cache(maxsize=256)
 def _excess(low: Channel, reach_m: int, high_m: float) -> Floats:
-    share = np.linspace(0.0, 1.0, QUARTERS + 1)
+    parts = math.ceil((high_m - low.altitude_m) / _bend_m(low))
+    share = np.linspace(0.0, 1.0, min(max(parts, LEAST_PARTS), MOST_PARTS) + 1)
     heights = low.altitude_m + share * (high_m - low.altitude_m)
     f = np.stack([1.0 - average_per(low, _distances(reach_m), height_m=h) for h in heights])
     above = f - ((1.0 - share)[:, None] * f[0] + share[:, None] * f[-1])
@@ -109,6 +111,21 @@ def _excess(low: Channel, reach_m: int, high_m: float) -> Floats:
     found = np.maximum(above.max(axis=0), 0.0) + slack
     found.flags.writeable = False
     return np.asarray(found)
+
+
+def _bend_m(low: Channel) -> float:
+    """Metres of altitude, from the channel's own on, within which f bends little.
+
+    A standard deviation of the shadowing is sigma d / alpha >= sigma H / alpha of distance, and
+    no less of altitude; the probability of line of sight changes over 2 / a1 of elevation, which
+    changes by r / (H^2 + r^2) <= 1 / (2 H) a metre.
+    """
+    shares = (
+        low.sigma_los / low.alpha_los,
+        low.sigma_nlos / low.alpha_nlos,
+        2.0 / low.a1_per_rad,
+    )
+    return low.altitude_m * min(shares)
 
 
 def _distances(reach_m: int) -> Floats:
