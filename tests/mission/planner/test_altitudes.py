@@ -77,7 +77,8 @@ def drawn(seed: int) -> Channel:
         altitude_m=60.0, alpha_los=rng.uniform(1.5, 3), alpha_nlos=rng.uniform(2.5, 5),
         beta_los_db=-30.0, beta_nlos_db=-40.0, sigma_los=10 ** rng.uniform(-2, 0.7),
         sigma_nlos=10 ** rng.uniform(-2, 0.7), a1_per_rad=10 ** rng.uniform(0, 2),
-        a2=rng.uniform(-3, 20), tx_power_db=rng.uniform(-20, 20), noise_db=-95.0, snr_threshold=10.0,
+        a2=rng.uniform(-3, 20), tx_power_db=rng.uniform(-20, 20), noise_db=-95.0,
+        snr_threshold=10.0,
     )  # fmt: skip
 
 
