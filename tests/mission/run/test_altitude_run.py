@@ -40,7 +40,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def planned_m(folder: Path) -> dict[int, float]:
     """The altitude of every round's plan in the log."""
-    return {plan.round: plan.altitude_m for plan in load_run(folder).plans}
+    return {plan.round: plan.altitude_m for plan in load_run(folder).data.plans}
 
 
 def test_every_round_is_flown_at_its_planned_altitude(run: Path) -> None:
@@ -56,7 +56,7 @@ def test_every_round_is_flown_at_its_planned_altitude(run: Path) -> None:
 
 
 def test_the_climb_is_no_part_of_the_round(run: Path) -> None:
-    data = load_run(run)
+    data = load_run(run).data
     first = data.rounds[0]
     start_ns, end_ns = (
         round(1e9 * t) for t in (first.start_t_s, first.start_t_s + first.duration_s)
