@@ -29,6 +29,7 @@ from mission.planner.reward import Altitudes
 
 FIRST_PARTS = 4  # that the limits are split into at first
 LEAST_NODES = 20  # that a search counts for: its tables have to be made
+POTENTIAL_NODES = 5000  # that potentials count for, where a search has not reached the gap
 ROUGH_NODES = 1000  # for parts that may be split yet
 NARROWEST_M = 0.5
 ALIKE = 1.0 + 1e-9  # widths that differ by rounding
@@ -151,7 +152,8 @@ class _Proof:
         found = search(trial.case, known, Goal(gap, most_nodes, thorough=not rough))
         self.nodes += found.nodes
         trial.spent = max(found.nodes, self._least_nodes)
-        self._spent += trial.spent
+        bounded = not rough and found.bound > self.enough
+        self._spent += trial.spent + (POTENTIAL_NODES if bounded else 0)
         if found.value > known.value:
             self._offer(altitude_m, found)
             trial.found = replace(found, nodes=0)
