@@ -43,6 +43,7 @@ NARROWEST_M = 0.5
 ALIKE = 1.0 + 1e-9  # widths that differ by rounding
 PROMISING = 0.98  # of the best value: a path that is worth looking for its own best altitude
 LEFT_SHARE = 0.5  # of the gap: where e leaves less of it, a part is split
+WORTH_SHARE = 0.9  # the same, where a search has ended short of the gap
 MOST_SEARCHES = 6  # times `max_nodes` are looked into for all altitudes together
 
 
@@ -156,9 +157,10 @@ class _Proof:
         rough = splits and raised > (1.0 - LEFT_SHARE) * self.goal.gap
         most_nodes = ROUGH_NODES if rough else self.goal.max_nodes
         if trial.spent >= most_nodes or not gap > 0.0:
-            if splits:
+            helps = splits and (rough or gap < WORTH_SHARE * self.goal.gap)
+            if helps:
                 self._split(part)
-            return splits
+            return helps
         found = search(trial.case, known, Goal(gap, most_nodes, thorough=not rough))
         self.nodes += found.nodes
         trial.spent = max(found.nodes, self._least_nodes)
@@ -167,6 +169,8 @@ class _Proof:
         if found.value > known.value:
             self._offer(altitude_m, found)
             trial.found = replace(found, nodes=0)
+        elif bounded:  # it would end the same again
+            trial.spent = self.goal.max_nodes
         _lower(sides, found.bound)
         if rough and part.bound > self.enough:
             self._split(part)
