@@ -64,7 +64,8 @@ def test_no_path_from_any_altitude_exceeds_the_bound(seed: int) -> None:
         per_step=int(rng.integers(1, 4)), altitudes_m=tuple(np.sort(rng.uniform(10, 500, 2))),
     )  # fmt: skip
     made = plan(given)
-    for height_m in rng.uniform(*given.altitudes_m, 12):
+    assert given.altitudes_m is not None
+    for height_m in rng.uniform(given.altitudes_m[0], given.altitudes_m[1], 12):
         bare = dataclasses.replace(given.at(float(height_m)))
         other = CertifiedPlanner(max_nodes=200).plan(bare)
         assert other.value <= made.upper_bound * (1.0 + 1e-4)
@@ -136,7 +137,7 @@ def test_around_areas_the_bound_holds_for_every_altitude() -> None:
     given = problem(6, devices=4, channel="urban", airspace=Airspace((block,), None, 15.0))
     made = plan(given)
     for height_m in (60.0, made.altitude_m, 110.0):
-        other = make_planner(PlannerConfig()).plan(given.at(float(height_m)))
+        other = make_planner(PlannerConfig()).plan(given.at(height_m))
         assert other.value <= made.upper_bound * (1.0 + 1e-9)
 
 
