@@ -15,6 +15,7 @@ _LONG = 60  # characters of a value that are shown
 _TABLE = "a table"
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
+_OTHER_KIND = ("float_type", "int_type", "literal_error")  # a value where a list is one, too
 
 
 @dataclass(frozen=True)
@@ -44,15 +45,22 @@ def explain(
     # Pydantic counts the elements of a list without those that it refuses.
     counted = [item["loc"] for item in items if item["type"] == "too_short"]
     within = {loc for loc in counted for item in items if item["loc"][: len(loc) + 1] > loc}
+    keys = [locate(top(model), item["loc"]).path for item in items]
     lines = (
         _line(item, top(model), notation, blame)
-        for item in items
+        for item, key in zip(items, keys, strict=True)
         if not (item["type"] == "too_short" and item["loc"] in within)
+        # One branch of a union is refused as a whole, where another knows which part is wrong.
+        and not (item["type"] in _OTHER_KIND and any(_is_within(other, key) for other in keys))
         # A default that could not be made, as what it is made from is wrong.
         and item["input"] is not PydanticUndefined
     )
     # The branches of a union all complain about the same key.
     return list(dict.fromkeys(lines))
+
+
+def _is_within(key: tuple[str | int, ...], whole: tuple[str | int, ...]) -> bool:
+    return len(key) > len(whole) and key[: len(whole)] == whole
 
 
 def refusal(name: str, value: Any, reason: str, blame: Blame) -> str:

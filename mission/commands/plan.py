@@ -109,17 +109,23 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
     from mission.commands.planning import budget_report
 
     resolved = load(config, set_)
-    report = budget_report(resolved.channel.channel(altitude_m=resolved.mission.altitude_m))
+    preset, limits = resolved.channel.preset, resolved.mission.altitudes_m
+    heights = limits or resolved.mission.heights_m[:1]
+    reports = [budget_report(resolved.channel.channel(altitude_m=height)) for height in heights]
     if as_json:
-        about = {"preset": resolved.channel.preset, "altitude_m": resolved.mission.altitude_m}
-        print_json({**about, **report.numbers, "warning": report.warning})
+        every = [
+            {"preset": preset, "altitude_m": height, **report.numbers, "warning": report.warning}
+            for height, report in zip(heights, reports, strict=True)
+        ]
+        print_json(every if limits else every[0])
         return 0
     console = Terminal(**PLAIN)
-    console.print(f"channel {resolved.channel.preset}, {resolved.mission.altitude_m:g} m above")
-    for line in report.lines:
-        console.print(line)
-    if report.warning:
-        Console(stderr=True, **PLAIN).print(f"warning: {report.warning}")
+    for height, report in zip(heights, reports, strict=True):
+        console.print(f"channel {preset}, {height:g} m above")
+        for line in report.lines:
+            console.print(line)
+        if report.warning:
+            Console(stderr=True, **PLAIN).print(f"warning: {report.warning}")
     return 0
 
 
@@ -134,7 +140,9 @@ def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "
 def _print(plans: "tuple[NamedPlan, ...]") -> None:
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("problem")
-    for heading in ("value", "upper bound", "gap", "path m", "served", "nodes", "ms"):
+    chosen = any(named.plan.altitude_m is not None for named in plans)
+    altitude = ("altitude m",) if chosen else ()
+    for heading in ("value", "upper bound", "gap", "path m", *altitude, "served", "nodes", "ms"):
         table.add_column(heading, justify="right")
     for named in plans:
         made = named.plan
@@ -145,6 +153,7 @@ def _print(plans: "tuple[NamedPlan, ...]") -> None:
             f"{made.upper_bound:.6f}" if proven else "-",
             f"{100 * made.gap:.2f} %" if proven else "-",
             f"{made.path_m:.1f}",
+            *(["-" if made.altitude_m is None else f"{made.altitude_m:.1f}"] if chosen else ()),
             str(int(made.schedule.sum())),
             str(made.nodes),
             f"{1e3 * named.time_s:.1f}",

@@ -18,6 +18,7 @@ from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
 
+Altitude = Annotated[float, Field(ge=10, le=500)]
 Length = Annotated[float, Field(gt=0, le=100_000)]
 Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 
@@ -51,10 +52,10 @@ class NoFlyConfig(_Model):
             raise ValueError(f"to_m = {self.to_m:g} must be above from_m = {self.from_m:g}")
         return self
 
-    def counts_at(self, altitude_m: float) -> bool:
-        """Whether a flight at that height above home must keep out of it."""
+    def counts_at(self, lowest_m: float, highest_m: float) -> bool:
+        """Whether flights somewhere between these heights above home must keep out of it."""
         top = math.inf if self.to_m is None else self.to_m
-        return self.from_m - HEIGHT_MARGIN_M < altitude_m < top + HEIGHT_MARGIN_M
+        return self.from_m - HEIGHT_MARGIN_M < highest_m and lowest_m < top + HEIGHT_MARGIN_M
 
 
 class AreaConfig(_Model):
@@ -94,13 +95,13 @@ class AreaConfig(_Model):
             raise ValueError("fence_m crosses itself, or has no area")
         return self
 
-    def build(self, altitude_m: float | None = None) -> Area:
-        """The area with its local frame, and where in it may be flown at that height above home;
-        everywhere, where nothing is flown."""
+    def build(self, heights_m: tuple[float, float] | None = None) -> Area:
+        """The area with its local frame, and where in it may be flown at all heights above home
+        from one to another; everywhere, where nothing is flown."""
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
-        if altitude_m is None:
+        if heights_m is None:
             return Area(self.size_m, self.home_m, home)
-        rings = [np.array(zone.polygon_m) for zone in self.no_fly if zone.counts_at(altitude_m)]
+        rings = [np.array(zone.polygon_m) for zone in self.no_fly if zone.counts_at(*heights_m)]
         fence = None if self.fence_m is None else np.array(self.fence_m)
         return Area(self.size_m, self.home_m, home, Airspace(tuple(rings), fence, self.margin_m))
 
@@ -119,7 +120,11 @@ class MissionConfig(_Model):
         "as in the paper; an hour of rounds takes seconds",
     )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
-    altitude_m: float = Field(60.0, ge=10, le=500, description="H, height above home")
+    altitude_m: Altitude | tuple[Altitude, Altitude] = Field(
+        60.0,
+        description="H, height above home; [lowest, highest]: each round is flown at the best "
+        "height between the two",
+    )
     speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
     path_budget_m: float = Field(800.0, gt=0, le=20_000, description="L_max, metres a round")
     total_budget_m: float = Field(
@@ -164,6 +169,29 @@ class MissionConfig(_Model):
         description="rectangular: 0: a round is the next L_max metres along the tour; else that "
         "many points are spread over it, and a round flies to the next and hovers there hover_s",
     )
+
+    @property
+    def heights_m(self) -> tuple[float, float]:
+        """The lowest and the highest altitude; equal, where there is one."""
+        if isinstance(self.altitude_m, tuple):
+            return self.altitude_m
+        return self.altitude_m, self.altitude_m
+
+    @property
+    def altitudes_m(self) -> tuple[float, float] | None:
+        """The limits within which rounds have an altitude of their own; None: they have not."""
+        return self.altitude_m if isinstance(self.altitude_m, tuple) else None
+
+    @field_validator("altitude_m")
+    @classmethod
+    def _lower_first(cls, altitude_m: float | tuple[float, float]) -> float | tuple[float, float]:
+        if isinstance(altitude_m, tuple) and not altitude_m[0] < altitude_m[1]:
+            low_m, high_m = altitude_m
+            raise ValueError(
+                f"the lowest altitude must be below the highest, not {low_m:g} and {high_m:g}; "
+                "for a fixed altitude give one number"
+            )
+        return altitude_m
 
     @field_validator("strategy")
     @classmethod

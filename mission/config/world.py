@@ -55,18 +55,18 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
 
 
 def check_start(config: RunConfig) -> None:
-    """Refuse a home from which nobody may climb to the mission's altitude.
+    """Refuse a home from which nobody may climb to the mission's altitudes.
 
     Raises:
         InputError: it lies in an area that must not be flown, outside the fence, or nearer to one
             than the margin.
     """
-    area, altitude_m = config.area, config.mission.altitude_m
+    area, heights_m = config.area, config.mission.heights_m
     home = np.array([area.home_m], dtype=np.float64)
     x, y = area.home_m
     ways_out = "move home (area.home_m, or area.home_lat_deg and home_lon_deg)"
     for zone in area.no_fly:
-        if zone.from_m - HEIGHT_MARGIN_M >= altitude_m:
+        if zone.from_m - HEIGHT_MARGIN_M >= heights_m[1]:
             continue  # overhead
         space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
         if not space.free(home)[0]:
@@ -75,7 +75,7 @@ def check_start(config: RunConfig) -> None:
                 f"area.home_m = [{x:g}, {y:g}]: the start {where} the area {zone.name!r}, which "
                 f"must not be flown; {ways_out}"
             )
-    space = area.build(altitude_m).airspace
+    space = area.build(heights_m).airspace
     if not space.free(home)[0]:
         where = "lies outside" if not space.allows(home)[0] else _nearer(area)
         raise InputError(

@@ -105,7 +105,9 @@ def _round_title(run: FlightData, plan: PlanRecord) -> str:
     if record is None:
         return f"round {plan.round}: planned"
     arrived = f"{record.delivered} of {record.scheduled} delivered"
-    return f"round {plan.round} · {arrived} · {record.flown_path_m:.0f} m"
+    chosen = len({other.altitude_m for other in run.plans}) > 1
+    height = f" · {plan.altitude_m:.0f} m high" if chosen else ""
+    return f"round {plan.round} · {arrived} · {record.flown_path_m:.0f} m{height}"
 
 
 def _served(run: FlightData, number: int) -> Served:

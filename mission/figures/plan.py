@@ -33,10 +33,11 @@ def plan_picture(
     `about` says whose plan it is.
     """
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
+    height = "" if plan.altitude_m is None else f", {plan.altitude_m:.1f} m above home"
     served = int(plan.schedule.any(axis=0).sum())
     numbers = (
         f"value {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
-        f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m"
+        f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m{height}"
     )
     every = np.vstack((problem.devices_m, plan.route_m, *problem.airspace.keep_out))
     low, high = every.min(axis=0), every.max(axis=0)
@@ -54,7 +55,7 @@ def plan_picture(
 
 
 def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[alt.Chart]:
-    per = 1.0 - success(problem, plan.waypoints_m)
+    per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
     slots, devices = np.nonzero(plan.schedule)
     colour = alt.Color(
         "per:Q", title="link: PER", scale=per_scale(),

@@ -13,6 +13,9 @@ from mission.config.models import MissionConfig
 from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
 from mission.planner.problem import RoundPlan, RoundProblem
 
+_SETTLE_S = 1.0  # of hover after a climb
+_CLIMB_RADIUS_M = 1.0  # of the altitude, where autopilots take the acceptance radius for it too
+
 
 @dataclass(frozen=True)
 class Stop:
@@ -88,18 +91,31 @@ def flight_of_round(
 ) -> FlightPlan:
     """The flight of a round's plan, with corners as wide as the plan bears.
 
-    `hold_s` as in `stops_of`; altitude, speed and the widest acceptance radius are the mission's.
+    `hold_s` as in `stops_of`; speed and the widest acceptance radius are the mission's.
     """
+    problem = problem.at(plan.altitude_m)
     radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)
     stops = stops_of(plan, hold_s=hold_s)
-    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
+    return FlightPlan(stops, problem.channel.altitude_m, mission.speed_mps, radius_m)
 
 
 def direct_flight(
-    start_m: Floats, end_m: Floats, *, mission: MissionConfig, airspace: Airspace = OPEN
+    start_m: Floats,
+    end_m: Floats,
+    *,
+    altitude_m: float,
+    mission: MissionConfig,
+    airspace: Airspace = OPEN,
 ) -> FlightPlan:
     """The shortest way from one point (2,) of the area to another, serving nobody."""
     stops = tuple(Stop(point, ()) for point in airspace.way(start_m, end_m))
     widest_m = mission.acceptance_radius_m
     radius_m = widest_m if airspace.is_open else min(widest_m, airspace.margin_m / 2.0)
-    return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
+    return FlightPlan(stops, altitude_m, mission.speed_mps, radius_m)
+
+
+def climb(at_m: Floats, altitude_m: float, *, mission: MissionConfig) -> FlightPlan:
+    """Straight up or down above a point (2,), serving nobody."""
+    return FlightPlan(
+        (Stop(at_m, (), hold_s=_SETTLE_S),), altitude_m, mission.speed_mps, _CLIMB_RADIUS_M
+    )

@@ -11,12 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from fl.radio.channel import average_per
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace, cut
 from mission.base.arrays import Floats
 from mission.planner.certified import TABLED
-from mission.planner.evaluate import finish, success
+from mission.planner.evaluate import finish, success, success_bounds
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
@@ -49,8 +48,20 @@ class AroundPlanner:
         """
         if problem.airspace.is_open:
             return self.inner.plan(problem)
+        ideal = self.inner.plan(replace(problem, airspace=OPEN))
+        best = self._around(problem.at(ideal.altitude_m), ideal)
+        if problem.altitudes_m is not None:
+            best = finish(problem, best.waypoints_m)
+        bound = ideal.upper_bound  # NaN stays, where none is proven
+        # A way out of an area leads nearer to devices than anybody is allowed to be.
+        if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
+            bound = min(bound, reach_bound(problem))
+        assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
+        return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
+
+    def _around(self, problem: RoundProblem, ideal: RoundPlan) -> RoundPlan:
+        """The best plan from one altitude, given the one without areas."""
         bare = replace(problem, airspace=OPEN)
-        ideal = self.inner.plan(bare)
         best = finish(problem, ideal.waypoints_m)
         if best.value < ideal.value * (1.0 - _GAIN):
             others = [best, *(finish(problem, path) for path in grown(problem))]
@@ -61,12 +72,7 @@ class AroundPlanner:
             tried = [*_best(others), *_best(drawn)]
             coarse = [_moved(problem, other, _FAR_M) for other in tried]
             best = _moved(problem, max(coarse, key=_value), _NEAR_M)
-        bound = ideal.upper_bound  # NaN stays, where none is proven
-        # A way out of an area leads nearer to devices than anybody is allowed to be.
-        if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
-            bound = min(bound, reach_bound(problem))
-        assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
-        return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
+        return best
 
 
 def reach_bound(problem: RoundProblem) -> float:
@@ -76,7 +82,7 @@ def reach_bound(problem: RoundProblem) -> float:
     near_m = np.maximum(problem.airspace.away(devices), from_start - problem.path_budget_m)
     # The start may be nearer than anybody is allowed to be.
     near_m = np.maximum(0.0, np.minimum(near_m, from_start))
-    worth = np.sort(problem.importance * (1.0 - average_per(problem.channel, near_m)))[::-1]
+    worth = np.sort(problem.importance * success_bounds(problem, near_m).max(axis=0))[::-1]
     return float(worth[: problem.steps * problem.per_step].sum())
 
 

@@ -5,30 +5,34 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.native.library import Devices, Limits, Relaxation
 from mission.planner.problem import RoundProblem
-from mission.planner.reward import conjugates, reward_table
+from mission.planner.reward import Altitudes, conjugates, reward_table
 
 # Tables are made for multiples of this reach, so that the rounds of a mission share them.
 REACH_STEP_M = 512
 
 
-def instance(problem: RoundProblem) -> tuple[Devices, Limits]:
-    """Devices relative to the start, without those worth nothing, and what a plan may use."""
+def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, Limits]:
+    """Devices relative to the start, without those worth nothing, and what a plan may use.
+
+    `towards_m` as in `reward_table`.
+    """
     worth = problem.importance > 0.0
     u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
     delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
-    table = reward_table(problem.channel, _reach(problem, u))
+    table = reward_table(problem.channel, _reach(problem, u), towards_m)
     limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
     return Devices(u, delta, table.rows), limits
 
 
-def relax(problem: RoundProblem, devices: Devices) -> Relaxation:
-    """The tables of the dual bound."""
+def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
+    """The tables of the dual bound; `towards_m` as in `reward_table`."""
     reach = _reach(problem, devices.u)
-    conjugate = conjugates(problem.channel, reach)
+    conjugate = conjugates(problem.channel, reach, towards_m)
     # No path comes nearer to a device than its distance from the start less the budget.
     nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
     beyond = np.maximum(conjugate.radii_m[None, :], nearest[:, None])
-    promise = devices.delta[:, None] * reward_table(problem.channel, reach).upper(beyond)
+    table = reward_table(problem.channel, reach, towards_m)
+    promise = devices.delta[:, None] * table.upper(beyond)
     return Relaxation(
         conjugate.coefficients,
         conjugate.spacing,

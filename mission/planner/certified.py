@@ -1,10 +1,11 @@
 """The planner with a certificate: the true objective, and a bound that no plan exceeds."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import (
     check_problem,
@@ -15,14 +16,19 @@ from mission.planner.evaluate import (
 )
 from mission.planner.native.library import (
     MOST_DEVICES,
+    Devices,
     Effort,
     Found,
+    Limits,
+    Relaxation,
     explore,
     lower_potentials,
+    match,
     search_orders,
     search_places,
 )
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.reward import Altitudes
 
 MAX_OPEN = 50_000
 # Searches stop at steps and gains of some absolute size: importance that is larger or smaller than
@@ -55,8 +61,7 @@ class CertifiedPlanner:
     """
 
     def __init__(self, *, gap: float = 0.01, max_nodes: int = 20_000) -> None:
-        self._gap = gap
-        self._max_nodes = max_nodes
+        self.goal = Goal(gap, max_nodes)
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -67,48 +72,95 @@ class CertifiedPlanner:
         check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
-        exponent = int(np.frexp(problem.importance.max())[1])
-        if abs(exponent) > USUAL_EXPONENT:
-            return self._in_usual_size(problem, exponent)
-        devices, limits = instance(problem)
-        relaxation = relax(problem, devices)
-        count = len(devices.delta)
-        first = explore(devices, limits, starts=STARTS, tries=tries(count))
-        found = Found(*first, root_bound(relaxation.promise[:, 0], limits))
-        scarce = limits.steps * limits.per_step < count
-        by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
-        order_nodes = min(ORDER_NODES, self._max_nodes // 2) if by_place else self._max_nodes
-        if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
-            effort = self._effort(found, order_nodes)
-            if effort is not None:
-                found = search_orders(devices, limits, relaxation, plan=found, effort=effort)
-        if by_place:
-            most_nodes = self._max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
-            if (effort := self._effort(found, most_nodes)) is not None:
-                found = search_places(devices, limits, plan=found, effort=effort)
-        if self._max_nodes > 0 and found.value > 0.0 and found.gap > self._gap:
-            turns = min(TURNS, self._max_nodes)
-            found = lower_potentials(devices, limits, plan=found, gap=self._gap, turns=turns)
+        if (plan := in_usual_size(self, problem)) is not None:
+            return plan
+        case = case_of(problem)
+        found = search(case, case.explored(), self.goal)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
         assert made.value <= found.bound * (1.0 + TABLED), (made.value, found)
-        return RoundPlan(
-            made.waypoints_m, made.schedule, made.value, max(found.bound, made.value), found.nodes
-        )
+        return replace(made, upper_bound=max(found.bound, made.value), nodes=found.nodes)
 
-    def _in_usual_size(self, problem: RoundProblem, exponent: int) -> RoundPlan:
-        """The same problem in units of 2 ** exponent, which rounds nothing."""
-        importance = np.ldexp(problem.importance, -exponent)
-        plan = self.plan(replace(problem, importance=importance))
-        value = objective(problem, plan.waypoints_m, plan.schedule)
-        bound = max(math.ldexp(plan.upper_bound, exponent), value)
-        return replace(plan, value=value, upper_bound=bound)
 
-    def _effort(self, plan: Found, max_nodes: int) -> Effort | None:
-        """What a search may look into until that many nodes; None where it need not begin."""
-        left = min(max_nodes, self._max_nodes) - plan.nodes
-        if left <= 0 or not plan.value > 0.0 or plan.gap <= self._gap:
+def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
+    """The plan made in units of a power of 2, which rounds nothing; None where importance is of a
+    usual size."""
+    exponent = int(np.frexp(problem.importance.max())[1])
+    if abs(exponent) <= USUAL_EXPONENT:
+        return None
+    importance = np.ldexp(problem.importance, -exponent)
+    plan = planner.plan(replace(problem, importance=importance))
+    value = objective(problem.at(plan.altitude_m), plan.waypoints_m, plan.schedule)
+    bound = max(math.ldexp(plan.upper_bound, exponent), value)
+    return replace(plan, value=value, upper_bound=bound)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """How far a search goes."""
+
+    gap: float  # relative gap (bound - value) / bound that is enough
+    max_nodes: int
+    thorough: bool = True  # potentials too, where the searches do not reach the gap
+
+    def effort(self, plan: Found, max_nodes: int) -> Effort | None:
+        """What a part of it may look into until that many nodes; None: it need not begin."""
+        left = min(max_nodes, self.max_nodes) - plan.nodes
+        if left <= 0 or not plan.value > 0.0 or plan.gap <= self.gap:
             return None
-        return Effort(self._gap, left, min(MAX_OPEN, left * (len(plan.assigned) + 2)))
+        return Effort(self.gap, left, min(MAX_OPEN, left * (len(plan.assigned) + 2)))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem in which there is something to move for, as it is searched."""
+
+    devices: Devices
+    limits: Limits
+    relaxation: Relaxation
+
+    def explored(self) -> Found:
+        """A first plan."""
+        attempts = tries(len(self.devices.delta))
+        first = explore(self.devices, self.limits, starts=STARTS, tries=attempts)
+        return Found(*first, self._promised)
+
+    def along(self, way: Floats) -> Found:
+        """The plan along a path (N, 2)."""
+        value, assigned = match(self.devices, self.limits, way)
+        return Found(value, way, assigned, self._promised)
+
+    @property
+    def _promised(self) -> float:
+        """A first bound: what the devices promise, each by itself."""
+        return root_bound(self.relaxation.promise[:, 0], self.limits)
+
+
+def case_of(problem: RoundProblem, *, towards_m: Altitudes = ()) -> Case:
+    """The problem, with what is earned raised on the way to other altitudes (`reward_table`)."""
+    devices, limits = instance(problem, towards_m=towards_m)
+    return Case(devices, limits, relax(problem, devices, towards_m=towards_m))
+
+
+def search(case: Case, found: Found, goal: Goal) -> Found:
+    """A plan that is improved, and its bound lowered, until the goal is reached."""
+    devices, limits = case.devices, case.limits
+    count = len(devices.delta)
+    scarce = limits.steps * limits.per_step < count
+    by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
+    order_nodes = min(ORDER_NODES, goal.max_nodes // 2) if by_place else goal.max_nodes
+    if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
+        effort = goal.effort(found, order_nodes)
+        if effort is not None:
+            found = search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
+    if by_place:
+        most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
+        if (effort := goal.effort(found, most_nodes)) is not None:
+            found = search_places(devices, limits, plan=found, effort=effort)
+    thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
+    if thorough and found.value > 0.0 and found.gap > goal.gap:
+        turns = min(TURNS, goal.max_nodes)
+        found = lower_potentials(devices, limits, plan=found, gap=goal.gap, turns=turns)
+    return found
 
 
 def tries(devices: int) -> int:

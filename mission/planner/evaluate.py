@@ -3,6 +3,9 @@
 Everything here uses the exact average PER, so that plans of all methods are comparable.
 """
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from fl.radio.channel import average_per
@@ -14,6 +17,10 @@ from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
 
 LENGTH_TOLERANCE_M = 1e-3
+ALTITUDES = 17  # that are looked at together
+FINE_STEP_M = 0.5  # of altitudes, where the path is a point
+CLIMB_GAIN = 1e-9  # relative: less is no better altitude
+ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
@@ -54,17 +61,64 @@ def fit_budget(waypoints_m: Floats, path_budget_m: float) -> Floats:
 def finish(
     problem: RoundProblem, waypoints_m: Floats, *, upper_bound: float = float("nan"), nodes: int = 0
 ) -> RoundPlan:
-    """The plan along the given waypoints with its optimal schedule and true objective.
+    """The plan along the given waypoints with its optimal schedule and true objective, and from
+    the best altitude, where it has a choice (`best_altitude`).
 
     Where not everywhere may be flown, waypoints are moved out of where they may not be, and the
     path leads around; what the budget does not pay for of that is left out.
     """
     waypoints, via = allowed_path(problem, waypoints_m)
-    schedule = assign(success(problem, waypoints), problem.importance, problem.per_step)
-    value = objective(problem, waypoints, schedule)
+    if problem.altitudes_m is None:
+        schedule, value = scheduled(problem, waypoints)
+        altitude_m = None
+    else:
+        low_m, high_m = problem.altitudes_m
+        starts = (low_m, (low_m + high_m) / 2.0, high_m)
+        tried = [climbed(problem, waypoints, from_m) for from_m in starts]
+        schedule, value, altitude_m = max(tried, key=lambda found: found[1])
     waypoints.flags.writeable = False
     schedule.flags.writeable = False
-    return RoundPlan(waypoints, schedule, value, upper_bound, nodes, via)
+    return RoundPlan(waypoints, schedule, value, upper_bound, nodes, via, altitude_m)
+
+
+def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]:
+    """The best schedule (N, K) from waypoints, and its objective."""
+    schedule = assign(success(problem, waypoints_m), problem.importance, problem.per_step)
+    return schedule, objective(problem, waypoints_m, schedule)
+
+
+def climbed(
+    problem: RoundProblem, waypoints_m: Floats, from_m: float
+) -> tuple[Bools, float, float]:
+    """The best schedule from waypoints, its objective, and the altitude of that, in metres.
+
+    From a first altitude, by turns the best schedule at an altitude and the best altitude of a
+    schedule, of `ALTITUDES` spread evenly between the limits, then as many about the best one,
+    ever nearer to it.
+    """
+    altitude_m = from_m
+    schedule, value = scheduled(problem.at(altitude_m), waypoints_m)
+    while True:
+        other_m = _best_altitude(problem, waypoints_m, schedule)
+        other = scheduled(problem.at(other_m), waypoints_m)
+        if not other[1] > value * (1.0 + CLIMB_GAIN):
+            return schedule, value, altitude_m
+        (schedule, value), altitude_m = other, other_m
+
+
+def _best_altitude(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> float:
+    assert problem.altitudes_m is not None
+    low_m, high_m = problem.altitudes_m
+    steps, devices = np.nonzero(schedule)
+    far = np.hypot(*(waypoints_m[steps] - problem.devices_m[devices]).T)
+    best_m, reach_m = (low_m + high_m) / 2.0, (high_m - low_m) / 2.0
+    while reach_m > ALTITUDE_STEP_M:
+        around = np.linspace(best_m - reach_m, best_m + reach_m, ALTITUDES)
+        heights = np.clip(np.round(around, ALTITUDE_DIGITS), low_m, high_m)
+        per = average_per(problem.channel, far[None], height_m=heights[:, None])
+        best_m = float(heights[((1.0 - per) @ problem.importance[devices]).argmax()])
+        reach_m /= (ALTITUDES - 1) / 2.0
+    return best_m
 
 
 def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tuple[Floats, ...]]:
@@ -106,7 +160,30 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
     ):
         return None
     plan = finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
-    return RoundPlan(plan.waypoints_m, plan.schedule, plan.value, plan.value)
+    if problem.altitudes_m is None:
+        return replace(plan, upper_bound=plan.value)
+    return replace(plan, upper_bound=max(plan.value, _bound_at_rest(problem)))
+
+
+def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
+    """(H, K) for parts of the altitudes that are open: what 1 - q_bar at `far_m` (K,) is at most.
+
+    Between samples it lies above their chord by |f''| h^2 / 8 at most; twice that for safety.
+    """
+    if problem.altitudes_m is None:
+        return 1.0 - average_per(problem.channel, far_m)[None]
+    low_m, high_m = problem.altitudes_m
+    heights = np.linspace(low_m, high_m, 2 + math.ceil((high_m - low_m) / FINE_STEP_M))
+    f = 1.0 - average_per(problem.channel, far_m[None], height_m=heights[:, None])
+    return np.asarray(f + np.abs(np.diff(f, 2, axis=0)).max(axis=0) / 4.0)
+
+
+def _bound_at_rest(problem: RoundProblem) -> float:
+    """What serving from the start is worth at most, whatever the altitude."""
+    far_m = np.hypot(*(problem.devices_m - problem.start_m).T)
+    most = success_bounds(problem, far_m) * problem.importance
+    places = problem.steps * problem.per_step
+    return float(np.sort(most, axis=1)[:, ::-1][:, :places].sum(axis=1).max())
 
 
 def check_problem(problem: RoundProblem) -> None:
@@ -132,6 +209,7 @@ def check_problem(problem: RoundProblem) -> None:
         ("importance", problem.importance),
         ("start", problem.start_m),
         ("path_budget_m", np.asarray(problem.path_budget_m)),
+        ("altitudes_m", np.asarray(problem.altitudes_m or ())),
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
@@ -142,6 +220,14 @@ def check_problem(problem: RoundProblem) -> None:
     if len(negative):
         k = int(negative[0])
         raise PlanInputError(f"importance[{k}] = {problem.importance[k]}: must be 0 or more")
+    if (
+        problem.altitudes_m is not None
+        and not 0.0 < problem.altitudes_m[0] < problem.altitudes_m[1]
+    ):
+        raise PlanInputError(
+            f"altitudes_m = {list(problem.altitudes_m)}: must be two heights above 0, the lower "
+            "first"
+        )
     if problem.path_budget_m < 0.0:
         raise PlanInputError(f"path_budget_m = {problem.path_budget_m}: must be 0 or more")
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
@@ -180,9 +266,30 @@ def check_plan(problem: RoundProblem, plan: RoundPlan) -> None:
     most = int(plan.schedule.sum(axis=0).max(initial=0))
     if most > 1:
         raise InfeasiblePlanError(f"a device is scheduled {most} times: at most once")
-    real = objective(problem, plan.waypoints_m, plan.schedule)
+    real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, plan.schedule)
     if not np.isclose(real, plan.value, rtol=1e-9, atol=1e-12):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
+
+
+def _checked_altitude(problem: RoundProblem, plan: RoundPlan) -> float | None:
+    if problem.altitudes_m is None:
+        if plan.altitude_m is not None and plan.altitude_m != problem.channel.altitude_m:
+            raise InfeasiblePlanError(
+                f"an altitude of {plan.altitude_m:g} m: the problem has one of "
+                f"{problem.channel.altitude_m:g} m"
+            )
+        return None
+    low_m, high_m = problem.altitudes_m
+    if plan.altitude_m is None:
+        raise InfeasiblePlanError(
+            f"the plan names no altitude: altitude_m must be from {low_m:g} to {high_m:g} m "
+            "(mission.planner.evaluate.finish chooses one for given waypoints)"
+        )
+    if not low_m <= plan.altitude_m <= high_m:
+        raise InfeasiblePlanError(
+            f"an altitude of {plan.altitude_m:g} m: must be from {low_m:g} to {high_m:g} m"
+        )
+    return plan.altitude_m
 
 
 def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:

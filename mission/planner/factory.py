@@ -20,16 +20,21 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    return AroundPlanner(_of_kind(config))
+    if config.kind == "certified":
+        from mission.planner.altitudes import CertifiedAltitudes
+        from mission.planner.certified import CertifiedPlanner
+
+        certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
+        return AroundPlanner(CertifiedAltitudes(certified))
+    from mission.planner.sampled_altitudes import SampledAltitudes
+
+    return AroundPlanner(SampledAltitudes(_of_kind(config)))
 
 
 def _of_kind(config: PlannerConfig) -> Planner:
+    """A planner that proves nothing, for one altitude."""
     if config.factory is not None:
         return _imported(config.factory)
-    if config.kind == "certified":
-        from mission.planner.certified import CertifiedPlanner
-
-        return CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     if config.kind == "sqp":
         from mission.planner.sqp import SqpPlanner
 

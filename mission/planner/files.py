@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from fl.radio.channel import Channel, constants_model
 from mission.base.explain import Blame, explain, shown
@@ -23,6 +23,7 @@ from mission.planner.problem import RoundPlan, RoundProblem
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
 Point = tuple[Number, Number]
+Height = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=500)]
 
 MOST_SHOWN = 10  # wrong entries named in one message
 
@@ -53,6 +54,17 @@ class ProblemEntry(BaseModel):
     per_step: int = Field(strict=True, ge=1)
     path_budget_m: float = Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)
     channel: ChannelEntry
+    altitudes_m: tuple[Height, Height] | None = None
+
+    @field_validator("altitudes_m")
+    @classmethod
+    def _lower_first(cls, limits: tuple[float, float] | None) -> tuple[float, float] | None:
+        if limits is not None and not limits[0] < limits[1]:
+            raise ValueError(
+                f"the lowest altitude must be below the highest, not {limits[0]:g} and "
+                f"{limits[1]:g}; for a fixed altitude leave it out"
+            )
+        return limits
 
 
 @dataclass(frozen=True)
@@ -152,6 +164,7 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
         per_step=entry.per_step,
         path_budget_m=entry.path_budget_m,
         channel=Channel(**entry.channel.model_dump()),
+        altitudes_m=entry.altitudes_m,
     )
 
 
@@ -171,6 +184,7 @@ def _plan(entry: NamedPlan) -> dict[str, Any]:
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,
         "gap": plan.gap if proven else None,
+        **({} if plan.altitude_m is None else {"altitude_m": plan.altitude_m}),
         "nodes": plan.nodes,
         "time_s": entry.time_s,
     }

@@ -1,7 +1,7 @@
 """One round's planning problem and its answer: values only, no solver."""
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -25,7 +25,17 @@ class RoundProblem:
     per_step: int  # K_bar, devices that one step serves at most, 1 or more
     path_budget_m: float  # L_max, metres, 0 or more
     channel: Channel  # with the planned height in altitude_m
-    airspace: Airspace = OPEN  # where may be flown
+    airspace: Airspace = OPEN  # where may be flown, at any of the altitudes
+    # (lowest, highest) height above home in metres: the plan has the best of them, and the
+    # channel's own means nothing. None: the channel's.
+    altitudes_m: tuple[float, float] | None = None
+
+    def at(self, altitude_m: float | None) -> Self:
+        """The same problem at one altitude; None: the channel's."""
+        if altitude_m is None:
+            return self
+        channel = replace(self.channel, altitude_m=altitude_m)
+        return replace(self, channel=channel, altitudes_m=None)
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,8 @@ class RoundPlan:
     nodes: int = 0  # of a search, for people
     # (N - 1) of (C, 2): corners to fly over between a waypoint and the next; empty: none at all.
     via_m: tuple[Floats, ...] = ()
+    # Height above home in metres, chosen within the problem's limits; None: those name one.
+    altitude_m: float | None = None
 
     @property
     def gap(self) -> float:

@@ -12,15 +12,20 @@ samples of a convex function lies above that function (Schoenberg's operator), s
 and twice differentiable upper bound whatever the spacing.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
 from fl.radio.channel import Channel, average_per
 from mission.base.arrays import Floats, Ints
 
+Altitudes: TypeAlias = tuple[float, ...]  # metres above home
+
 FINE_M = 0.25  # grid on which f is sampled and maximised
+LEAST_PARTS, MOST_PARTS = 4, 250  # of the way between two altitudes, at which f is sampled
 SLOPES = 48  # B-spline intervals of H over s
 # A device served where f is below this share of its best is bounded as if left out.
 NEGLIGIBLE = 5e-4
@@ -57,24 +62,93 @@ class Conjugates:
     ladder: Ints  # (B,) by radius: the next rung, the index of a larger radius
 
 
-@lru_cache(maxsize=64)
-def reward_table(channel: Channel, reach_m: int) -> RewardTable:
-    """The table out to `reach_m` whole metres."""
-    r = np.arange(0.0, reach_m + 2.0, FINE_M)
+@lru_cache(maxsize=256)
+def reward_table(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> RewardTable:
+    """The table out to `reach_m` whole metres.
+
+    With `towards_m` f is raised by the most that it bends above its chord (`excess`) on the way
+    from the channel's altitude to each of these.
+    """
+    r = _distances(reach_m)
     fine = 1.0 - average_per(channel, r)
+    if towards_m:
+        fine += np.maximum.reduce([excess(channel, reach_m, other_m) for other_m in towards_m])
     slope = np.gradient(fine, FINE_M, edge_order=2)
     bend = np.gradient(slope, FINE_M, edge_order=2)
     every = round(1.0 / FINE_M)
     rows = np.ascontiguousarray(np.stack([fine, slope, bend], axis=1)[::every])
+    if towards_m:
+        # Where one chord takes over from the other there is an edge, which the expansion rounds.
+        lift = _expansion_shortfall(rows, fine)
+        fine += lift
+        rows[:, 0] += lift
     rows.flags.writeable = False
     fine.flags.writeable = False
     return RewardTable(rows, fine)
 
 
-@lru_cache(maxsize=64)
-def conjugates(channel: Channel, reach_m: int) -> Conjugates:
-    """H for all intervals of distance up to where f gets negligible, at most `reach_m`."""
-    fine = reward_table(channel, reach_m).fine
+@lru_cache(maxsize=256)
+def excess(channel: Channel, reach_m: int, other_m: float) -> Floats:
+    """e(r) every `FINE_M` metres: what f at an altitude between the channel's and another exceeds
+    the chord between the two by, at most.
+
+    f_h <= l f_a + (1 - l) f_b + e for every altitude h = l a + (1 - l) b. So a path is worth at
+    most what it earns with f_a + e, or with f_b + e. Sampled as densely as f bends; what it may
+    rise between samples is bounded as between distances (`_between`).
+    """
+    low_m, high_m = sorted((channel.altitude_m, other_m))
+    return _excess(replace(channel, altitude_m=low_m), reach_m, high_m)
+
+
+@lru_cache(maxsize=256)
+def _excess(low: Channel, reach_m: int, high_m: float) -> Floats:
+    parts = math.ceil((high_m - low.altitude_m) / _bend_m(low))
+    share = np.linspace(0.0, 1.0, min(max(parts, LEAST_PARTS), MOST_PARTS) + 1)
+    heights = low.altitude_m + share * (high_m - low.altitude_m)
+    f = np.stack([1.0 - average_per(low, _distances(reach_m), height_m=h) for h in heights])
+    above = f - ((1.0 - share)[:, None] * f[0] + share[:, None] * f[-1])
+    slack = np.abs(np.diff(f, 2, axis=0)).max(axis=0) / 4.0
+    found = np.maximum(above.max(axis=0), 0.0) + slack
+    found.flags.writeable = False
+    return np.asarray(found)
+
+
+def _bend_m(low: Channel) -> float:
+    """Metres of altitude, from the channel's own on, within which f bends little.
+
+    A standard deviation of the shadowing is sigma d / alpha >= sigma H / alpha of distance, and
+    no less of altitude; the probability of line of sight changes over 2 / a1 of elevation, which
+    changes by r / (H^2 + r^2) <= 1 / (2 H) a metre.
+    """
+    shares = (
+        low.sigma_los / low.alpha_los,
+        low.sigma_nlos / low.alpha_nlos,
+        2.0 / low.a1_per_rad,
+    )
+    return low.altitude_m * min(shares)
+
+
+def _distances(reach_m: int) -> Floats:
+    return np.arange(0.0, reach_m + 2.0, FINE_M)
+
+
+def _expansion_shortfall(rows: Floats, fine: Floats) -> float:
+    """The most by which f exceeds its expansion about the nearest row."""
+    every = round(1.0 / FINE_M)
+    at = np.arange(len(fine))
+    nearest = np.minimum((at + every // 2) // every, len(rows) - 1)
+    d = (at - nearest * every) * FINE_M
+    expanded = rows[nearest, 0] + (rows[nearest, 1] + 0.5 * rows[nearest, 2] * d) * d
+    return max(0.0, float((fine - expanded).max()))
+
+
+@lru_cache(maxsize=256)
+def conjugates(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> Conjugates:
+    """H for all intervals of distance up to where f gets negligible, at most `reach_m`.
+
+    `towards_m` as in `reward_table`.
+    """
+    fine = reward_table(channel, reach_m, towards_m).fine
     falling = np.maximum.accumulate(fine[::-1])[::-1]
     r: Floats = np.arange(len(fine), dtype=np.float64) * FINE_M
     marks, rungs = [0.0], []

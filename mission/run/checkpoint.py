@@ -120,6 +120,7 @@ def _plain_sortie(sortie: Sortie) -> dict[str, Any]:
         "nodes": int(plan.nodes),
         "hold_s": sortie.hold_s,
         "cost_m": sortie.cost_m,
+        **({} if plan.altitude_m is None else {"altitude_m": plan.altitude_m}),
     }
 
 
@@ -138,6 +139,7 @@ def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
                 plan["upper_bound"],
                 plan["nodes"],
                 tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
+                plan.get("altitude_m"),
             ),
             hold_s=plan["hold_s"],
             cost_m=plan["cost_m"],

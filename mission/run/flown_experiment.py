@@ -84,6 +84,7 @@ class FlownExperiment(Experiment):
         self._show("flying again" if recalled else "planning")
         problem = self._problem(flyer.here(), recalled)
         sortie = await self._sortie(problem, recalled)
+        problem = problem.at(sortie.plan.altitude_m)
         if recalled is None:
             self._show("flying")
         flight, passages = await self._fly(flyer, problem, sortie)
@@ -144,6 +145,7 @@ class FlownExperiment(Experiment):
             path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
             channel=scenario.channel,
             airspace=scenario.area.airspace,
+            altitudes_m=mission.altitudes_m,
         )
 
     def _importance(self) -> Floats:
@@ -177,6 +179,8 @@ class FlownExperiment(Experiment):
         """The flight, and where the aircraft was at each time step that it reached."""
         plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
         with self.stopwatch("fly"):
+            if sortie.plan.altitude_m is not None:
+                await flyer.climb(sortie.plan.altitude_m)
             try:
                 await flyer.upload(plan)
             finally:  # whoever looks into a refused mission needs its plan

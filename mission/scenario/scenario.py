@@ -4,7 +4,7 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from fl.config import CommunityConfig
 from fl.errors import LearningInputError
 from fl.federation import rounds as learning
 from fl.plugins import is_plugin
-from fl.radio.channel import Channel, link_budget
+from fl.radio.channel import Channel, LinkBudget, link_budget
 from fl.radio.custom_radio import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
@@ -36,7 +36,7 @@ class Scenario:
     streams: RandomStreams
     area: Area
     devices_m: Floats  # (K, 2) area coordinates
-    channel: Channel  # that rounds are planned with
+    channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Channel | CustomRadio  # that decides whose update arrives
     federation: learning.Federation
     strategy: Strategy | None  # None: ideal, nothing is flown
@@ -58,6 +58,7 @@ class Scenario:
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
             channel=self.channel,
             airspace=self.area.airspace,
+            altitudes_m=mission.altitudes_m,
         )
 
     def devices_csv(self) -> str:
@@ -85,7 +86,7 @@ class Scenario:
     def notices(self) -> list[str]:
         """What a user should know before the first round, a line each."""
         lines = []
-        budget = link_budget(self.channel)
+        budget = min(self._overhead, key=lambda at: at.per)
         if budget.per > 0.5:
             lines.append(f"the channel hardly reaches anybody; {budget}")
         if self.config.learning.device == "cuda":
@@ -104,6 +105,12 @@ class Scenario:
                     f"so accuracy cannot reach 1 (communities.*.coverage = true gives all an owner)"
                 )
         return lines
+
+    @property
+    def _overhead(self) -> list[LinkBudget]:
+        """The channel straight overhead, at the lowest and the highest altitude."""
+        heights = self.config.mission.heights_m
+        return [link_budget(replace(self.channel, altitude_m=height)) for height in heights]
 
     def data_sources(self) -> dict[str, dict[str, object]]:
         """Per community: where its data come from, and whether they are the official files."""
@@ -133,13 +140,13 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     streams = RandomStreams(config.seed)
-    area = config.area.build(config.mission.altitude_m)
+    area = config.area.build(config.mission.heights_m)
     check_start(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
     try:
-        channel = config.channel.channel(altitude_m=config.mission.altitude_m)
+        channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = make_radio(config.channel.gate, channel)
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator

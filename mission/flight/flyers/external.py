@@ -99,7 +99,7 @@ class ExternalFlyer(Flyer):
         if self.feed.battery_remaining < reserve:
             self._say(f"{self._low(reserve)}: no take-off before it is charged")
             await self._charged(reserve)
-        await self.pilot.take_off(self.mission.altitude_m)
+        await self.pilot.take_off(self.altitude_m)
 
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; it hovers meanwhile."""

@@ -9,7 +9,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
-from mission.flight.flight_plan import FlightPlan, direct_flight
+from mission.flight.flight_plan import FlightPlan, climb, direct_flight
 from mission.flight.track import Flight, Passage
 from sitl.autopilot.values.messages import MissionItem
 
@@ -21,6 +21,7 @@ class Flyer(ABC):
 
     area: Area
     mission: MissionConfig  # with the speed that the vehicle keeps
+    _ordered_m: float | None = None  # height above home; None: the mission's lowest
 
     @property
     @abstractmethod
@@ -76,6 +77,7 @@ class Flyer(ABC):
         back = self.area.from_ned(self.here().est_ned_m)
         await self.land()
         await self._change_battery(reserve)
+        self._ordered_m = None
         await self.take_off()
         await self.go_to(back)
         return True
@@ -92,10 +94,27 @@ class Flyer(ABC):
             xy_m = space.moved(xy_m[None])[0]
             if float(np.linalg.norm(xy_m - start)) <= self.mission.acceptance_radius_m:
                 return
-            plan = direct_flight(start, xy_m, mission=self.mission, airspace=space)
+            plan = direct_flight(
+                start, xy_m, altitude_m=self.altitude_m, mission=self.mission, airspace=space
+            )
         except ValueError as error:
             x, y = xy_m.tolist()
             raise FlightError(f"to ({x:.0f}, {y:.0f}) m in the area: {error}") from None
+        await self.upload(plan)
+        await self.fly(plan)
+
+    @property
+    def altitude_m(self) -> float:
+        """The height above home that was ordered last."""
+        return self.mission.heights_m[0] if self._ordered_m is None else self._ordered_m
+
+    async def climb(self, altitude_m: float) -> None:
+        """Climb or descend on the spot to a height above home, where it is another than before;
+        outside any round."""
+        if altitude_m == self.altitude_m:
+            return
+        plan = climb(self.area.from_ned(self.here().est_ned_m), altitude_m, mission=self.mission)
+        self._ordered_m = altitude_m
         await self.upload(plan)
         await self.fly(plan)
 

@@ -201,7 +201,7 @@ def _demand(scenario: Scenario) -> Demand:
     away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
     return Demand(
         speed_mps=mission.speed_mps,
-        altitude_m=mission.altitude_m,
+        altitude_m=mission.heights_m[1],
         distance_m=float(away_m.max(initial=0.0)),
         acceptance_m=mission.acceptance_radius_m,
     )

@@ -82,7 +82,7 @@ class SimulatedFlyer(Flyer):
     async def take_off(self) -> None:
         """Climb from the ground to the hover above home."""
         await self.pilot.ready()
-        await self.pilot.take_off(self.mission.altitude_m)
+        await self.pilot.take_off(self.altitude_m)
 
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; simulated time stands still meanwhile."""

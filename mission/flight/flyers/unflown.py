@@ -47,12 +47,17 @@ class UnflownFlyer(Flyer):
 
     async def take_off(self) -> None:
         """Be above home at once."""
-        self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.mission.altitude_m)
+        self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
         """Be above a place at once."""
         allowed_m = self.area.airspace.moved(xy_m[None])[0]
-        self._ned_m = self.area.to_ned(allowed_m, self.mission.altitude_m)
+        self._ned_m = self.area.to_ned(allowed_m, self.altitude_m)
+
+    async def climb(self, altitude_m: float) -> None:
+        """Be at that height at once."""
+        self._ordered_m = altitude_m
+        self._ned_m = self.area.to_ned(self.area.from_ned(self._ned_m), altitude_m)
 
     async def land(self) -> None:
         """Do nothing: nothing of a landing is recorded."""

@@ -73,7 +73,29 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         ("[mission]\nsteps = true", "mission.steps = true: must be a whole number from 1 to 500"),
         (
             "[mission]\naltitude_m = nan",
-            "mission.altitude_m = nan: must be a number from 10 to 500, in m",
+            "mission.altitude_m = nan: must be a number from 10 to 500 or a list of 2 numbers from "
+            "10 to 500, in m",
+        ),
+        (
+            "[mission]\naltitude_m = [60]",
+            "mission.altitude_m = [60]: must be a number from 10 to 500 or a list of 2 numbers",
+        ),
+        (
+            "[mission]\naltitude_m = [5, 120]",
+            "mission.altitude_m.0 = 5: must be a number from 10 to",
+        ),
+        (
+            "[mission]\naltitude_m = [40, 900]",
+            "mission.altitude_m.1 = 900: must be a number from 10",
+        ),
+        (
+            "[mission]\naltitude_m = [120.0, 40.0]",
+            "mission.altitude_m = [120.0, 40.0]: the lowest altitude must be below the highest, "
+            "not 120 and 40; for a fixed altitude give one number",
+        ),
+        (
+            "[mission]\naltitude_m = [60, 60]",
+            "mission.altitude_m = [60, 60]: the lowest altitude must be below the highest, not 60",
         ),
         ("mission = 3", "mission = 3: must be a table, written [mission]"),
         (

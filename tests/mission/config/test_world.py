@@ -290,7 +290,7 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
     heights = f"from_m = {low}\n" + ("" if high is None else f"to_m = {high}\n")
     text = BASE + "[[area.no_fly]]\npolygon_m = [[10,10],[90,10],[90,90]]\n" + heights
     config = load(text)
-    assert bool(config.area.build(60.0).airspace.keep_out) is counts
+    assert bool(config.area.build((60.0, 60.0)).airspace.keep_out) is counts
     assert config.area.build().airspace.is_open, "where nothing is flown"
 
 
@@ -318,6 +318,14 @@ def test_a_start_from_which_nobody_may_climb_is_refused(load, area: str, words: 
         build_scenario(load(BASE + area + "\n"), data_dir=None)
     assert words in str(error.value)
     assert "move home" in str(error.value)
+
+
+def test_an_area_counts_where_it_reaches_into_the_limits_of_the_altitude(load) -> None:
+    low = "[[area.no_fly]]\nto_m = 50\npolygon_m = [[300,300],[500,300],[500,500],[300,500]]\n"
+    above = BASE + "[mission]\naltitude_m = [60, 120]\n" + low
+    assert build_scenario(load(above), data_dir=None).area.airspace.is_open
+    with pytest.raises(InputError, match="must not be flown; move home"):
+        build_scenario(load(above.replace("60", "40")), data_dir=None)
 
 
 def test_a_start_below_an_area_overhead_is_fine(load) -> None:
