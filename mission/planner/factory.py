@@ -5,22 +5,23 @@ from dataclasses import dataclass
 from mission.base.errors import PlanError
 from mission.base.user_code import make_from, users_code
 from mission.planner.around import AroundPlanner
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import check_plan
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.within import WithinPlanner
 
 KEY = "planner.factory"
 
 
 def make_planner(config: PlannerConfig) -> Planner:
-    """The planner of that kind, which keeps to where may be flown. Its solver library is imported
-    here, not before.
+    """The planner of that kind, which keeps to where may be flown and to a round's limits. Its
+    solver library is imported here, not before.
 
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    return AroundPlanner(_of_kind(config))
+    return WithinPlanner(AroundPlanner(_of_kind(config)))
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

@@ -8,12 +8,13 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.evaluate import objective
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.stops import SAME_PLACE_M, stops_of
 
 MOST_LOST = 0.01  # of the plan's value, with every corner cut as far as allowed
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest radius
 NARROWEST_M = 1.0  # narrower is no use to an aircraft that knows its place to a metre
-SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one; no flight tells them apart
 
 
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:
@@ -51,3 +52,15 @@ def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
     bends = twice_sine > 1e-9
     points[1:-1][bends] += (depth / np.where(bends, twice_sine, 1.0))[bends, None] * turn[bends]
     return np.asarray(points[at])
+
+
+def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
+    """What the flight of a plan takes, where time or energy is limited; `hold_s` as in `stops_of`."""
+    assert problem.limits is not None
+    performance = problem.limits.performance
+    stops = stops_of(plan, hold_s=hold_s)
+    return performance.foresee(
+        np.array([stop.xy_m for stop in stops]),
+        [stop.hold_s for stop in stops],
+        acceptance_radius(problem, plan, performance.widest_m),
+    )

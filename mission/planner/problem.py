@@ -9,6 +9,7 @@ from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
+from mission.planner.performance import Foreseen, RoundLimits
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class RoundProblem:
     path_budget_m: float  # L_max, metres, 0 or more
     channel: Channel  # with the planned height in altitude_m
     airspace: Airspace = OPEN  # where may be flown
+    limits: RoundLimits | None = None  # of time and energy; None: metres alone count
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class RoundPlan:
     nodes: int = 0  # of a search, for people
     # (N - 1) of (C, 2): corners to fly over between a waypoint and the next; empty: none at all.
     via_m: tuple[Floats, ...] = ()
+    foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
 
     @property
     def gap(self) -> float:

@@ -24,6 +24,7 @@ from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
+from mission.scenario.limits import budget_of, check_limits, foreseen_performance, round_limits
 from mission.scenario.strategies import Strategy, make_strategy
 
 
@@ -47,7 +48,7 @@ class Scenario:
 
     def first_problem(self) -> RoundProblem:
         """The planning problem of the first round, from above home."""
-        mission = self.config.mission
+        mission, budget = self.config.mission, budget_of(self.config)
         return RoundProblem(
             devices_m=self.devices_m,
             importance=learning.first_importance(self.federation),
@@ -57,6 +58,7 @@ class Scenario:
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
             channel=self.channel,
             airspace=self.area.airspace,
+            limits=round_limits(mission, foreseen_performance(self.config), left=budget.total),
         )
 
     def devices_csv(self) -> str:
@@ -134,6 +136,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build(config.mission.altitude_m)
     check_start(config)
+    check_limits(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)

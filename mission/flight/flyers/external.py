@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -48,10 +49,12 @@ class ExternalFlyer(Flyer):
         *,
         area: Area,
         mission: MissionConfig,
+        guidance: LimitsConfig,
         link: LinkConfig,
         say: Say,
     ) -> None:
         self.pilot, self.area, self.mission = pilot, area, mission
+        self.guidance = guidance
         self.feed, self._recorder = feed, recorder
         self._link, self._say = link, say
         self._doubted = False
@@ -261,7 +264,16 @@ async def open_external(
             speed_mps = min(speed_mps, limits.speed_mps)
         flown = mission.model_copy(update={"speed_mps": speed_mps})
         async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
-            yield ExternalFlyer(pilot, feed, recorder, area=area, mission=flown, link=link, say=say)
+            yield ExternalFlyer(
+                pilot,
+                feed,
+                recorder,
+                area=area,
+                mission=flown,
+                guidance=limits.guidance,
+                link=link,
+                say=say,
+            )
 
 
 def telemetry_of(link: LinkConfig) -> str:

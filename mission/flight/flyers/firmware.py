@@ -166,6 +166,7 @@ async def open_firmware(
                     recorder,
                     area=area,
                     mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
+                    guidance=limits.guidance,
                     link=config.link,
                     say=say,
                 )

@@ -5,12 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan, direct_flight
 from mission.flight.track import Flight, Passage
+from mission.planner.performance import Performance
+from mission.scenario.limits import performance_of
 from sitl.autopilot.values.messages import MissionItem
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
@@ -21,6 +24,12 @@ class Flyer(ABC):
 
     area: Area
     mission: MissionConfig  # with the speed that the vehicle keeps
+    guidance: LimitsConfig | None  # what it keeps to between stops; None: always at its speed
+
+    @property
+    def performance(self) -> Performance:
+        """How it flies rounds, as far as plans depend on it."""
+        return performance_of(self.mission, self.area, self.guidance)
 
     @property
     @abstractmethod

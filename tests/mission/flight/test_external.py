@@ -92,7 +92,7 @@ def test_what_the_vehicle_cannot_do_is_said_and_timed(
     (plan,) = load_run(out).data.plans
     assert plan.speed_mps == 8.0
     # Waypoints within half a metre of one another are one stop.
-    assert plan.ideal_slot_s[-1] == pytest.approx(plan.path_m / 8.0, abs=0.5)
+    assert plan.slot_s[-1] == pytest.approx(plan.path_m / 8.0, abs=0.5)
 
 
 def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
