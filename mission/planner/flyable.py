@@ -24,13 +24,22 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
     """
     if not problem.airspace.is_open:
         widest_m = min(widest_m, problem.airspace.margin_m / 2.0)
-    radii = [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
+    radii = _radii(widest_m)
     for radius in radii:
         passed = cut_corners(plan.route_m, radius)[plan.stops_at]
         flown = objective(problem, passed, plan.schedule)
         if flown >= (1.0 - MOST_LOST) * plan.value:
             return radius
     return radii[-1]
+
+
+def sharpest(widest_m: float) -> float:
+    """The narrowest acceptance radius in metres that any plan is flown with."""
+    return _radii(widest_m)[-1]
+
+
+def _radii(widest_m: float) -> list[float]:
+    return [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
 
 
 def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
@@ -55,7 +64,7 @@ def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
 
 
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
-    """What the flight of a plan takes, where time or energy is limited; `hold_s` as in `stops_of`."""
+    """What the flight of a plan takes, in a problem with limits; `hold_s` as in `stops_of`."""
     assert problem.limits is not None
     performance = problem.limits.performance
     stops = stops_of(plan, hold_s=hold_s)

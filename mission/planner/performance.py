@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from flightdyn.foresight import Foresight
 
 WITHIN_ROUNDING = 1.0 + 1e-9
+_ASTRAY_M = 0.15  # from where it holds to where it believes to be: a hover there begins with that
 _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its energy is tabled
 
 
@@ -45,7 +46,9 @@ class Performance:
         first = 0
         # Where nobody hovers, nobody stops: all up to the next hover is one path.
         for last in [at for at in range(final + 1) if hold_s[at] > 0.0 or at == final > 0]:
-            points = points_m[[first, last]] if first == last else points_m[first : last + 1]
+            points = points_m[first : last + 1]
+            if first == last and self.guidance is not None:
+                points = points[[0, 0]] + [[0.0, 0.0], [_ASTRAY_M, 0.0]]
             leg = self._leg(points, radius_m)
             arrived_s[first + 1 : last + 1] = now_s + leg.passed_s[1 : last - first + 1]
             now_s += leg.duration_s + hold_s[last]
@@ -164,7 +167,5 @@ class RoundLimits:
         if self.fits(foreseen):
             return ""
         if foreseen.duration_s > self.duration_s * WITHIN_ROUNDING:
-            return (
-                f"the flight takes {foreseen.duration_s:.2f} s, {self.duration_s:g} s are allowed"
-            )
-        return f"the flight takes {foreseen.energy_j:.0f} J, {self.energy_j:g} J are allowed"
+            return f"the flight takes {foreseen.duration_s:.2f} s, allowed are {self.duration_s:g}"
+        return f"the flight takes {foreseen.energy_j:.0f} J, allowed are {self.energy_j:g}"

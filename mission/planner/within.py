@@ -74,7 +74,8 @@ def _foreseen(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
 
 
 def _share(problem: RoundProblem, plan: RoundPlan) -> float:
-    assert problem.limits is not None and plan.foreseen is not None
+    assert problem.limits is not None
+    assert plan.foreseen is not None
     return problem.limits.share(plan.foreseen)
 
 

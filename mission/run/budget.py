@@ -10,7 +10,7 @@ from mission.base.arrays import Ints
 from mission.config.models import MissionConfig
 from mission.log.records import SPENT, RoundRecord
 from mission.planner.performance import Foreseen
-from mission.scenario.limits import KEYS, Amount, Budget, is_limited
+from mission.scenario.limits import KEYS, NOTHING, Amount, Budget, is_limited
 
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 
@@ -21,7 +21,7 @@ class RunTotals:
 
     last_heard: Ints  # (K,) round of each device's last update; 0: none yet
     rounds_done: int = 0
-    used: Amount = Amount(0.0, 0.0, 0.0)  # of the budgets
+    used: Amount = NOTHING  # of the budgets
     flown_m: float = 0.0
     sim_s: float = 0.0  # since power-up
     scheduled: int = 0

@@ -22,6 +22,7 @@ class Amount(NamedTuple):
     joules: float = math.inf
 
 
+NOTHING = Amount(0.0, 0.0, 0.0)
 # What each is called where a run ends for want of it: the key, its unit, what is spent.
 KEYS = (
     ("mission.total_budget_m", "m", "path budget"),
@@ -121,6 +122,12 @@ def round_limits(
     )
 
 
+def limits_of_round(config: RunConfig) -> RoundLimits | None:
+    """What any round may take, whatever is left of the run's; None: metres alone count."""
+    everything = Amount(math.inf)
+    return round_limits(config.mission, foreseen_performance(config), left=everything)
+
+
 def check_limits(config: RunConfig) -> None:
     """Refuse limits within which no round can be flown.
 
@@ -143,10 +150,10 @@ def check_limits(config: RunConfig) -> None:
     )
     if hovers:
         least = Amount(0.0, mission.hover_s, performance.hover_j(mission.hover_s))
-        why, out = f"a round hovers for mission.hover_s = {mission.hover_s:g} s", "hover shorter"
+        why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
     else:
         least = Amount(0.0, performance.least_s(_SHORT_M), performance.least_j(_SHORT_M))
-        why, out = f"to fly {_SHORT_M:g} m and stop", "leave it out"
+        why, out = f"flying {_SHORT_M:g} m and stopping", "leave it out"
     for key, unit, needed in (
         ("round_deadline_s", "s", least.seconds),
         ("total_deadline_s", "s", least.seconds),

@@ -24,7 +24,13 @@ from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
-from mission.scenario.limits import budget_of, check_limits, foreseen_performance, round_limits
+from mission.scenario.limits import (
+    budget_of,
+    check_limits,
+    foreseen_performance,
+    limits_of_round,
+    round_limits,
+)
 from mission.scenario.strategies import Strategy, make_strategy
 
 
@@ -154,6 +160,8 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
             mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
         )
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
-        else make_strategy(mission, planner, devices_m=devices_m, area=area)
+        else make_strategy(
+            mission, planner, devices_m=devices_m, area=area, limits=limits_of_round(config)
+        )
     )
     return Scenario(config, streams, area, devices_m, channel, radio, federation, strategy)
