@@ -17,7 +17,7 @@ from flightdyn.state import Vector
 
 # From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights.
 SETTLING_S = 0.3
-_SAMPLE_S = 0.05
+_SAMPLE_S = 0.1
 _SPEEDS = 2000
 
 
@@ -44,9 +44,7 @@ def foresee(path: FlightPath, limits: LimitsConfig, *, density: float = 1.0) -> 
         passed_s[corners[-2].count :] = moving_s  # the end is where it stops
     count = math.ceil(moving_s / _SAMPLE_S) + 1
     at_s, step_s = np.linspace(0.0, moving_s, count, retstep=True)
-    references = [trajectory.at(float(t)) for t in begun_s + at_s]
-    speed = np.linalg.norm([reference.v for reference in references], axis=1)
-    accel = np.linalg.norm([reference.a for reference in references], axis=1)
+    speed, accel = (np.linalg.norm(part, axis=1) for part in trajectory.motion(begun_s + at_s))
     watts = power_w(speed, accel_mps2=accel, density=density)
     hover_w = float(power_w(np.zeros(1), density=density)[0])
     energy_j = float((watts.sum() - (watts[0] + watts[-1]) / 2.0) * step_s)

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission.base.arrays import Floats
+from mission.planner.around import worth_of
 from mission.planner.certified import TABLED
 from mission.planner.evaluate import finish
 from mission.planner.flyable import foresee_round
@@ -19,6 +21,8 @@ _TRIED = 8  # budgets of metres
 _ENOUGH = 0.995  # of the limit: a flight that takes as much leaves nothing to try
 _NARROW_M = 2.0  # between budgets: closer ones are not told apart
 _SHRUNK = 12  # halvings of how much a path is drawn together
+_CHANGES, _STRIDE_M, _LEAST_STRIDE_M = 600, 30.0, 3.0  # small ones of the best; how small
+_ONE, _ALL_FROM = 0.5, 0.8  # of the changes, summed up: one waypoint, all from one on
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class WithinPlanner:
         most_m = min(problem.path_budget_m, problem.limits.longest_m)
         free = replace(problem, limits=None, path_budget_m=most_m)
         ideal = self.inner.plan(free)
-        best = self._best(replace(problem, path_budget_m=most_m), free, ideal)
+        within = replace(problem, path_budget_m=most_m)
+        best = _improved(within, self._best(within, free, ideal))
         bound = ideal.upper_bound  # NaN stays, where none is proven
         assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
         return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
@@ -81,12 +86,11 @@ def _share(problem: RoundProblem, plan: RoundPlan) -> float:
 
 def _drawn_together(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
     """The plan, drawn towards the start as far as it takes for its flight to fit."""
-    start = problem.start_m
     fitting, too_long = 0.0, 1.0
-    best = _scaled(problem, plan, start, fitting)
+    best = _scaled(problem, plan, fitting)
     for _ in range(_SHRUNK):
         scale = (fitting + too_long) / 2.0
-        drawn = _scaled(problem, plan, start, scale)
+        drawn = _scaled(problem, plan, scale)
         if _share(problem, drawn) <= 1.0:
             fitting, best = scale, drawn
         else:
@@ -94,8 +98,43 @@ def _drawn_together(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
     return best
 
 
-def _scaled(problem: RoundProblem, plan: RoundPlan, start: np.ndarray, scale: float) -> RoundPlan:
+def _scaled(problem: RoundProblem, plan: RoundPlan, scale: float) -> RoundPlan:
+    start = problem.start_m
     return _foreseen(problem, finish(problem, start + scale * (plan.waypoints_m - start)))
+
+
+def _improved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
+    """The plan after many small changes, of which those stay that are worth more and still fit.
+
+    One waypoint moves, or all from one on, or one gives up its corner: what a planner of metres
+    does not see is that a corner costs time. The same changes are tried every time.
+    """
+    if plan.value <= 0.0 or problem.steps < 2:
+        return plan
+    rng = np.random.Generator(np.random.PCG64(0))
+    for turn in range(_CHANGES):
+        stride_m = _STRIDE_M * (1.0 - turn / _CHANGES) + _LEAST_STRIDE_M
+        waypoints = _changed(plan.waypoints_m, rng, stride_m)
+        if worth_of(problem, waypoints) <= plan.value:
+            continue
+        other = finish(problem, waypoints)
+        if other.value > plan.value and other.path_m <= problem.path_budget_m:
+            other = _foreseen(problem, other)
+            plan = other if _share(problem, other) <= 1.0 else plan
+    return plan
+
+
+def _changed(waypoints_m: Floats, rng: np.random.Generator, stride_m: float) -> Floats:
+    """Waypoints (N, 2) with one of the changes; the first stays."""
+    changed, last = waypoints_m.copy(), len(waypoints_m) - 1
+    n, kind, move = rng.integers(1, last + 1), rng.random(), rng.normal(0.0, stride_m, 2)
+    if kind < _ONE:
+        changed[n] += move
+    elif kind < _ALL_FROM:
+        changed[n:] += move
+    else:
+        changed[n] = changed[n - 1] if n == last else (changed[n - 1] + changed[n + 1]) / 2.0
+    return changed
 
 
 def _value(plan: RoundPlan) -> float:
