@@ -38,6 +38,7 @@ class Performance:
     # What the guidance keeps to; None: always at its speed, as where nothing is flown.
     guidance: "LimitsConfig | None"
     density: float = 1.0  # of the air, over that at sea level
+    pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
@@ -64,7 +65,9 @@ class Performance:
 
         if math.isinf(duration_s):
             return math.inf
-        return longest_within(duration_s, speed_mps=self.speed_mps, limits=self.guidance)
+        return longest_within(
+            duration_s / self.pace, speed_mps=self.speed_mps, limits=self.guidance
+        )
 
     def least_s(self, length_m: float) -> float:
         """Seconds that no path of a length is flown in less."""
@@ -72,7 +75,8 @@ class Performance:
             return length_m / self.speed_mps
         from flightdyn.foresight import least_duration
 
-        return least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
+        least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
+        return least_s * self.pace
 
     def farthest_m(self, energy_j: float) -> float:
         """Metres that no path of an energy exceeds, whatever its corners."""
@@ -108,7 +112,13 @@ class Performance:
             np.full(count - 1, self.speed_mps),
             np.full(count, radius_m),
         )
-        return foresee(path, self.guidance, density=self.density)
+        leg = foresee(path, self.guidance, density=self.density)
+        longer_s = leg.duration_s * (self.pace - 1.0)
+        return Foresight(
+            leg.passed_s * self.pace,
+            leg.duration_s + longer_s,
+            leg.energy_j + max(0.0, longer_s) * self._hover_w,
+        )
 
     @cached_property
     def _hover_w(self) -> float:

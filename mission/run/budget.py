@@ -22,6 +22,7 @@ class RunTotals:
     last_heard: Ints  # (K,) round of each device's last update; 0: none yet
     rounds_done: int = 0
     used: Amount = NOTHING  # of the budgets
+    limited: dict[str, float] = field(default_factory=dict)  # the same, where more than metres is
     flown_m: float = 0.0
     sim_s: float = 0.0  # since power-up
     scheduled: int = 0
@@ -48,6 +49,8 @@ class RunTotals:
             record.spent.get("time_used_s", 0.0),
             record.spent.get("energy_used_j", 0.0),
         )
+        keys = ("time_used_s", "energy_used_j")
+        self.limited = {key: record.spent[key] for key in keys if key in record.spent}
         self.flown_m += record.flown_path_m
         self.scheduled += record.scheduled
         self.delivered += record.delivered

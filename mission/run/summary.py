@@ -33,6 +33,7 @@ def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:
         "rounds": totals.rounds_done,
         "flown_in_rounds_m": totals.flown_m,
         "budget_used_m": totals.used.metres,
+        **totals.limited,
         "simulated_s": totals.sim_s,
         "real_time_factor": totals.sim_s / flight_s if flight_s > 0.0 else 0.0,
         "battery_changes": totals.battery_changes,

@@ -54,11 +54,11 @@ def is_limited(mission: MissionConfig) -> bool:
 
 
 def performance_of(
-    mission: MissionConfig, area: Area, guidance: LimitsConfig | None
+    mission: MissionConfig, area: Area, guidance: LimitsConfig | None, *, pace: float = 1.0
 ) -> Performance:
-    """How rounds are flown at the mission's altitude and speed; `guidance` as in `Performance`."""
+    """How rounds are flown at the mission's altitude and speed; the rest as in `Performance`."""
     density = density_ratio(area.home.alt_msl_m + mission.altitude_m)
-    return Performance(mission.speed_mps, mission.acceptance_radius_m, guidance, density)
+    return Performance(mission.speed_mps, mission.acceptance_radius_m, guidance, density, pace)
 
 
 def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:

@@ -26,10 +26,12 @@ class Flyer(ABC):
     mission: MissionConfig  # with the speed that the vehicle keeps
     guidance: LimitsConfig | None  # what it keeps to between stops; None: always at its speed
 
+    pace: float = 1.0  # how much longer it has taken than `guidance` would, in its flights so far
+
     @property
     def performance(self) -> Performance:
         """How it flies rounds, as far as plans depend on it."""
-        return performance_of(self.mission, self.area, self.guidance)
+        return performance_of(self.mission, self.area, self.guidance, pace=self.pace)
 
     @property
     @abstractmethod
