@@ -1,6 +1,7 @@
 """Plans within limits of time and energy: they fit, and their bound stays true."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_metres_that_pay_for_less_are_the_limit() -> None:
 def test_more_time_is_worth_no_less_in_the_bound() -> None:
     bounds = [plan(problem(given=limits(seconds))).upper_bound for seconds in (20, 30, 40, 60)]
     # Each is proven to a gap of 1 % only.
-    assert all(b > 0.99 * a for a, b in zip(bounds, bounds[1:], strict=False))
+    assert all(b > 0.99 * a for a, b in itertools.pairwise(bounds))
 
 
 def test_without_limits_the_planner_itself_answers() -> None:
