@@ -43,6 +43,9 @@ class WithinPlanner:
         free = replace(problem, limits=None, path_budget_m=most_m)
         ideal = self.inner.plan(free)
         within = replace(problem, path_budget_m=most_m)
+        ideal = _foreseen(within, ideal)
+        if _share(within, ideal) <= 1.0:
+            return ideal
         best = _improved(within, self._best(within, free, ideal))
         bound = ideal.upper_bound  # NaN stays, where none is proven
         assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
@@ -54,11 +57,10 @@ class WithinPlanner:
         best = _foreseen(problem, finish(problem, np.tile(problem.start_m, (problem.steps, 1))))
         low_m, high_m, found = 0.0, problem.path_budget_m, ideal
         for _ in range(_TRIED):
-            found = _foreseen(problem, found)
             share = _share(problem, found)
             drawn = found if share <= 1.0 else _drawn_together(problem, found)
             best = max(best, drawn, key=_value)
-            if _ENOUGH <= share <= 1.0 or (share <= 1.0 and high_m == problem.path_budget_m):
+            if _ENOUGH <= share <= 1.0:
                 break
             if share <= 1.0:
                 low_m = max(low_m, found.path_m)
@@ -70,7 +72,7 @@ class WithinPlanner:
             guess_m = found.path_m / share
             if not low_m < guess_m < high_m:
                 guess_m = (low_m + high_m) / 2.0
-            found = self.inner.plan(replace(free, path_budget_m=guess_m))
+            found = _foreseen(problem, self.inner.plan(replace(free, path_budget_m=guess_m)))
         return best
 
 

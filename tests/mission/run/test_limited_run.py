@@ -82,13 +82,11 @@ def test_nothing_is_left_of_a_run_that_is_refused(tmp_path: Path, capsys) -> Non
 
 
 @pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "ideal"])
-def test_every_strategy_ends_with_its_time(tmp_path: Path, strategy: str, capsys) -> None:
+def test_every_strategy_ends_with_its_time(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / "run"
-    code = fly(
-        out, "--no-report", "--set", f"mission.strategy={strategy}", "--set",
-        "mission.total_deadline_s=11" if strategy == "barycenter" else "mission.total_deadline_s=60",
-    )  # fmt: skip
-    assert code == 0
+    total_s = 11 if strategy == "barycenter" else 60
+    keys = (f"mission.strategy={strategy}", f"mission.total_deadline_s={total_s}")
+    assert fly(out, "--no-report", "--set", keys[0], "--set", keys[1]) == 0
     table = rows(out / "rounds.csv")
     assert len(table) == 2
     for row in table if strategy != "ideal" else ():
