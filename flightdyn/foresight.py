@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flightdyn.config import LimitsConfig
+from flightdyn.frames import Triple
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import plan_path
 from flightdyn.physics.power import power_w
@@ -19,19 +20,25 @@ from flightdyn.state import Vector
 SETTLING_S = 0.3
 _SAMPLE_S = 0.1
 _SPEEDS = 2000
+STILL: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Foresight:
-    """A path flown from rest to rest in still air."""
+    """A path flown from rest to rest."""
 
     passed_s: Vector  # (M,) when each of its points is passed, from the order on
     duration_s: float
     energy_j: float  # electrical
 
 
-def foresee(path: FlightPath, limits: LimitsConfig, *, density: float = 1.0) -> Foresight:
-    """What the guidance makes of a path; `density` of the air is over that at sea level."""
+def foresee(
+    path: FlightPath, limits: LimitsConfig, *, density: float = 1.0, wind_mps: Triple = STILL
+) -> Foresight:
+    """What the guidance makes of a path; `density` of the air is over that at sea level, the
+    wind's velocity is along the path's axes. It costs energy; time only where lean or thrust do
+    not suffice against it, which is not foreseen.
+    """
     trajectory, corners = plan_path(path, limits)
     begun_s, moving_s = trajectory.start_s, trajectory.end_s - trajectory.start_s
     passed_s = np.zeros(len(path.points_ned_m))
@@ -44,9 +51,11 @@ def foresee(path: FlightPath, limits: LimitsConfig, *, density: float = 1.0) -> 
         passed_s[corners[-2].count :] = moving_s  # the end is where it stops
     count = math.ceil(moving_s / _SAMPLE_S) + 1
     at_s, step_s = np.linspace(0.0, moving_s, count, retstep=True)
-    speed, accel = (np.linalg.norm(part, axis=1) for part in trajectory.motion(begun_s + at_s))
-    watts = power_w(speed, accel_mps2=accel, density=density)
-    hover_w = float(power_w(np.zeros(1), density=density)[0])
+    velocity, acceleration = trajectory.motion(begun_s + at_s)
+    airspeed = np.linalg.norm(velocity - wind_mps, axis=1)
+    accel = np.linalg.norm(acceleration, axis=1)
+    watts = power_w(airspeed, accel_mps2=accel, density=density)
+    hover_w = float(power_w(np.linalg.norm([wind_mps], axis=1), density=density)[0])
     energy_j = float((watts.sum() - (watts[0] + watts[-1]) / 2.0) * step_s)
     return Foresight(passed_s, moving_s + SETTLING_S, energy_j + hover_w * SETTLING_S)
 
@@ -77,20 +86,27 @@ def longest_within(duration_s: float, *, speed_mps: float, limits: LimitsConfig)
 
 
 def least_energy(
-    lengths_m: Vector, *, speed_mps: float, limits: LimitsConfig, cut_m: float, density: float = 1.0
+    lengths_m: Vector,
+    *,
+    speed_mps: float,
+    limits: LimitsConfig,
+    cut_m: float,
+    density: float = 1.0,
+    wind_mps: float = 0.0,
 ) -> Vector:
     """Joules (n,) that no path of these lengths takes less, rising ones from 0, finely spaced.
 
     Every metre takes at least what it takes at the cheapest speed that can be had there: from
     rest, and to rest, u^2 <= 2 a s. A corner at speed u is cut by a parabola, in which the speed
-    falls to u cos(phi / 2), whose square is at least u^2 - 2 a `cut_m`.
+    falls to u cos(phi / 2), whose square is at least u^2 - 2 a `cut_m`. The wind blows from behind.
     """
     speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
     # From each of these speeds to the next it is no less than what power at the lower one and
     # metres at the higher one make.
     speeds = np.linspace(0.0, speed, _SPEEDS + 1)
     slowest = np.sqrt(np.maximum(0.0, speeds[:-1] ** 2 - 2.0 * accel * cut_m))
-    per_m = np.minimum.accumulate(power_w(slowest, density=density) / speeds[1:])
+    airspeeds = np.maximum(0.0, slowest - wind_mps)
+    per_m = np.minimum.accumulate(power_w(airspeeds, density=density) / speeds[1:])
     # Of half the way: the other half is the same in a mirror.
     halves = lengths_m / 2.0
     reached = np.sqrt(2.0 * accel * halves[1:])  # at the far end of each piece: the cheaper

@@ -38,6 +38,7 @@ class Performance:
     # What the guidance keeps to; None: always at its speed, as where nothing is flown.
     guidance: "LimitsConfig | None"
     density: float = 1.0  # of the air, over that at sea level
+    wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
     pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
@@ -112,7 +113,8 @@ class Performance:
             np.full(count - 1, self.speed_mps),
             np.full(count, radius_m),
         )
-        leg = foresee(path, self.guidance, density=self.density)
+        wind = (*self.wind_mps, 0.0)
+        leg = foresee(path, self.guidance, density=self.density, wind_mps=wind)
         longer_s = leg.duration_s * (self.pace - 1.0)
         return Foresight(
             leg.passed_s * self.pace,
@@ -122,7 +124,7 @@ class Performance:
 
     @cached_property
     def _hover_w(self) -> float:
-        return self._level_w(0.0)
+        return self._level_w(math.hypot(*self.wind_mps))
 
     @cached_property
     def _cruise_w(self) -> float:
@@ -145,6 +147,7 @@ class Performance:
             limits=self.guidance,
             cut_m=self.guidance.corner_cut * self.widest_m,
             density=self.density,
+            wind_mps=math.hypot(*self.wind_mps),
         )
         return lengths, joules
 

@@ -5,8 +5,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from flightdyn.config import LimitsConfig
+from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.physics.power import density_ratio
+from flightdyn.physics.wind import steady_wind_ned
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import MissionConfig, RunConfig
@@ -54,11 +55,19 @@ def is_limited(mission: MissionConfig) -> bool:
 
 
 def performance_of(
-    mission: MissionConfig, area: Area, guidance: LimitsConfig | None, *, pace: float = 1.0
+    mission: MissionConfig,
+    area: Area,
+    guidance: LimitsConfig | None,
+    *,
+    wind: WindConfig | None = None,
+    pace: float = 1.0,
 ) -> Performance:
     """How rounds are flown at the mission's altitude and speed; the rest as in `Performance`."""
+    north, east, _ = (0.0, 0.0, 0.0) if wind is None else steady_wind_ned(wind)
     density = density_ratio(area.home.alt_msl_m + mission.altitude_m)
-    return Performance(mission.speed_mps, mission.acceptance_radius_m, guidance, density, pace)
+    return Performance(
+        mission.speed_mps, mission.acceptance_radius_m, guidance, density, (east, north), pace
+    )
 
 
 def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
@@ -70,8 +79,19 @@ def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
 
 def foreseen_performance(config: RunConfig) -> Performance:
     """The same before anybody flies, by the configuration alone."""
-    guidance = None if config.mission.flight == "none" else guidance_of(config.vehicle)
-    return performance_of(config.mission, config.area.build(), guidance)
+    if config.mission.flight == "none":
+        return performance_of(config.mission, config.area.build(), None)
+    return performance_of(
+        config.mission,
+        config.area.build(),
+        guidance_of(config.vehicle),
+        wind=known_wind(config),
+    )
+
+
+def known_wind(config: RunConfig) -> WindConfig | None:
+    """The wind that rounds are planned for: the steady one of the simulated world."""
+    return None if config.link.kind == "external" else config.vehicle.aircraft.wind
 
 
 def budget_of(config: RunConfig) -> Budget:

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from flightdyn.config import LimitsConfig
+from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import plan_path
 from flightdyn.physics.power import density_ratio
+from flightdyn.physics.wind import steady_wind_ned
 from tests.flightdyn.flights import HOME, legs, make, path_along, run, take_off
 
 LIMITS = LimitsConfig()
@@ -61,13 +62,38 @@ def test_flown_as_foreseen(seed: int) -> None:
 def test_nobody_is_faster_than_straight_nor_cheaper(seed: int) -> None:
     speed, acceptance = (8.0, 14.0, 20.0, 22.0)[seed % 4], (1.0, 5.0, 40.0)[seed % 3]
     path = random_path(seed, speed_mps=speed, acceptance_m=acceptance)
-    foreseen, metres = foresee(path, LIMITS), length(path)
+    wind = 6.0 * unit(np.array([seed]))[0] * (seed % 5 == 0)
+    foreseen, metres = foresee(path, LIMITS, wind_mps=(*wind.tolist(), 0.0)), length(path)
     assert least_duration(metres, speed_mps=speed, limits=LIMITS) <= foreseen.duration_s + 1e-9
     lengths = np.linspace(0.0, metres, 500)
     cut_m = LIMITS.corner_cut * acceptance
-    joules = least_energy(lengths, speed_mps=speed, limits=LIMITS, cut_m=cut_m)
+    wind_mps = float(np.hypot(*wind))
+    joules = least_energy(lengths, speed_mps=speed, limits=LIMITS, cut_m=cut_m, wind_mps=wind_mps)
     assert joules[-1] <= foreseen.energy_j
     assert (np.diff(joules) > 0.0).all()
+
+
+def test_wind_costs_energy_as_it_is_flown_in() -> None:
+    path = random_path(2)
+    wind = WindConfig(speed_mps=6.0, from_deg=250.0)
+    aircraft = make(wind=wind)
+    take_off(aircraft, HEIGHT_M)
+    mah, energy_j = aircraft.battery.consumed_mah, 0.0
+    aircraft.follow(path)
+
+    def arrived() -> bool:
+        nonlocal mah, energy_j
+        battery = aircraft.battery
+        energy_j += (battery.consumed_mah - mah) * 3.6 * battery.voltage_v
+        mah = battery.consumed_mah
+        return aircraft.progress.finished
+
+    assert run(aircraft, 300, arrived)
+    density = density_ratio(HOME.alt_msl_m + HEIGHT_M)
+    blown = foresee(path, LIMITS, density=density, wind_mps=steady_wind_ned(wind))
+    still = foresee(path, LIMITS, density=density)
+    assert blown.energy_j == pytest.approx(energy_j, rel=0.03)
+    assert still.energy_j < 0.97 * energy_j
 
 
 @pytest.mark.parametrize("metres", [2.0, 30.0, 79.0, 81.0, 500.0])

@@ -171,6 +171,7 @@ async def open_firmware(
                     say=say,
                 )
                 flyer.vehicle = vehicle
+                flyer.wind = config.vehicle.aircraft.wind
                 vehicle.clock.rest()
                 yield flyer
     except FirmwareSilentError as error:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flightdyn.config import LimitsConfig
+from flightdyn.config import LimitsConfig, WindConfig
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
@@ -26,12 +26,15 @@ class Flyer(ABC):
     mission: MissionConfig  # with the speed that the vehicle keeps
     guidance: LimitsConfig | None  # what it keeps to between stops; None: always at its speed
 
+    wind: WindConfig | None = None  # that it flies in; None: still air, or nobody knows
     pace: float = 1.0  # how much longer it has taken than `guidance` would, in its flights so far
 
     @property
     def performance(self) -> Performance:
         """How it flies rounds, as far as plans depend on it."""
-        return performance_of(self.mission, self.area, self.guidance, pace=self.pace)
+        return performance_of(
+            self.mission, self.area, self.guidance, wind=self.wind, pace=self.pace
+        )
 
     @property
     @abstractmethod

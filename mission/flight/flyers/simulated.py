@@ -157,6 +157,7 @@ async def open_simulated(
                 config.mission,
                 guidance_of(config.vehicle),
             )
+            flyer.wind = config.vehicle.aircraft.wind
             try:
                 yield flyer
             except asyncio.CancelledError:
