@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from flights import HOME, legs, make, path_along, run, take_off
 
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
@@ -9,7 +10,6 @@ from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import plan_path
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
-from tests.flightdyn.flights import HOME, legs, make, path_along, run, take_off
 
 LIMITS = LimitsConfig()
 HEIGHT_M = 40.0
@@ -38,7 +38,8 @@ def test_flown_as_foreseen(seed: int) -> None:
     aircraft, path = make(), random_path(seed)
     take_off(aircraft, HEIGHT_M)
     foreseen = foresee(path, LIMITS, density=density_ratio(HOME.alt_msl_m + HEIGHT_M))
-    start_ns, passed_s = aircraft.t_ns, {}
+    start_ns = aircraft.t_ns
+    passed_s: dict[int, float] = {}
     mah, energy_j = aircraft.battery.consumed_mah, 0.0
     aircraft.follow(path)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from flights import legs, make, path_along, run, take_off
 
 from flightdyn.physics.power import density_ratio, power_w
 from flightdyn.state import GeodeticPoint
-from tests.flightdyn.flights import legs, make, path_along, run, take_off
 
 HEIGHT_M = 30.0
 
@@ -21,7 +21,9 @@ def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float)
         aircraft.follow(path_along(legs(start, (0.0,), 1000.0), speed_mps=speed_mps))
     run(aircraft, 12)
     watts = []
-    run(aircraft, 5, lambda: watts.append(aircraft.battery.voltage_v * aircraft.battery.current_a))
+    for _ in range(50):
+        run(aircraft, 0.1)
+        watts.append(aircraft.battery.voltage_v * aircraft.battery.current_a)
     expected = power_w(np.array([speed_mps]), density=density_ratio(alt_m + HEIGHT_M))
     # Rotor drag does not thin out with the air.
     assert np.mean(watts) == pytest.approx(expected[0], rel=0.02 if alt_m else 0.005)

@@ -1,5 +1,7 @@
 """Limits that no round can keep to are refused; tours are as long as theirs allow."""
 
+from typing import Any
+
 import pytest
 
 from mission.base.errors import InputError
@@ -9,7 +11,7 @@ from mission.scenario.scenario import build_scenario
 from mission.scenario.strategies import HoveringTour, Rectangular, stretch
 
 
-def config(*, link: str = "in_process", **mission: object) -> RunConfig:
+def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
     return RunConfig.model_validate(
         {
             "mission": {"steps": 8, **mission},
@@ -52,7 +54,7 @@ def test_enough_is_not_refused() -> None:
 
 
 @pytest.mark.parametrize("limit", [{"round_deadline_s": 35.0}, {"round_energy_j": 9000.0}])
-def test_a_tour_is_as_long_as_its_limits_allow(limit: dict[str, float]) -> None:
+def test_a_tour_is_as_long_as_its_limits_allow(limit: dict[str, Any]) -> None:
     given = config(strategy="rectangular", **limit)
     scenario = build_scenario(given, data_dir=None)
     tour, limits = scenario.strategy, limits_of_round(given)
