@@ -17,12 +17,13 @@ import numpy as np
 from flightdyn.random import RandomStreams
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
-from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.simulated import SimulatedFlyer, open_simulated
 from mission.flight.pilot.mission_items import mission_items
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
 from mission.log.write.writer import FlightLog
+from mission.planner.stops import Stop
 from sitl.autopilot.values.messages import MissionItem
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample

@@ -14,8 +14,9 @@ from flight_chain import Cost, Meter, configuration, hovering, zigzag
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 
 from mission.base.errors import AerofedError
-from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.simulated import SimulatedFlyer
+from mission.planner.stops import Stop
 from sitl.observer import VehicleEvent, VehicleSample
 
 _MISSION_M = 320.0

@@ -30,8 +30,8 @@ from mission.figures.plan import plan_picture
 from mission.figures.render import save_all
 from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import conjugates, reward_table

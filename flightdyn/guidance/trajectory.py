@@ -10,6 +10,7 @@ import numpy as np
 
 from flightdyn.frames import Triple
 from flightdyn.native.library import Pieces
+from flightdyn.state import Vector
 
 
 class Piece(NamedTuple):
@@ -38,8 +39,10 @@ class Trajectory:
         # From rest the averaging begins before the start; from speed that would be a step back.
         self.start_s = -half if pieces[0].v == (0.0, 0.0, 0.0) else 0.0
         self.end_s = end_s + half
+        self._half_s = half
+        self._rows = rows = np.array([[t0, *p, *v, *a, *area] for t0, p, v, a, area in pieces])
         self.pieces = Pieces(
-            np.array([[t0, *p, *v, *a, *area] for t0, p, v, a, area in pieces]),
+            rows,
             half_s=half,
             start_s=self.start_s,
             end_s=self.end_s,
@@ -49,6 +52,20 @@ class Trajectory:
         """The averaged reference at `t`, its acceleration taken `lead_s` later."""
         px, py, pz, vx, vy, vz, ax, ay, az = self.pieces.reference(t, lead_s)
         return Reference((px, py, pz), (vx, vy, vz), (ax, ay, az))
+
+    def motion(self, times_s: Vector) -> tuple[Vector, Vector]:
+        """Velocity and acceleration (n, 3) at many times: as `at`, all at once."""
+        h = self._half_s
+        before, after = self._unsmoothed(times_s - h), self._unsmoothed(times_s + h)
+        return (after[0] - before[0]) / (2 * h), (after[1] - before[1]) / (2 * h)
+
+    def _unsmoothed(self, times_s: Vector) -> tuple[Vector, Vector]:
+        """Position and velocity (n, 3) before averaging."""
+        rows = self._rows
+        piece = rows[np.maximum(np.searchsorted(rows[:, 0], times_s, side="right") - 1, 0)]
+        s = (times_s - piece[:, 0])[:, None]
+        p, v, a = piece[:, 1:4], piece[:, 4:7], np.where(s < 0, 0.0, piece[:, 7:10])
+        return p + v * s + a * s * s / 2, v + a * s
 
 
 class TrajectoryBuilder:

@@ -82,7 +82,7 @@ class Comparison:
     # Length of the planned polyline, and horizontal length of the true track.
     plan_path_m: Annotated[float, _sum("plan_path_m"), Label("planned path (m)", 1)]
     flown_path_m: Annotated[float, _sum("flown_path_m"), Label("flown path (m)", 1)]
-    # At planned speed from the first metre to the last, and as flown; simulated.
+    # As planned, with the speeds that will be flown, and as flown; simulated.
     plan_duration_s: Annotated[
         float,
         Made(lambda items: sum(item.plan_duration_s for item in items)),
@@ -108,7 +108,7 @@ class Comparison:
     slot_along_max_m: Annotated[float, _of(_max_abs, "slot_along_m")]
     slot_miss_rms_m: Annotated[float, _of(_rms, "slot_miss_m"), Label("slot miss rms (m)", 3)]
     slot_miss_max_m: Annotated[float, _of(_max, "slot_miss_m"), Label("slot miss max (m)", 3)]
-    # Instant of a slot against flight at constant planned speed.
+    # Instant of a slot against its planned one.
     slot_late_mean_s: Annotated[float, _of(_mean, "slot_late_s"), Label("slot late mean (s)", 3)]
     slot_late_max_s: Annotated[float, _of(_max, "slot_late_s"), Label("slot late max (s)", 3)]
     # Steps with a scheduled device, or the places of a plan file, and those never reached.

@@ -42,8 +42,13 @@ _PATH: _Columns = (
     ("on straights\nrms / max", _pair("straight_rms_m", "straight_max_m")),
     ("corner cut\nmean / max", _pair("corner_cut_mean_m", "corner_cut_max_m")),
 )
-_SLOTS: _Columns = (
+_TIME: _Columns = (
+    ("duration (s)\nplan / flown", _pair("plan_duration_s", "duration_s", 1)),
+    ("plan off\nby", lambda c: f"{100.0 * (c.plan_duration_s / c.duration_s - 1.0):+.1f} %"
+     if c.duration_s > 0.0 else "-"),
     ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
+)  # fmt: skip
+_SLOTS: _Columns = (
     ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
     ("height (m)\nrms / max", _pair("height_rms_m", "height_max_m")),
     ("estimate (m)\nrms / max", _pair("estimate_rms_m", "estimate_max_m")),
@@ -63,7 +68,7 @@ _RADIO: _Columns = (
 
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
-    """One run: the path, the slots and the radio (a row a round, and the total), the devices.
+    """One run: path, time, slots and radio (a row a round, and the total), the devices.
 
     A flight of a plan file has none of them but numbers, one below the other.
     """
@@ -72,6 +77,7 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
     return (
         _table("Path", comparison, _PATH, caption),
+        _table("Time", comparison, _TIME, None),
         _table("Slots, height and estimate", comparison, _SLOTS, None),
         _table("Radio", comparison, _RADIO, None),
         _devices(comparison),

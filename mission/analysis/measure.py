@@ -66,7 +66,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     true_per = np.array([item.true_per for item in uplinks])
     measured = Measured(
         record=record,
-        plan_duration_s=float(plan.ideal_slot_s[-1]),
+        plan_duration_s=plan.duration_s,
         cross_m=fit.cross_m,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
@@ -99,7 +99,7 @@ def _at_places(measured: Measured, run: FlightData) -> Measured:
 
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
-    return item.slot_t_s - record.start_t_s - float(plan.ideal_slot_s[item.step])
+    return item.slot_t_s - record.start_t_s - float(plan.slot_s[item.step])
 
 
 def _heading(waypoints_m: Floats, step: int) -> Floats:

@@ -28,8 +28,9 @@ def plan(
         PlanError: the problem makes no sense, or the plan breaks a constraint.
     """
     from mission.base.explain import Blame, explain
+    from mission.planner.check import check_plan
     from mission.planner.config import PlannerConfig
-    from mission.planner.evaluate import check_plan, check_problem
+    from mission.planner.evaluate import check_problem
     from mission.planner.factory import make_planner
 
     check_problem(problem)

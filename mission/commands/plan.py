@@ -14,6 +14,7 @@ from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
+    from mission.planner.problem import RoundPlan
     from mission.scenario.scenario import Scenario
 
 
@@ -137,12 +138,20 @@ def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "
     write_round_plan(path, flight, scenario.area)
 
 
+def _flight(plan: "RoundPlan") -> tuple[str, ...]:
+    """What its flight takes, where time or energy is limited."""
+    if plan.foreseen is None:
+        return ()
+    return (f"{plan.foreseen.duration_s:.1f}", f"{plan.foreseen.energy_j:.0f}")
+
+
 def _print(plans: "tuple[NamedPlan, ...]") -> None:
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("problem")
     chosen = any(named.plan.altitude_m is not None for named in plans)
-    altitude = ("altitude m",) if chosen else ()
-    for heading in ("value", "upper bound", "gap", "path m", *altitude, "served", "nodes", "ms"):
+    foreseen = any(named.plan.foreseen is not None for named in plans)
+    more = (*(("altitude m",) if chosen else ()), *(("flight s", "flight J") if foreseen else ()))
+    for heading in ("value", "upper bound", "gap", "path m", *more, "served", "nodes", "ms"):
         table.add_column(heading, justify="right")
     for named in plans:
         made = named.plan
@@ -154,6 +163,7 @@ def _print(plans: "tuple[NamedPlan, ...]") -> None:
             f"{100 * made.gap:.2f} %" if proven else "-",
             f"{made.path_m:.1f}",
             *(["-" if made.altitude_m is None else f"{made.altitude_m:.1f}"] if chosen else ()),
+            *_flight(made),
             str(int(made.schedule.sum())),
             str(made.nodes),
             f"{1e3 * named.time_s:.1f}",

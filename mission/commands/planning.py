@@ -11,8 +11,8 @@ import numpy as np
 
 from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
 from mission.base.errors import PlanError
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, NamedProblem, write_plans
 

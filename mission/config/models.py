@@ -134,6 +134,29 @@ class MissionConfig(_Model):
         description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
         "a run ends when the rest pays for no whole round",
     )
+    round_deadline_s: float | None = Field(
+        None, gt=0, le=3600, description="seconds a round takes at most; none: as its metres take"
+    )
+    total_deadline_s: float | None = Field(
+        None,
+        gt=0,
+        le=1e7,
+        description="seconds to fly in rounds; a run ends when the rest pays for no whole round",
+    )
+    round_energy_j: float | None = Field(
+        None,
+        gt=0,
+        le=1e8,
+        description="joules a round takes of the battery at most; not of an external vehicle, "
+        "whose power nobody knows",
+    )
+    total_energy_j: float | None = Field(
+        None,
+        gt=0,
+        le=1e10,
+        description="joules to fly with in rounds; a run ends when the rest pays for no whole "
+        "round",
+    )
     steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
     devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")
     acceptance_radius_m: float = Field(

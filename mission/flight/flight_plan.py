@@ -1,29 +1,21 @@
-"""A round's plan as stops to fly: waypoints that coincide become one stop with several slots."""
+"""A round's plan as it is flown: stops, and how fast and how sharply between them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from flightdyn.state import GeodeticPoint
-from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
-from mission.planner.flyable import SAME_PLACE_M, acceptance_radius
+from mission.planner.flyable import acceptance_radius
+from mission.planner.performance import Foreseen, Performance
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.stops import Stop, stops_of
 
 _SETTLE_S = 1.0  # of hover after a climb
 _CLIMB_RADIUS_M = 1.0  # of the altitude, where autopilots take the acceptance radius for it too
-
-
-@dataclass(frozen=True)
-class Stop:
-    """One place to pass or to hover at, and the plan's time steps that are served there."""
-
-    xy_m: Floats  # (2,) area coordinates
-    steps: tuple[int, ...]
-    hold_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -45,45 +37,26 @@ class FlightPlan:
         """Whether there is nothing to fly: one stop, without a hover."""
         return len(self.stops) == 1 and self.stops[0].hold_s == 0.0
 
-    def ideal_slot_s(self) -> list[float]:
-        """(N,) when each step would be passed, in seconds after the start, by an aircraft that
-        is always at its planned speed. Steps that share a hover are spread evenly over it.
+    def foreseen(self, performance: Performance) -> Foreseen:
+        """How the flight goes in time, and the energy that it takes."""
+        holds_s = [stop.hold_s for stop in self.stops]
+        return performance.foresee(self.points_m, holds_s, self.acceptance_m)
+
+    def slot_s(self, foreseen: Foreseen) -> list[float]:
+        """(N,) when each step is passed, in seconds after the start. Steps that share a hover are
+        spread evenly over it.
         """
-        legs_m = polyline.legs(self.points_m)
-        slot_s: list[float] = []
-        clock_s = 0.0
-        for stop, leg_m in zip(self.stops, (*legs_m, 0.0), strict=True):
-            share_s = stop.hold_s / max(len(stop.steps), 1)
-            slot_s += [clock_s + share_s * rank for rank in range(len(stop.steps))]
-            clock_s += stop.hold_s + leg_m / self.speed_mps
-        return slot_s
+        return [
+            float(arrived_s) + stop.hold_s / len(stop.steps) * rank
+            for stop, arrived_s in zip(self.stops, foreseen.arrived_s, strict=True)
+            for rank in range(len(stop.steps))
+        ]
 
     def positions(self, area: Area) -> tuple[GeodeticPoint, ...]:
         """The stops on the globe."""
         return tuple(
             area.frame.to_geodetic(area.to_ned(stop.xy_m, self.alt_rel_m)) for stop in self.stops
         )
-
-
-def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
-    """Merge consecutive waypoints closer than `SAME_PLACE_M` to the first of them.
-
-    `hold_s` is the hover at every stop but the first; with one stop in all, at that one. Corners
-    between waypoints are stops without a step, and without a hover.
-    """
-    groups: list[tuple[Floats, list[int]]] = []
-    steps = {int(at): step for step, at in enumerate(plan.stops_at)}
-    for at, point in enumerate(plan.route_m):
-        here = [steps[at]] if at in steps else []
-        if groups and float(np.linalg.norm(point - groups[-1][0])) <= SAME_PLACE_M:
-            groups[-1][1].extend(here)
-        else:
-            groups.append((np.asarray(point, dtype=np.float64), here))
-    alone = len(groups) == 1
-    return tuple(
-        Stop(point, tuple(served), hold_s if served and (alone or index > 0) else 0.0)
-        for index, (point, served) in enumerate(groups)
-    )
 
 
 def flight_of_round(

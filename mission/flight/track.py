@@ -1,5 +1,6 @@
 """What was flown: samples and waypoint passages, taken on the vehicle's side and clock."""
 
+import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,13 +31,15 @@ class Flight:
     est_ned_m: Floats  # (T, 3)
     battery_remaining: float
     passages: tuple[Passage | None, ...] = ()  # by stop of the plan; None: not reached
+    energy_j: float = math.nan  # that the battery gave; NaN where nobody knows
 
     @classmethod
     def standing(cls, here: Passage, battery: float) -> Self:
         """A flight in which the aircraft did not move from its one stop."""
         return cls(
-            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], battery, (here,)
-        )
+            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], battery, (here,),
+            0.0,
+        )  # fmt: skip
 
     @property
     def duration_s(self) -> float:
@@ -64,6 +67,7 @@ class FlightRecorder:
     """
 
     def __init__(self) -> None:
+        self._consumed_mah = math.nan  # when last looked at
         self._forget()
 
     def _forget(self) -> None:
@@ -71,6 +75,7 @@ class FlightRecorder:
         self._true_m = array("d")
         self._est_m = array("d")
         self._reached: dict[int, Passage] = {}  # by mission item
+        self._energy_j = 0.0
 
     def start(self, here: Passage) -> None:
         """Forget the last flight; the next one begins here."""
@@ -80,6 +85,9 @@ class FlightRecorder:
     def sampled(self, sample: VehicleSample) -> None:
         """Keep a sample that is newer than the last."""
         self._keep(sample.t_ns, sample.truth.pos_ned_m, sample.belief.pos_ned_m)
+        battery = sample.battery
+        self._energy_j += (battery.consumed_mah - self._consumed_mah) * 3.6 * battery.voltage_v
+        self._consumed_mah = battery.consumed_mah
 
     def happened(self, event: VehicleEvent) -> None:
         """Keep the first passage of each mission item."""
@@ -99,6 +107,7 @@ class FlightRecorder:
             np.array(self._est_m).reshape(-1, 3),
             battery_remaining,
             tuple(self._reached.get(item) for item in items),
+            self._energy_j if self._energy_j > 0.0 else math.nan,
         )
         self._forget()
         return flight

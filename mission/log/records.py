@@ -6,7 +6,7 @@ NaN stands where there is no value.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias, get_origin
 
 from mission.base.columns import Column, columns
@@ -51,6 +51,16 @@ class UplinkRecord:
     delivered: Annotated[bool, "the update arrived"]
 
 
+# Of a round's table where time or energy is limited: the columns, and what people read of them.
+SPENT = {
+    "plan_duration_s": "planned seconds from start to end; nan where nothing is planned",
+    "plan_energy_j": "planned joules of the battery",
+    "energy_j": "joules that the flight took of the battery; nan where nobody knows",
+    "time_used_s": "seconds of mission.total_deadline_s spent so far",
+    "energy_used_j": "joules of mission.total_energy_j spent so far",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class RoundRecord:
     """One round: what was planned, what was flown and what was learnt."""
@@ -70,6 +80,10 @@ class RoundRecord:
     battery_remaining: Annotated[float, "0..1 of the capacity at the end"]
     accuracy: Annotated[ByCommunity, "accuracy 0..1 after the round, on the images to report on"]
     cov: Annotated[ByCommunity, "fairness CoV psi in force for the next round"]
+    # A column each, where time or energy is limited.
+    spent: Annotated[dict[str, float], Kind("by_community"), "time and energy, where limited"] = (
+        field(default_factory=dict)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +108,9 @@ def flat(record: Any) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)
-        if is_by_community(column):
+        if column.name == "spent":
+            row |= value
+        elif is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
         else:
             row[column.name] = value

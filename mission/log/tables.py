@@ -14,6 +14,7 @@ from mission.base import csv_text
 from mission.base.columns import columns
 from mission.base.errors import InputError
 from mission.log.records import (
+    SPENT,
     DeviceRecord,
     RoundRecord,
     UplinkRecord,
@@ -32,17 +33,22 @@ class Table(Generic[Record]):
     """A CSV file of records being written: what was appended survives the process."""
 
     def __init__(
-        self, path: Path, record: type[Record], *, communities: Sequence[str] = ()
+        self,
+        path: Path,
+        record: type[Record],
+        *,
+        communities: Sequence[str] = (),
+        spent: Sequence[str] = (),
     ) -> None:
         """Start the table, replacing a file that is there.
 
-        `communities`: those that the records have numbers of.
+        `communities`: those that the records have numbers of; `spent`: of `SPENT`, where limited.
 
         Raises:
             TableError: the file cannot be written.
         """
         self.path = path
-        self._header = _header(record, communities)
+        self._header = _header(record, communities, spent)
         try:
             self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
@@ -80,18 +86,26 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
-    _check_header(path, header, _header(record, communities))
-    return tuple(_record(path, record, communities, *row) for row in rows)
+    spent = tuple(SPENT) if next(iter(SPENT)) in header else ()
+    _check_header(path, header, _header(record, communities, spent))
+    return tuple(_record(path, record, communities, spent, *row) for row in rows)
 
 
 def _record(
-    path: Path, record: type[Record], communities: Sequence[str], line: int, row: Sequence[str]
+    path: Path,
+    record: type[Record],
+    communities: Sequence[str],
+    spent: Sequence[str],
+    line: int,
+    row: Sequence[str],
 ) -> Record:
     values: dict[str, Any] = {}
     cells = iter(row)
     for column in columns(record):
         name = column.name
-        if is_by_community(column):
+        if name == "spent":
+            values[name] = {key: _parse(path, line, key, next(cells), float) for key in spent}
+        elif is_by_community(column):
             values[name] = {
                 c: _parse(path, line, f"{name}_{c}", next(cells), float) for c in communities
             }
@@ -100,10 +114,14 @@ def _record(
     return record(**values)
 
 
-def _header(record: type[Any], communities: Sequence[str] = ()) -> tuple[str, ...]:
+def _header(
+    record: type[Any], communities: Sequence[str] = (), spent: Sequence[str] = ()
+) -> tuple[str, ...]:
     names: list[str] = []
     for column in columns(record):
-        if is_by_community(column):
+        if column.name == "spent":
+            names += spent
+        elif is_by_community(column):
             names += [f"{column.name}_{name}" for name in communities]
         else:
             names.append(column.name)

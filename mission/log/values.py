@@ -95,9 +95,8 @@ class PlanRecord:
     altitude_m: Annotated[float, "planned height above home; the greatest, where it varies"]
     # Differs from `altitude_m` in plan files only.
     height_m: Annotated[Floats, NUMBERS, "(N,) planned height above home of each waypoint"]
-    ideal_slot_s: Annotated[
-        Floats, NUMBERS, "(N,) seconds after the start at which a step is passed at speed"
-    ]
+    slot_s: Annotated[Floats, NUMBERS, "(N,) planned seconds after the start of each step"]
+    duration_s: Annotated[float, "planned seconds from start to end"]
     route_m: Annotated[
         Floats, PAIRS, "(P, 2) path as it is flown: waypoints, and corners around areas"
     ]

@@ -256,7 +256,8 @@ def log_path(t_ns: int, log: FlightLog, ready: PreparedPlan) -> None:
             speed_mps=speed_mps,
             altitude_m=ready.path.top_m,
             height_m=points[:, 2],
-            ideal_slot_s=polyline.along(points) / speed_mps,
+            slot_s=polyline.along(points) / speed_mps,
+            duration_s=ready.path.duration_s,
             route_m=points[:, :2],
             stops_at=np.arange(len(points)),
         )

@@ -96,7 +96,7 @@ def _drawn(problem: RoundProblem) -> Floats:
     rng = np.random.Generator(np.random.PCG64(0))
     paths = rng.uniform(every.min(axis=0), every.max(axis=0), (_DRAWN, problem.steps, 2))
     paths[:, 0] = problem.start_m
-    worth = [-_worth(problem, path) for path in paths]
+    worth = [-worth_of(problem, path) for path in paths]
     return np.asarray(paths[np.argsort(worth, kind="stable")[:_LED]])
 
 
@@ -121,7 +121,7 @@ def grown(problem: RoundProblem) -> list[Floats]:
 def _tour(problem: RoundProblem, places: Floats, far: Floats, first: int) -> list[int]:
     """The places of a path that is grown from the start and a first device."""
     tour, left_m = [0, first], problem.path_budget_m - float(far[0, first])
-    value = _worth(problem, places[tour])
+    value = worth_of(problem, places[tour])
     while len(tour) < problem.steps:
         chosen: tuple[float, int, int, float, float] | None = None
         for index in range(1, len(places)):
@@ -130,7 +130,7 @@ def _tour(problem: RoundProblem, places: Floats, far: Floats, first: int) -> lis
             before, extra_m = _cheapest(far, tour, index)
             if extra_m > left_m:
                 continue
-            worth = _worth(problem, places[[*tour, index]])
+            worth = worth_of(problem, places[[*tour, index]])
             rate = (worth - value) / max(extra_m, _FREE_M)
             if worth > value and (chosen is None or rate > chosen[0]):
                 chosen = (rate, index, before, extra_m, worth)
@@ -174,7 +174,7 @@ def _filled(problem: RoundProblem, waypoints_m: Floats) -> Floats:
     return waypoints_m
 
 
-def _worth(problem: RoundProblem, waypoints_m: Floats) -> float:
+def worth_of(problem: RoundProblem, waypoints_m: Floats) -> float:
     """What the best schedule from waypoints is worth."""
     worth = success(problem, waypoints_m) * problem.importance
     return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
@@ -217,7 +217,7 @@ def _best_move(problem: RoundProblem, plan: RoundPlan, n: int, stride_m: float) 
 
 def _no_better(problem: RoundProblem, plan: RoundPlan, waypoints_m: Floats) -> bool:
     """Whether waypoints cannot beat a plan, even where the way between them is straight."""
-    value = _worth(problem, waypoints_m)
+    value = worth_of(problem, waypoints_m)
     if value > plan.value * (1.0 + _GAIN):
         return False
     longer = polyline.length(waypoints_m) >= plan.path_m - _SHORTER_M

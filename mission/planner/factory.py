@@ -5,30 +5,34 @@ from dataclasses import dataclass
 from mission.base.errors import PlanError
 from mission.base.user_code import make_from, users_code
 from mission.planner.around import AroundPlanner
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import check_plan
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.within import WithinPlanner
 
 KEY = "planner.factory"
 
 
 def make_planner(config: PlannerConfig) -> Planner:
-    """The planner of that kind, which keeps to where may be flown. Its solver library is imported
-    here, not before.
+    """The planner of that kind, which keeps to where may be flown and to a round's limits. Its
+    solver library is imported here, not before.
 
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
+    return WithinPlanner(AroundPlanner(_choosing_altitudes(config)))
+
+
+def _choosing_altitudes(config: PlannerConfig) -> Planner:
     if config.kind == "certified":
         from mission.planner.altitudes import CertifiedAltitudes
         from mission.planner.certified import CertifiedPlanner
 
-        certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
-        return AroundPlanner(CertifiedAltitudes(certified))
+        return CertifiedAltitudes(CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes))
     from mission.planner.sampled_altitudes import SampledAltitudes
 
-    return AroundPlanner(SampledAltitudes(_of_kind(config)))
+    return SampledAltitudes(_of_kind(config))
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

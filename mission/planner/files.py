@@ -177,10 +177,17 @@ def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.
 def _plan(entry: NamedPlan) -> dict[str, Any]:
     plan = entry.plan
     proven = bool(np.isfinite(plan.upper_bound))
+    foreseen = plan.foreseen
+    flight = (
+        {}
+        if foreseen is None
+        else {"duration_s": foreseen.duration_s, "energy_j": foreseen.energy_j}
+    )
     return {
         "waypoints": plan.waypoints_m.tolist(),
         "route": plan.route_m.tolist(),
         "schedule": plan.schedule.astype(int).tolist(),
+        **flight,
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,
         "gap": plan.gap if proven else None,

@@ -8,12 +8,13 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.evaluate import objective
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.stops import SAME_PLACE_M, stops_of
 
 MOST_LOST = 0.01  # of the plan's value, with every corner cut as far as allowed
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest radius
 NARROWEST_M = 1.0  # narrower is no use to an aircraft that knows its place to a metre
-SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one; no flight tells them apart
 
 
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:
@@ -21,15 +22,25 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
 
     Where none does, the narrowest. Corners around areas are cut by half of the margin at most.
     """
+    problem = problem.at(plan.altitude_m)
     if not problem.airspace.is_open:
         widest_m = min(widest_m, problem.airspace.margin_m / 2.0)
-    radii = [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
+    radii = _radii(widest_m)
     for radius in radii:
         passed = cut_corners(plan.route_m, radius)[plan.stops_at]
         flown = objective(problem, passed, plan.schedule)
         if flown >= (1.0 - MOST_LOST) * plan.value:
             return radius
     return radii[-1]
+
+
+def sharpest(widest_m: float) -> float:
+    """The narrowest acceptance radius in metres that any plan is flown with."""
+    return _radii(widest_m)[-1]
+
+
+def _radii(widest_m: float) -> list[float]:
+    return [widest_m] + [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
 
 
 def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
@@ -51,3 +62,15 @@ def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
     bends = twice_sine > 1e-9
     points[1:-1][bends] += (depth / np.where(bends, twice_sine, 1.0))[bends, None] * turn[bends]
     return np.asarray(points[at])
+
+
+def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
+    """What the flight of a plan takes, in a problem with limits; `hold_s` as in `stops_of`."""
+    assert problem.limits is not None
+    performance = problem.limits.performance
+    stops = stops_of(plan, hold_s=hold_s)
+    return performance.foresee(
+        np.array([stop.xy_m for stop in stops]),
+        [stop.hold_s for stop in stops],
+        acceptance_radius(problem, plan, performance.widest_m),
+    )

@@ -9,6 +9,7 @@ from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
+from mission.planner.performance import Foreseen, RoundLimits
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class RoundProblem:
     path_budget_m: float  # L_max, metres, 0 or more
     channel: Channel  # with the planned height in altitude_m
     airspace: Airspace = OPEN  # where may be flown, at any of the altitudes
+    limits: RoundLimits | None = None  # of time and energy; None: metres alone count
     # (lowest, highest) height above home in metres: the plan has the best of them, and the
     # channel's own means nothing. None: the channel's.
     altitudes_m: tuple[float, float] | None = None
@@ -51,6 +53,7 @@ class RoundPlan:
     via_m: tuple[Floats, ...] = ()
     # Height above home in metres, chosen within the problem's limits; None: those name one.
     altitude_m: float | None = None
+    foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
 
     @property
     def gap(self) -> float:

@@ -1,4 +1,4 @@
-"""What a run has added up to, round by round, and what its path budget still pays for."""
+"""What a run has added up to, round by round, and what its budgets still pay for."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,7 +8,9 @@ import numpy as np
 
 from mission.base.arrays import Ints
 from mission.config.models import MissionConfig
-from mission.log.records import RoundRecord
+from mission.log.records import SPENT, RoundRecord
+from mission.planner.performance import Foreseen
+from mission.scenario.limits import KEYS, NOTHING, Amount, Budget, is_limited
 
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 
@@ -19,7 +21,8 @@ class RunTotals:
 
     last_heard: Ints  # (K,) round of each device's last update; 0: none yet
     rounds_done: int = 0
-    budget_used_m: float = 0.0
+    used: Amount = NOTHING  # of the budgets
+    limited: dict[str, float] = field(default_factory=dict)  # the same, where more than metres is
     flown_m: float = 0.0
     sim_s: float = 0.0  # since power-up
     scheduled: int = 0
@@ -41,40 +44,88 @@ class RunTotals:
     def add(self, record: RoundRecord) -> None:
         """One more round is over."""
         self.rounds_done += 1
-        self.budget_used_m = record.budget_used_m
+        self.used = Amount(
+            record.budget_used_m,
+            record.spent.get("time_used_s", 0.0),
+            record.spent.get("energy_used_j", 0.0),
+        )
+        keys = ("time_used_s", "energy_used_j")
+        self.limited = {key: record.spent[key] for key in keys if key in record.spent}
         self.flown_m += record.flown_path_m
         self.scheduled += record.scheduled
         self.delivered += record.delivered
         self.accuracy = dict(record.accuracy)
 
-    def is_over(self, mission: MissionConfig) -> bool:
-        """Whether the rounds or the path budget are spent.
+    def is_over(self, budget: Budget) -> bool:
+        """Whether the rounds or one of the budgets are spent.
 
-        What is left of the budget must pay for a whole round: a stub of one would end the run on
+        What is left of each must pay for a whole round: a stub of one would end the run on
         models that few devices had a part in. Only the first round may be shorter.
         """
-        if self.rounds_done >= mission.rounds:
-            return True
-        cost = min(round_cost_m(mission), mission.total_budget_m)
-        left = self.left_m(mission)
-        return left < cost * _WITHIN_ROUNDING or left <= 0.0
+        return self.rounds_done >= budget.rounds or self._spent(budget) is not None
 
-    def left_m(self, mission: MissionConfig) -> float:
-        """Metres of the path budget that are not spent."""
-        return mission.total_budget_m - self.budget_used_m
+    def why_over(self, budget: Budget) -> str:
+        """Which budget ended the run before its last round, in words; empty where none did."""
+        spent = self._spent(budget)
+        if spent is None or self.rounds_done >= budget.rounds:
+            return ""
+        key, unit, what = KEYS[spent]
+        total, left = budget.total[spent], self.left(budget)[spent]
+        ending = f"so the run ends before round {self.next_round}"
+        if what == "path budget":
+            return f"the path budget of {total:g} m is spent, {ending}"
+        return (
+            f"of the {what} of {total:g} {unit} ({key}) {left:.0f} {unit} are left, and a whole "
+            f"round takes {budget.whole_round[spent]:.0f}, {ending}"
+        )
+
+    def left(self, budget: Budget) -> Amount:
+        """What is not spent."""
+        return Amount(*(total - used for total, used in zip(budget.total, self.used, strict=True)))
+
+    def used_with(self, cost: Amount, budget: Budget) -> Amount:
+        """What is used once one more round has cost so much; never more than there is."""
+        left = self.left(budget)
+        return Amount(*(u + min(c, rest) for u, c, rest in zip(self.used, cost, left, strict=True)))
+
+    def _spent(self, budget: Budget) -> int | None:
+        """Which of the budgets pays for no whole round; None where all do."""
+        for index, left in enumerate(self.left(budget)):
+            cost = min(budget.whole_round[index], budget.total[index])
+            if math.isfinite(left) and (left < cost * _WITHIN_ROUNDING or left <= 0.0):
+                return index
+        return None
 
 
-def round_cost_m(mission: MissionConfig) -> float:
-    """What a whole round costs of the path budget at most, in metres."""
-    return mission.hover_cost_m if mission.strategy == "barycenter" else mission.path_budget_m
+def spent(
+    mission: MissionConfig,
+    used: Amount,
+    foreseen: Foreseen | None = None,
+    energy_j: float = math.nan,
+) -> dict[str, float]:
+    """The columns of a round for time and energy, where one of them is limited; else none.
+
+    `energy_j`: of the flight, NaN where it is not known; without a flight nothing is foreseen.
+    """
+    if not is_limited(mission):
+        return {}
+    values = (
+        math.nan if foreseen is None else foreseen.duration_s,
+        math.nan if foreseen is None else foreseen.energy_j,
+        energy_j,
+        used.seconds,
+        used.joules,
+    )
+    return dict(zip(SPENT, values, strict=True))
 
 
-def rounds_paid_for(mission: MissionConfig) -> int:
-    """How many whole rounds the path budget pays for in any case; at most the mission's rounds.
+def rounds_paid_for(budget: Budget) -> int:
+    """How many whole rounds the budgets pay for in any case; at most the mission's rounds.
 
     There may be more of them: a flight that cuts corners costs less than its plan was allowed.
     """
-    cost = round_cost_m(mission) * _WITHIN_ROUNDING
-    if cost == 0.0:
-        return mission.rounds
-    return min(mission.rounds, max(1, math.floor(mission.total_budget_m / cost)))
+    rounds = budget.rounds
+    for total, cost in zip(budget.total, budget.whole_round, strict=True):
+        if math.isfinite(total) and cost > 0.0:
+            rounds = min(rounds, max(1, math.floor(total / (cost * _WITHIN_ROUNDING))))
+    return rounds

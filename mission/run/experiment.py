@@ -17,6 +17,7 @@ from mission.run.checkpoint import RoundMemory
 from mission.run.learning import learn
 from mission.run.round_result import Recorder, RoundResult
 from mission.run.summary import Summary
+from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
 
 
@@ -31,14 +32,16 @@ class Experiment(ABC):
     memory: Sequence[RoundMemory] = ()  # rounds to go through again as they were
     workers: int = 1  # devices that train at a time; changes no result
     totals: RunTotals = field(init=False)
+    budget: Budget = field(init=False)
 
     def __post_init__(self) -> None:
         self.totals = RunTotals.before(len(self.scenario.devices_m))
+        self.budget = budget_of(self.scenario.config)
 
     @property
     def finished(self) -> bool:
-        """Whether the rounds or the path budget are spent."""
-        return self.totals.is_over(self.scenario.config.mission)
+        """Whether the rounds or one of the budgets are spent."""
+        return self.totals.is_over(self.budget)
 
     async def run(self) -> None:
         """Record the untrained models, then go through all rounds.
@@ -62,13 +65,9 @@ class Experiment(ABC):
         shares = ", ".join(
             f"{name} {wall_s:.1f} s" for name, wall_s in self.stopwatch.wall_s.items()
         )
-        totals, mission = self.totals, self.scenario.config.mission
-        done = totals.rounds_done
-        if self.finished and done < mission.rounds:
-            console.say(
-                f"the path budget of {mission.total_budget_m:g} m is spent, so the run ends before "
-                f"round {done + 1}"
-            )
+        totals, done = self.totals, self.totals.rounds_done
+        if why := totals.why_over(self.budget):
+            console.say(why)
         console.say(
             f"{done} round{'' if done == 1 else 's'}, {self.flown()}, "
             f"{totals.delivered}/{totals.scheduled} updates delivered; "

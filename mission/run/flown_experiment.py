@@ -19,11 +19,14 @@ from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
 from mission.log.records import RoundRecord, UplinkRecord
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
+from mission.run.budget import spent
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
+from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
 
@@ -56,7 +59,7 @@ class FlownExperiment(Experiment):
     def flown(self) -> str:
         """How much was flown, in words."""
         if self.scenario.config.mission.strategy == "barycenter":
-            return f"hovering, {self.totals.budget_used_m:.0f} m of the path budget spent"
+            return f"hovering, {self.totals.used.metres:.0f} m of the path budget spent"
         none = self.scenario.config.mission.flight == "none"
         return f"{self.totals.flown_m:.0f} m {'planned' if none else 'flown'} in them"
 
@@ -82,12 +85,12 @@ class FlownExperiment(Experiment):
         with self.stopwatch("fly"):
             self.totals.battery_changes += await flyer.refresh(reserve)
         self._show("flying again" if recalled else "planning")
-        problem = self._problem(flyer.here(), recalled)
+        problem = self._problem(flyer, recalled)
         sortie = await self._sortie(problem, recalled)
         problem = problem.at(sortie.plan.altitude_m)
         if recalled is None:
             self._show("flying")
-        flight, passages = await self._fly(flyer, problem, sortie)
+        flight, passages, foreseen = await self._fly(flyer, problem, sortie)
         with plugins_of_learning():
             served = self._served(problem, sortie, passages)
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
@@ -97,6 +100,7 @@ class FlownExperiment(Experiment):
         delivered = self._mask(u.device for u in served if u.delivered)
         self.totals.last_heard[delivered] = self.totals.next_round
         learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
+        used = self._used(problem, sortie, flight, foreseen)
         record = RoundRecord(
             round=self.totals.next_round,
             start_t_s=int(flight.t_ns[0]) / 1e9,
@@ -107,12 +111,13 @@ class FlownExperiment(Experiment):
             upper_bound=sortie.plan.upper_bound,
             plan_path_m=sortie.plan.path_m,
             flown_path_m=flight.flown_m,
-            budget_used_m=self.totals.budget_used_m + self._cost_m(problem, sortie, flight),
+            budget_used_m=used.metres,
             scheduled=len(served),
             delivered=int(delivered.sum()),
             battery_remaining=flight.battery_remaining,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
+            spent=spent(self.scenario.config.mission, used, foreseen, flight.energy_j),
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)
@@ -134,18 +139,20 @@ class FlownExperiment(Experiment):
             radio=scenario.radio,
         )
 
-    def _problem(self, start: Passage, recalled: RoundMemory | None) -> RoundProblem:
+    def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
         scenario, mission = self.scenario, self.scenario.config.mission
+        left = self.totals.left(self.budget)
         return RoundProblem(
             devices_m=scenario.devices_m,
             importance=self._importance() if recalled is None else recalled.importance,
-            start_m=scenario.area.from_ned(start.est_ned_m),
+            start_m=scenario.area.from_ned(flyer.here().est_ned_m),
             steps=mission.steps,
             per_step=mission.devices_per_step,
-            path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
+            path_budget_m=min(mission.path_budget_m, left.metres),
             channel=scenario.channel,
             airspace=scenario.area.airspace,
             altitudes_m=mission.altitudes_m,
+            limits=round_limits(mission, flyer.performance, left=left),
         )
 
     def _importance(self) -> Floats:
@@ -175,9 +182,11 @@ class FlownExperiment(Experiment):
 
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
-    ) -> tuple[Flight, dict[int, Passage]]:
-        """The flight, and where the aircraft was at each time step that it reached."""
+    ) -> tuple[Flight, dict[int, Passage], Foreseen]:
+        """The flight, where the aircraft was at each time step that it reached, and what was
+        foreseen of it."""
         plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
+        foreseen = plan.foreseen(flyer.performance)
         with self.stopwatch("fly"):
             if sortie.plan.altitude_m is not None:
                 await flyer.climb(sortie.plan.altitude_m)
@@ -185,21 +194,33 @@ class FlownExperiment(Experiment):
                 await flyer.upload(plan)
             finally:  # whoever looks into a refused mission needs its plan
                 self.recorder.planned(
-                    flyer.t_ns, self.totals.next_round, problem, sortie.plan, plan
+                    flyer.t_ns, self.totals.next_round, problem, sortie.plan, plan, foreseen
                 )
             flight = await flyer.fly(plan)
-        return flight, slots(plan, flight)
+        return flight, slots(plan, flight), foreseen
 
-    def _cost_m(self, problem: RoundProblem, sortie: Sortie, flight: Flight) -> float:
-        """What a round costs of the path budget.
+    def _used(
+        self, problem: RoundProblem, sortie: Sortie, flight: Flight, foreseen: Foreseen
+    ) -> Amount:
+        """What is used of the budgets after a round.
 
-        Never more than the plan could have used: L_total pays for L_total / L_max rounds, also
-        where wind or overshot corners make the flight longer than the plan. A first round may be
-        all that L_total pays for, and less than a whole one.
+        A round never costs more than its plan could have used: L_total pays for L_total / L_max
+        rounds, also where wind or overshot corners make the flight longer than the plan. A first
+        round may be all that a budget pays for, and less than a whole one.
         """
-        flown_m = min(flight.flown_m, problem.path_budget_m)
-        cost_m = flown_m if sortie.cost_m is None else sortie.cost_m
-        return min(cost_m, self.totals.left_m(self.scenario.config.mission))
+        if sortie.cost_m is not None:  # a hover, of which every round is alike
+            cost = self.budget.whole_round._replace(metres=sortie.cost_m)
+            return self.totals.used_with(cost, self.budget)
+        limits, energy_j = problem.limits, flight.energy_j
+        cost = Amount(
+            min(flight.flown_m, problem.path_budget_m),
+            min(flight.duration_s, math.inf if limits is None else limits.duration_s),
+            min(
+                foreseen.energy_j if math.isnan(energy_j) else energy_j,
+                math.inf if limits is None else limits.energy_j,
+            ),
+        )
+        return self.totals.used_with(cost, self.budget)
 
     def _mask(self, devices: Iterable[int]) -> Bools:
         """(K,) true at the given devices."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from mission.log.records import UNKNOWN_ROUND
+from mission.run.budget import spent
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 
@@ -34,8 +35,8 @@ class IdealExperiment(Experiment):
             importance = learning.importance(self.scenario.federation, self.state, fairness=True)
             learnt = await self._learn(everyone, everyone)
         total = float(importance.sum())
-        # Nothing is flown, but the ideal must not have more rounds than the budget pays for.
-        cost_m = min(mission.path_budget_m, self.totals.left_m(mission))
+        # Nothing is flown, but the ideal must not have more rounds than the budgets pay for.
+        used = self.totals.used_with(self.budget.whole_round, self.budget)
         record = replace(
             UNKNOWN_ROUND,
             round=self.totals.next_round,
@@ -47,11 +48,12 @@ class IdealExperiment(Experiment):
             upper_bound=total,
             plan_path_m=0.0,
             flown_path_m=0.0,
-            budget_used_m=self.totals.budget_used_m + cost_m,
+            budget_used_m=used.metres,
             scheduled=len(everyone),
             delivered=len(everyone),
             battery_remaining=1.0,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
+            spent=spent(mission, used),
         )
         self._finish(record, RoundMemory(importance, None, learnt, total))

@@ -11,16 +11,18 @@ from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
-from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord
+from mission.log.records import SPENT, DeviceRecord, RoundRecord, UplinkRecord
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
 from mission.log.write.writer import FlightLog
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.callbacks import Callbacks, RoundReport
 from mission.run.checkpoint import CheckpointFolder
 from mission.run.progress import Progress, make_progress
 from mission.run.round_result import RoundResult
+from mission.scenario.limits import is_limited
 from mission.scenario.scenario import Scenario
 
 
@@ -49,6 +51,7 @@ class FolderRecorder:
         problem: RoundProblem,
         plan: RoundPlan,
         flight_plan: FlightPlan,
+        foreseen: Foreseen,
     ) -> None:
         """Log a plan before it is flown."""
         self.log.plan(
@@ -57,7 +60,8 @@ class FolderRecorder:
             problem,
             plan,
             speed_mps=flight_plan.speed_mps,
-            ideal_slot_s=flight_plan.ideal_slot_s(),
+            slot_s=flight_plan.slot_s(foreseen),
+            duration_s=foreseen.duration_s,
         )
         path = self.folder.plans / f"round-{round_number:03d}.plan"
         write_round_plan(path, flight_plan, self.scenario.area)
@@ -151,7 +155,10 @@ def recording(
             )
         )
         names = scenario.federation.names
-        rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
+        limited = tuple(SPENT) if is_limited(mission) else ()
+        rounds = stack.enter_context(
+            Table(folder.rounds, RoundRecord, communities=names, spent=limited)
+        )
         uplinks = stack.enter_context(Table(folder.uplinks, UplinkRecord))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.

@@ -6,6 +6,7 @@ from typing import Protocol
 from fl.federation.rounds import FederationState, RoundLearning
 from mission.flight.flight_plan import FlightPlan
 from mission.log.records import RoundRecord, UplinkRecord
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import RoundMemory
 
@@ -31,6 +32,7 @@ class Recorder(Protocol):
         problem: RoundProblem,
         plan: RoundPlan,
         flight_plan: FlightPlan,
+        foreseen: Foreseen,
     ) -> None:
         """A round is about to be flown."""
         ...

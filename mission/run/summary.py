@@ -32,7 +32,8 @@ def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:
     return {
         "rounds": totals.rounds_done,
         "flown_in_rounds_m": totals.flown_m,
-        "budget_used_m": totals.budget_used_m,
+        "budget_used_m": totals.used.metres,
+        **totals.limited,
         "simulated_s": totals.sim_s,
         "real_time_factor": totals.sim_s / flight_s if flight_s > 0.0 else 0.0,
         "battery_changes": totals.battery_changes,

@@ -11,8 +11,8 @@ from mission.base.area import Area
 from mission.base.errors import InputError, PlanError
 from mission.base.user_code import make_from, users_code
 from mission.config.models import MissionConfig
+from mission.planner.check import check_plan
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import check_plan
 from mission.planner.problem import Planner, RoundProblem
 from mission.scenario.strategies import Sortie, Strategy
 

@@ -25,6 +25,13 @@ from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import StrategyContext, custom_strategy
+from mission.scenario.limits import (
+    budget_of,
+    check_limits,
+    foreseen_performance,
+    limits_of_round,
+    round_limits,
+)
 from mission.scenario.strategies import Strategy, make_strategy
 
 
@@ -48,7 +55,7 @@ class Scenario:
 
     def first_problem(self) -> RoundProblem:
         """The planning problem of the first round, from above home."""
-        mission = self.config.mission
+        mission, budget = self.config.mission, budget_of(self.config)
         return RoundProblem(
             devices_m=self.devices_m,
             importance=learning.first_importance(self.federation),
@@ -59,6 +66,7 @@ class Scenario:
             channel=self.channel,
             airspace=self.area.airspace,
             altitudes_m=mission.altitudes_m,
+            limits=round_limits(mission, foreseen_performance(self.config), left=budget.total),
         )
 
     def devices_csv(self) -> str:
@@ -142,6 +150,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build(config.mission.heights_m)
     check_start(config)
+    check_limits(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
@@ -159,6 +168,8 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
             mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
         )
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
-        else make_strategy(mission, planner, devices_m=devices_m, area=area)
+        else make_strategy(
+            mission, planner, devices_m=devices_m, area=area, limits=limits_of_round(config)
+        )
     )
     return Scenario(config, streams, area, devices_m, channel, radio, federation, strategy)

@@ -11,7 +11,11 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
+from mission.planner.flyable import sharpest
+from mission.planner.performance import RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+
+_BEGINS, _HALVINGS = 24, 12  # of a tour's stretch, where it may begin; of its length
 
 
 @dataclass(frozen=True)
@@ -119,12 +123,17 @@ class HoveringTour:
         """Between hovering points, along the tour."""
         return float(_sides(self.corners_m).sum()) / self.points
 
+    def path(self, round_index: int, steps: int) -> Floats:
+        """(2 or more, 2) from one hovering point along the tour to the next."""
+        arc = _ends(self.corners_m, round_index * self.spacing_m, self.spacing_m)
+        if steps < len(arc):
+            arc = arc[[0, *range(len(arc) - steps + 1, len(arc))]]
+        return _along(self.corners_m, arc)
+
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """To the next hovering point, with the best schedule on the way and there."""
-        arc = _ends(self.corners_m, round_index * self.spacing_m, self.spacing_m)
-        if problem.steps < len(arc):
-            arc = arc[[0, *range(len(arc) - problem.steps + 1, len(arc))]]
-        tour = _along(self.corners_m, np.pad(arc, (0, problem.steps - len(arc)), mode="edge"))
+        path = self.path(round_index, problem.steps)
+        tour = np.pad(path, ((0, problem.steps - len(path)), (0, 0)), mode="edge")
         tour[0] = problem.start_m
         plan = finish(problem, fit_budget(tour, problem.path_budget_m))
         return Sortie(plan, hold_s=self.hover_s)
@@ -174,10 +183,62 @@ def _along(corners_m: Floats, arc: Floats) -> Floats:
     return np.column_stack([np.interp(arc, knots, closed[:, axis]) for axis in (0, 1)])
 
 
+def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | None) -> float:
+    """Metres of the tour that a round covers: L_max, less where its limits allow less anywhere."""
+    most_m = config.path_budget_m
+    if limits is None or _all_fit(corners_m, most_m, config.steps, limits):
+        return most_m
+    fitting_m = 0.0
+    for _ in range(_HALVINGS):
+        middle_m = (fitting_m + most_m) / 2.0
+        if _all_fit(corners_m, middle_m, config.steps, limits):
+            fitting_m = middle_m
+        else:
+            most_m = middle_m
+    return fitting_m
+
+
+def _all_fit(corners_m: Floats, length_m: float, steps: int, limits: RoundLimits) -> bool:
+    """Whether stretches of the tour keep to limits, wherever they begin."""
+    performance = limits.performance
+    begins = np.linspace(0.0, float(_sides(corners_m).sum()), _BEGINS, endpoint=False)
+    return all(
+        limits.fits(
+            performance.foresee(
+                stretch(corners_m, begin, length_m, steps),
+                [0.0] * steps,
+                sharpest(performance.widest_m),
+            )
+        )
+        for begin in begins.tolist()
+    )
+
+
+def _excess(tour: HoveringTour, steps: int, limits: RoundLimits) -> str:
+    """By how much a round of a hovering tour breaks limits, in words; empty where none does."""
+    performance = limits.performance
+    for number in range(tour.points):
+        points = tour.path(number, steps)
+        holds_s = [0.0, *[tour.hover_s] * (len(points) - 1)]
+        foreseen = performance.foresee(points, holds_s, sharpest(performance.widest_m))
+        if excess := limits.excess(foreseen):
+            return excess
+    return ""
+
+
 def make_strategy(
-    config: MissionConfig, planner: Planner, *, devices_m: Floats, area: Area
+    config: MissionConfig,
+    planner: Planner,
+    *,
+    devices_m: Floats,
+    area: Area,
+    limits: RoundLimits | None = None,
 ) -> Strategy | None:
-    """The strategy that the configuration names; None for `ideal`, which flies nothing."""
+    """The strategy that the configuration names; None for `ideal`, which flies nothing.
+
+    Raises:
+        InputError: a tour that a round's metres or `limits` do not allow.
+    """
     match config.strategy:
         case "cov" | "no_cov":
             return Optimised(planner, fairness=config.strategy == "cov")
@@ -189,13 +250,18 @@ def make_strategy(
             corners = np.array([[low, low], [high, low], [high, high], [low, high]])
             corners *= (width, height)
             if not config.tour_hover_points:
-                return Rectangular(corners, config.path_budget_m)
+                return Rectangular(corners, _stretch_m(corners, config, limits))
             tour = HoveringTour(corners, config.tour_hover_points, config.hover_s)
             if tour.spacing_m > config.path_budget_m:
                 raise InputError(
                     f"mission.tour_hover_points = {tour.points}: they would be {tour.spacing_m:.0f}"
                     f" m apart, farther than a round flies: mission.path_budget_m is "
                     f"{config.path_budget_m:g}"
+                )
+            if limits is not None and (excess := _excess(tour, config.steps, limits)):
+                raise InputError(
+                    f"mission.tour_hover_points = {tour.points}: to the next point and hovering "
+                    f"there, {excess}; more points lie closer to each other"
                 )
             return tour
         case "ideal":

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 
 from mission.run.budget import rounds_paid_for
+from mission.scenario.limits import budget_of
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
 from mission.sweep.results import read_run
@@ -47,13 +48,13 @@ class TimeLeft:
 
     def rounds(self, run: SweepRun) -> tuple[int, int]:
         """Flown so far, and expected in all."""
-        expected = rounds_paid_for(run.config.mission)
+        expected = rounds_paid_for(budget_of(run.config))
         return min(rounds_in(self._folder.run(run)), expected), expected
 
     def share(self) -> float:
         """The part of the sweep's rounds that is done, 0..1."""
-        total = sum(rounds_paid_for(run.config.mission) for run in self._runs)
-        left = sum(rounds_paid_for(run.config.mission) for run in self._left.values())
+        total = sum(rounds_paid_for(budget_of(run.config)) for run in self._runs)
+        left = sum(rounds_paid_for(budget_of(run.config)) for run in self._left.values())
         return 1.0 - (left - sum(self.rounds(run)[0] for run in self._running)) / total
 
     def text(self) -> str:
@@ -63,7 +64,7 @@ class TimeLeft:
             spent = self._with(run, now - self._begun[run.name], spent)
         pace = {name: s / rounds for name, (s, rounds) in spent.items() if rounds and s > 0.0}
         known = [
-            pace[run.strategy] * rounds_paid_for(run.config.mission)
+            pace[run.strategy] * rounds_paid_for(budget_of(run.config))
             for run in self._runs
             if run.strategy in pace
         ]
@@ -74,7 +75,7 @@ class TimeLeft:
         for run in (*self._running, *waiting):
             flown, expected = self.rounds(run) if run.name in self._begun else (0, 1)
             whole = (
-                pace[run.strategy] * rounds_paid_for(run.config.mission)
+                pace[run.strategy] * rounds_paid_for(budget_of(run.config))
                 if run.strategy in pace
                 else math.fsum(known) / len(known)
             )

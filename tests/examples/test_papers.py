@@ -11,7 +11,7 @@ from examples.papers import energy_2508_03171 as energy
 from examples.papers import latency_2412_07428 as latency
 from examples.papers import markov_age_2505_05099 as markov
 from mission import api as aerofed
-from mission.planner.evaluate import check_plan
+from mission.planner.check import check_plan
 
 PAPERS = sorted((Path(__file__).parents[2] / "examples" / "papers").glob("*.py"))
 SMALL = {

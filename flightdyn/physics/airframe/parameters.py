@@ -19,6 +19,7 @@ class Airframe:
     reach_m: float  # farthest part that touches the ground, from the centre of gravity
     drag: tuple[float, float, float]  # across the thrust, see `airspeed`; from steady flights
     impact_limit_mps: float  # the legs break where the ground is met faster than that
+    level_power_w: tuple[float, ...]  # electrical, at 0, 1, 2, ... m/s, sea level: flown in JSBSim
 
 
 QUAD_X = Airframe(
@@ -33,4 +34,32 @@ QUAD_X = Airframe(
     reach_m=0.327,
     drag=(0.106, 0.0062, 0.0001),
     impact_limit_mps=4.0,
+    level_power_w=(
+        156.6,
+        156.7,
+        156.9,
+        157.4,
+        158.1,
+        159.1,
+        160.6,
+        162.5,
+        164.9,
+        168.0,
+        171.8,
+        176.6,
+        183.7,
+        192.2,
+        202.5,
+        214.9,
+        230.3,
+        248.7,
+        270.6,
+        296.5,
+        327.0,
+        362.8,
+        403.8,
+        449.7,
+        502.5,
+        562.2,
+    ),
 )

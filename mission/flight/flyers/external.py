@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -34,6 +35,7 @@ LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
 _SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
+_LEAST_PACE, _MOST_PACE = 0.5, 3.0  # of flights against what was foreseen of them
 _RUN_UP_MPS2 = 2.0  # a leg of v^2 over this is long enough to reach v
 
 
@@ -48,13 +50,16 @@ class ExternalFlyer(Flyer):
         *,
         area: Area,
         mission: MissionConfig,
+        guidance: LimitsConfig,
         link: LinkConfig,
         say: Say,
     ) -> None:
         self.pilot, self.area, self.mission = pilot, area, mission
+        self.guidance = guidance
         self.feed, self._recorder = feed, recorder
         self._link, self._say = link, say
         self._doubted = False
+        self._foreseen_s = self._flown_s = 0.0  # of the rounds so far
 
     @property
     def t_ns(self) -> int:
@@ -121,6 +126,7 @@ class ExternalFlyer(Flyer):
         hold_s = [stop.hold_s for stop in plan.stops]
         found = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
         self._believe_speed(plan, flight)
+        self._believe_pace(plan, flight)
         return replace(flight, passages=found)
 
     async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
@@ -218,6 +224,15 @@ class ExternalFlyer(Flyer):
             )
             self.mission = self.mission.model_copy(update={"speed_mps": round(reached_mps, 1)})
 
+    def _believe_pace(self, plan: FlightPlan, flight: Flight) -> None:
+        """Time the next rounds by how long those so far took: corners are its own affair."""
+        if any(stop.hold_s > 0.0 for stop in plan.stops):
+            return
+        as_ours = replace(self.performance, pace=1.0)
+        self._foreseen_s += plan.foreseen(as_ours).duration_s
+        self._flown_s += flight.duration_s
+        self.pace = min(max(self._flown_s / self._foreseen_s, _LEAST_PACE), _MOST_PACE)
+
 
 def _fastest(flight: Flight) -> float:
     """The speed over ground that was kept for a second."""
@@ -261,7 +276,16 @@ async def open_external(
             speed_mps = min(speed_mps, limits.speed_mps)
         flown = mission.model_copy(update={"speed_mps": speed_mps})
         async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
-            yield ExternalFlyer(pilot, feed, recorder, area=area, mission=flown, link=link, say=say)
+            yield ExternalFlyer(
+                pilot,
+                feed,
+                recorder,
+                area=area,
+                mission=flown,
+                guidance=limits.guidance,
+                link=link,
+                say=say,
+            )
 
 
 def telemetry_of(link: LinkConfig) -> str:

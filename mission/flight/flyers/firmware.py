@@ -166,10 +166,12 @@ async def open_firmware(
                     recorder,
                     area=area,
                     mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
+                    guidance=limits.guidance,
                     link=config.link,
                     say=say,
                 )
                 flyer.vehicle = vehicle
+                flyer.wind = config.vehicle.aircraft.wind
                 vehicle.clock.rest()
                 yield flyer
     except FirmwareSilentError as error:

@@ -5,12 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig, WindConfig
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan, climb, direct_flight
 from mission.flight.track import Flight, Passage
+from mission.planner.performance import Performance
+from mission.scenario.limits import performance_of
 from sitl.autopilot.values.messages import MissionItem
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
@@ -21,7 +24,18 @@ class Flyer(ABC):
 
     area: Area
     mission: MissionConfig  # with the speed that the vehicle keeps
+    guidance: LimitsConfig | None  # what it keeps to between stops; None: always at its speed
+
+    wind: WindConfig | None = None  # that it flies in; None: still air, or nobody knows
+    pace: float = 1.0  # how much longer it has taken than `guidance` would, in its flights so far
     _ordered_m: float | None = None  # height above home; None: the mission's lowest
+
+    @property
+    def performance(self) -> Performance:
+        """How it flies rounds, as far as plans depend on it."""
+        return performance_of(
+            self.mission, self.area, self.guidance, wind=self.wind, pace=self.pace
+        )
 
     @property
     @abstractmethod

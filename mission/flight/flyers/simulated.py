@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from flightdyn.config import LimitsConfig
 from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
@@ -21,6 +22,7 @@ from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.scenario.limits import guidance_of
 from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
 from sitl.errors import LinkError, SitlInputError
@@ -63,6 +65,7 @@ class SimulatedFlyer(Flyer):
     recorder: FlightRecorder
     area: Area
     mission: MissionConfig
+    guidance: LimitsConfig
 
     @property
     def t_ns(self) -> int:
@@ -146,7 +149,15 @@ async def open_simulated(
                 stall_timeout_s=config.link.stall_timeout_s,
             ) as pilot,
         ):
-            flyer = SimulatedFlyer(pilot, vehicle, recorder, area, config.mission)
+            flyer = SimulatedFlyer(
+                pilot,
+                vehicle,
+                recorder,
+                area,
+                config.mission,
+                guidance_of(config.vehicle),
+            )
+            flyer.wind = config.vehicle.aircraft.wind
             try:
                 yield flyer
             except asyncio.CancelledError:

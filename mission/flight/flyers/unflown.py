@@ -28,6 +28,7 @@ class UnflownFlyer(Flyer):
     area: Area
     mission: MissionConfig
     observers: Sequence[VehicleObserver]
+    guidance: None = None
     _t_ns: int = 0
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from flightdyn.config import LimitsConfig
 from mission.flight.pilot.parameters import Parameters
 
 _HEIGHT, _RADIUS = 1, 2  # bits of FENCE_TYPE
@@ -28,6 +29,7 @@ class LimitNames:
 
     cruise_mps: tuple[Name, ...]  # speed of legs for which none is ordered
     speed_mps: tuple[Name, ...]  # fastest, whatever is ordered
+    acceleration_mps2: tuple[Name, ...]  # along a leg, and in its corners
     tilt_deg: tuple[Name, ...]
     acceptance_m: tuple[Name, ...]  # acceptance radius where the items' own does not count
     fence_on: tuple[Name, ...]
@@ -40,6 +42,7 @@ class LimitNames:
 PX4_LIMITS = LimitNames(
     cruise_mps=(Name("MPC_XY_CRUISE"),),
     speed_mps=(Name("MPC_XY_VEL_MAX"),),
+    acceleration_mps2=(Name("MPC_ACC_HOR"),),
     tilt_deg=(Name("MPC_TILTMAX_AIR"),),
     acceptance_m=(),
     fence_on=(Name("GF_ACTION"),),
@@ -51,6 +54,7 @@ PX4_LIMITS = LimitNames(
 ARDUPILOT_LIMITS = LimitNames(
     cruise_mps=(Name("WPNAV_SPEED", 0.01), Name("WP_SPD")),
     speed_mps=(),
+    acceleration_mps2=(Name("WPNAV_ACCEL", 0.01), Name("WP_ACC")),
     tilt_deg=(Name("ANGLE_MAX", 0.01), Name("ATC_ANGLE_MAX")),
     acceptance_m=(Name("WPNAV_RADIUS", 0.01), Name("WP_RADIUS_M")),
     fence_on=(Name("FENCE_ENABLE"),),
@@ -98,6 +102,18 @@ class Limits:
     def speed_mps(self) -> float:
         """The fastest that it will fly, by its parameters; infinity where none says."""
         return self.value("speed_mps", otherwise=math.inf)
+
+    @property
+    def guidance(self) -> LimitsConfig:
+        """How it is taken to fly: as our own guidance would with its acceleration."""
+        ours = LimitsConfig()
+        accel = self.value("acceleration_mps2", otherwise=ours.acceleration_mps2)
+        return ours.model_copy(
+            update={
+                "acceleration_mps2": accel if accel > 0.0 else ours.acceleration_mps2,
+                "speed_mps": self.speed_mps,
+            }
+        )
 
     def lines(self) -> list[str]:
         """The parameters behind them, one a line, as the vehicle counts."""

@@ -148,7 +148,7 @@ def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, object]]:
             "step": step,
             "x_m": x,
             "y_m": y,
-            "ideal_slot_s": float(plan.ideal_slot_s[step]),
+            "slot_s": float(plan.slot_s[step]),
             "devices": " ".join(map(str, served)),
         }
 

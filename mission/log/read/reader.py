@@ -123,6 +123,8 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
     altitude_m = _number(row["altitude_m"])
     # Earlier logs do not know of areas to fly around.
     route_m = np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2)
+    # They have the slots of an aircraft that is always at its planned speed.
+    slot_s = np.array(row.get("slot_s", row.get("ideal_slot_s")), dtype=np.float64)
     for step, device in row["schedule"]:
         schedule[step, device] = True
     return PlanRecord(
@@ -138,7 +140,8 @@ def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
         altitude_m=altitude_m,
         # Earlier logs have only the one height, which is the same everywhere in a run.
         height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
-        ideal_slot_s=np.array(row["ideal_slot_s"], dtype=np.float64),
+        slot_s=slot_s,
+        duration_s=_number(row.get("duration_s", slot_s[-1])),
         route_m=route_m,
         stops_at=np.array(row.get("stops_at") or _stops_at(route_m, waypoints_m), dtype=np.int64),
     )
@@ -158,6 +161,7 @@ def _round(row: dict[str, Any]) -> RoundRecord:
     values = _with_nan(row)
     values["accuracy"] = _with_nan(row["accuracy"])
     values["cov"] = _with_nan(row["cov"])
+    values["spent"] = _with_nan(row.get("spent", {}))  # earlier logs have none
     return RoundRecord(**values)
 
 

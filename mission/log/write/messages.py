@@ -209,7 +209,8 @@ def plan(written: PlanRecord) -> bytes:
             "speed_mps": float(written.speed_mps),
             "altitude_m": float(written.altitude_m),
             "height_m": written.height_m.tolist(),
-            "ideal_slot_s": written.ideal_slot_s.tolist(),
+            "slot_s": written.slot_s.tolist(),
+            "duration_s": float(written.duration_s),
             "route_m": written.route_m.tolist(),
             # Only where there are corners between, so that other runs' logs stay as they were.
             **({} if len(at) == len(written.route_m) else {"stops_at": at.tolist()}),

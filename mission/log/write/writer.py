@@ -99,16 +99,17 @@ class FlightLog:
         plan: RoundPlan,
         *,
         speed_mps: float,
-        ideal_slot_s: Sequence[float] | None = None,
+        slot_s: Sequence[float] | None = None,
+        duration_s: float | None = None,
     ) -> None:
         """Write a round's plan at the instant at which the round starts.
 
-        `ideal_slot_s` (N,) says when each step would be passed, in seconds after the start, by
-        an aircraft that is always at its planned speed; by default the path length to the step
-        over `speed_mps`. A plan that hovers has to say it.
+        `slot_s` (N,) says when each step will be passed, in seconds after the start, and
+        `duration_s` when the flight is over; by default those of an aircraft that is always at
+        `speed_mps`, and ends at the last step.
         """
-        if ideal_slot_s is None:
-            ideal_slot_s = (polyline.along(plan.route_m)[plan.stops_at] / speed_mps).tolist()
+        if slot_s is None:
+            slot_s = (polyline.along(plan.route_m)[plan.stops_at] / speed_mps).tolist()
         altitude_m = problem.channel.altitude_m
         self.plan_record(
             PlanRecord(
@@ -123,7 +124,8 @@ class FlightLog:
                 speed_mps=speed_mps,
                 altitude_m=altitude_m,
                 height_m=np.full(len(plan.waypoints_m), altitude_m),
-                ideal_slot_s=np.asarray(ideal_slot_s, dtype=np.float64),
+                slot_s=np.asarray(slot_s, dtype=np.float64),
+                duration_s=slot_s[-1] if duration_s is None else duration_s,
                 route_m=plan.route_m,
                 stops_at=plan.stops_at,
             )

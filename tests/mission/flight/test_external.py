@@ -91,8 +91,8 @@ def test_what_the_vehicle_cannot_do_is_said_and_timed(
     assert "8 m/s at most (MPC_XY_VEL_MAX = 8), 20 asked; link.set_parameters" in said[0]
     (plan,) = load_run(out).data.plans
     assert plan.speed_mps == 8.0
-    # Waypoints within half a metre of one another are one stop.
-    assert plan.ideal_slot_s[-1] == pytest.approx(plan.path_m / 8.0, abs=0.5)
+    # At that speed, and with corners; waypoints within half a metre of one another are one stop.
+    assert plan.path_m / 8.0 - 0.5 < plan.slot_s[-1] < 1.15 * plan.path_m / 8.0
 
 
 def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:

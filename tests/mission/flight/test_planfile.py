@@ -11,11 +11,12 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.flight.flight_plan import FlightPlan, Stop
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.pilot.importer import Imported, import_plan, raw_items
 from mission.flight.pilot.mission_items import mission_items
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_file_writing import write_round_plan
+from mission.planner.stops import Stop
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

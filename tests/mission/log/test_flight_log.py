@@ -90,7 +90,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
         np.testing.assert_array_equal(record.importance, problem.importance)
         assert record.value == plan.value
         legs = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
-        np.testing.assert_allclose(record.ideal_slot_s[1:], np.cumsum(legs) / 20.0)
+        np.testing.assert_allclose(record.slot_s[1:], np.cumsum(legs) / 20.0)
     assert data.attachments["config.toml"] == CONFIG
     assert data.metadata["run"] == {"seed": "1"}
     assert [item.community for item in data.learning] == ["digits", "colour-shapes"] * 2

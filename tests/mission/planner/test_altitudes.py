@@ -10,9 +10,10 @@ from fl.radio.channel import CHANNEL_PRESETS, Channel, average_per
 from mission.base.airspace import Airspace
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
-from mission.planner.evaluate import check_plan, check_problem, finish, success_bounds
+from mission.planner.evaluate import check_problem, finish, success_bounds
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.reward import FINE_M, excess, reward_table

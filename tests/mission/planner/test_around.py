@@ -9,9 +9,10 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.base.airspace import Airspace
 from mission.planner.around import reach_bound
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import check_plan, finish
+from mission.planner.evaluate import finish
 from mission.planner.factory import make_planner
 from mission.planner.flyable import acceptance_radius
 from mission.planner.problem import RoundPlan, RoundProblem

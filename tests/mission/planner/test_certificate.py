@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment, minimize
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.evaluate import check_plan
+from mission.planner.check import check_plan
 from mission.planner.problem import RoundProblem
 
 PRESETS = ("suburban+10dB", "suburban", "suburban+30dB", "literal-log-variance", "high-rise")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig, PlannerKind
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
-from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 

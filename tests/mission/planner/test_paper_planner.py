@@ -16,8 +16,8 @@ from fl.radio.channel import (
     fit_logistic,
     smooth_per,
 )
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.paper.alternation import ascend
 from mission.planner.paper.initial_path import greedy_walk

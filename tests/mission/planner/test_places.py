@@ -10,7 +10,8 @@ from test_certificate import SEEDS, random_problem
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.arrays import instance, relax
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.evaluate import check_plan, path_length
+from mission.planner.check import check_plan
+from mission.planner.evaluate import path_length
 from mission.planner.native.library import (
     Effort,
     Found,

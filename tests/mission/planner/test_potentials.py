@@ -14,7 +14,8 @@ from test_places import CHANNELS, best_assignment, rewards
 from fl.radio.channel import average_per
 from mission.planner.arrays import instance
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.evaluate import check_plan, path_length
+from mission.planner.check import check_plan
+from mission.planner.evaluate import path_length
 from mission.planner.native.library import (
     Found,
     explore,

@@ -8,7 +8,8 @@ from scipy.optimize import linprog
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.arrays import instance
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.evaluate import check_plan, path_length
+from mission.planner.check import check_plan
+from mission.planner.evaluate import path_length
 from mission.planner.paper.alternation import PaperPlanner
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import DIRECTIONS, SqpPlanner, StepProgram, ascend, match, model

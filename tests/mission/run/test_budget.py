@@ -1,18 +1,32 @@
-"""When a path budget ends a run."""
+"""When a budget ends a run."""
+
+import math
+from dataclasses import replace
 
 import pytest
 
-from mission.config.models import MissionConfig
-from mission.run.budget import RunTotals, rounds_paid_for
+from mission.config.models import MissionConfig, RunConfig
+from mission.log.records import UNKNOWN_ROUND
+from mission.run.budget import RunTotals, rounds_paid_for, spent
+from mission.scenario.limits import Amount, Budget, budget_of
 
 
-def flown(mission: MissionConfig, cost_m: float) -> int:
+def budget(**mission: object) -> Budget:
+    communities = [{"name": "a", "task": "digits", "devices": 2}]
+    return budget_of(RunConfig.model_validate({"mission": mission, "communities": communities}))
+
+
+def flown(given: Budget, cost: Amount) -> int:
     """Rounds of a run whose every round costs the same."""
     totals = RunTotals.before(1)
-    while not totals.is_over(mission):
+    while not totals.is_over(given):
         totals.rounds_done += 1
-        totals.budget_used_m += cost_m
+        totals.used = totals.used_with(cost, given)
     return totals.rounds_done
+
+
+def metres(cost_m: float) -> Amount:
+    return Amount(cost_m, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -28,20 +42,68 @@ def flown(mission: MissionConfig, cost_m: float) -> int:
     ],
 )
 def test_as_many_rounds_as_the_budget_pays_for(round_m: float, total_m: float, rounds: int) -> None:
-    flying = MissionConfig(path_budget_m=round_m, total_budget_m=total_m, rounds=99)
-    assert flown(flying, min(round_m, total_m)) == rounds == rounds_paid_for(flying)
-    hovering = MissionConfig(
+    flying = budget(path_budget_m=round_m, total_budget_m=total_m, rounds=99)
+    assert flown(flying, metres(min(round_m, total_m))) == rounds == rounds_paid_for(flying)
+    hovering = budget(
         strategy="barycenter", hover_cost_m=round_m, total_budget_m=total_m, rounds=99
     )
-    assert flown(hovering, round_m) == rounds == rounds_paid_for(hovering)
+    assert flown(hovering, metres(round_m)) == rounds == rounds_paid_for(hovering)
 
 
 def test_what_corners_save_pays_for_more_rounds() -> None:
-    mission = MissionConfig(path_budget_m=800.0, total_budget_m=4790.0, rounds=99)
-    assert rounds_paid_for(mission) == 5
-    assert flown(mission, 795.0) == 6
+    given = budget(path_budget_m=800.0, total_budget_m=4790.0, rounds=99)
+    assert rounds_paid_for(given) == 5
+    assert flown(given, metres(795.0)) == 6
 
 
 def test_rounds_that_spend_nothing_end_by_their_number() -> None:
-    mission = MissionConfig(path_budget_m=100.0, rounds=7)
-    assert flown(mission, 0.0) == rounds_paid_for(mission) == 7
+    given = budget(path_budget_m=100.0, rounds=7)
+    assert flown(given, metres(0.0)) == rounds_paid_for(given) == 7
+
+
+@pytest.mark.parametrize(
+    ("mission", "cost", "rounds", "words"),
+    [
+        ({"round_deadline_s": 40, "total_deadline_s": 130}, Amount(500, 40.0), 3,
+         "of the time of 130 s (mission.total_deadline_s) 10 s are left, and a whole round takes "
+         "40, so the run ends before round 4"),
+        ({"round_energy_j": 9e3, "total_energy_j": 3e4}, Amount(500, 30, 9e3), 3,
+         "of the energy of 30000 J (mission.total_energy_j) 3000 J are left"),
+        ({"total_budget_m": 1700, "total_deadline_s": 900}, Amount(800, 50), 2,
+         "the path budget of 1700 m is spent, so the run ends before round 3"),
+        ({"total_deadline_s": 900, "rounds": 4}, Amount(800, 50), 4, ""),
+    ],
+)  # fmt: skip
+def test_the_first_budget_that_pays_for_no_round_ends_a_run(
+    mission: dict[str, float], cost: Amount, rounds: int, words: str
+) -> None:
+    given = budget(**{"rounds": 50, **mission})
+    cost = Amount(*(0.0 if math.isinf(part) else part for part in cost))
+    assert flown(given, cost) == rounds == rounds_paid_for(given)
+    totals = RunTotals.before(1)
+    totals.rounds_done = rounds
+    totals.used = Amount(*(rounds * part for part in cost))
+    assert totals.why_over(given).startswith(words)
+    assert bool(totals.why_over(given)) == bool(words)
+
+
+def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None:
+    given = budget(total_deadline_s=900, total_energy_j=1e6, path_budget_m=800)
+    # 800 m at 20 m/s, 4 s to start and stop, 0.7 s of smoothing and settling.
+    assert given.whole_round.seconds == pytest.approx(800 / 20 + 4 + 0.7)
+    assert 9_000 < given.whole_round.joules < 44.7 * 327
+    shorter = budget(total_deadline_s=900, round_energy_j=5000, total_energy_j=1e6)
+    assert shorter.whole_round.seconds < 0.6 * given.whole_round.seconds
+    hovering = budget(strategy="barycenter", hover_s=5, total_deadline_s=12)
+    assert hovering.whole_round.seconds == 5
+    assert rounds_paid_for(hovering) == 2
+
+
+def test_columns_only_where_something_is_limited() -> None:
+    used = Amount(800.0, 40.0, 9000.0)
+    assert spent(MissionConfig(), used) == {}
+    columns = spent(MissionConfig(round_deadline_s=40), used)
+    assert columns["time_used_s"] == 40.0
+    totals = RunTotals.before(1)
+    totals.add(replace(UNKNOWN_ROUND, budget_used_m=800.0, spent=columns))
+    assert totals.used == used

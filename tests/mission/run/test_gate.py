@@ -9,10 +9,11 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.flight.flight_plan import FlightPlan, Stop, stops_of
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.stops import Stop, stops_of
 from mission.run.gate import slots, uplinks
 
 CHANNEL = CHANNEL_PRESETS["suburban"]

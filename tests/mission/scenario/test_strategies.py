@@ -9,8 +9,8 @@ from scipy.optimize import linprog
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.base.errors import InputError
 from mission.config.models import AreaConfig, MissionConfig
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.evaluate import check_plan
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import (

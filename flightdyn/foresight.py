@@ -1,0 +1,116 @@
+"""What a flight along a path will take, before it is flown: when, how long, how much energy.
+
+It is read off the very trajectory that the guidance will fly (`path_plan`), so that speeds,
+corners and their smoothing are known in one place only.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flightdyn.config import LimitsConfig
+from flightdyn.frames import Triple
+from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.path_plan import plan_path
+from flightdyn.physics.power import power_w
+from flightdyn.state import Vector
+
+# From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights.
+SETTLING_S = 0.3
+_SAMPLE_S = 0.1
+_SPEEDS = 2000
+STILL: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """A path flown from rest to rest."""
+
+    passed_s: Vector  # (M,) when each of its points is passed, from the order on
+    duration_s: float
+    energy_j: float  # electrical
+
+
+def foresee(
+    path: FlightPath, limits: LimitsConfig, *, density: float = 1.0, wind_mps: Triple = STILL
+) -> Foresight:
+    """What the guidance makes of a path; `density` of the air is over that at sea level, the
+    wind's velocity is along the path's axes. It costs energy; time only where lean or thrust do
+    not suffice against it, which is not foreseen.
+    """
+    trajectory, corners = plan_path(path, limits)
+    begun_s, moving_s = trajectory.start_s, trajectory.end_s - trajectory.start_s
+    passed_s = np.zeros(len(path.points_ned_m))
+    passed = 1
+    for corner in corners[1:]:
+        passed_s[passed : corner.count] = corner.t_s - begun_s
+        passed = corner.count
+    passed_s[passed:] = moving_s
+    if len(corners) > 1:
+        passed_s[corners[-2].count :] = moving_s  # the end is where it stops
+    count = math.ceil(moving_s / _SAMPLE_S) + 1
+    at_s, step_s = np.linspace(0.0, moving_s, count, retstep=True)
+    velocity, acceleration = trajectory.motion(begun_s + at_s)
+    airspeed = np.linalg.norm(velocity - wind_mps, axis=1)
+    accel = np.linalg.norm(acceleration, axis=1)
+    watts = power_w(airspeed, accel_mps2=accel, density=density)
+    hover_w = float(power_w(np.linalg.norm([wind_mps], axis=1), density=density)[0])
+    energy_j = float((watts.sum() - (watts[0] + watts[-1]) / 2.0) * step_s)
+    return Foresight(passed_s, moving_s + SETTLING_S, energy_j + hover_w * SETTLING_S)
+
+
+def least_duration(length_m: float, *, speed_mps: float, limits: LimitsConfig) -> float:
+    """Seconds that no path of a length is flown in less, whatever its corners.
+
+    A corner is cut at the speed with which it is reached, so that along the path nobody is faster
+    than on a straight one.
+    """
+    speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
+    if length_m <= 0.0:
+        return 0.0
+    if length_m >= speed * speed / accel:
+        moving_s = length_m / speed + speed / accel
+    else:
+        moving_s = 2.0 * math.sqrt(length_m / accel)
+    return moving_s + limits.smoothing_s + SETTLING_S
+
+
+def longest_within(duration_s: float, *, speed_mps: float, limits: LimitsConfig) -> float:
+    """Metres of the longest path that is flown in a time: the inverse of `least_duration`."""
+    speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
+    moving_s = max(0.0, duration_s - limits.smoothing_s - SETTLING_S)
+    if moving_s >= 2.0 * speed / accel:
+        return speed * (moving_s - speed / accel)
+    return accel * moving_s * moving_s / 4.0
+
+
+def least_energy(
+    lengths_m: Vector,
+    *,
+    speed_mps: float,
+    limits: LimitsConfig,
+    cut_m: float,
+    density: float = 1.0,
+    wind_mps: float = 0.0,
+) -> Vector:
+    """Joules (n,) that no path of these lengths takes less, rising ones from 0, finely spaced.
+
+    Every metre takes at least what it takes at the cheapest speed that can be had there: from
+    rest, and to rest, u^2 <= 2 a s. A corner at speed u is cut by a parabola, in which the speed
+    falls to u cos(phi / 2), whose square is at least u^2 - 2 a `cut_m`. The wind blows from behind.
+    """
+    speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
+    # From each of these speeds to the next it is no less than what power at the lower one and
+    # metres at the higher one make.
+    speeds = np.linspace(0.0, speed, _SPEEDS + 1)
+    slowest = np.sqrt(np.maximum(0.0, speeds[:-1] ** 2 - 2.0 * accel * cut_m))
+    airspeeds = np.maximum(0.0, slowest - wind_mps)
+    per_m = np.minimum.accumulate(power_w(airspeeds, density=density) / speeds[1:])
+    # Of half the way: the other half is the same in a mirror.
+    halves = lengths_m / 2.0
+    reached = np.sqrt(2.0 * accel * halves[1:])  # at the far end of each piece: the cheaper
+    cheapest = np.minimum(np.searchsorted(speeds, reached), _SPEEDS) - 1
+    costs = per_m[cheapest] * np.diff(halves)
+    hover_w = float(power_w(np.zeros(1), density=density)[0])
+    return np.concatenate(([0.0], 2.0 * np.cumsum(costs) + hover_w * SETTLING_S))

@@ -1,0 +1,91 @@
+"""Whether a plan keeps every constraint of its problem."""
+
+import numpy as np
+
+from mission.planner.errors import InfeasiblePlanError
+from mission.planner.evaluate import objective
+from mission.planner.flyable import foresee_round
+from mission.planner.problem import RoundPlan, RoundProblem
+
+LENGTH_TOLERANCE_M = 1e-3
+
+
+def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> None:
+    """Verify every constraint of a plan and the value it claims, from scratch.
+
+    It hovers `hold_s` at every stop (`stops_of`).
+
+    Raises:
+        InfeasiblePlanError: names the constraint and by how much it is broken.
+    """
+    shape = (problem.steps, len(problem.devices_m))
+    if plan.waypoints_m.shape != (problem.steps, 2) or plan.schedule.shape != shape:
+        raise InfeasiblePlanError(
+            f"waypoints {plan.waypoints_m.shape} and schedule {plan.schedule.shape}: "
+            f"must be ({problem.steps}, 2) and {shape}"
+        )
+    if not np.isfinite(plan.waypoints_m).all():
+        raise InfeasiblePlanError("waypoints hold values that are not finite")
+    away = float(np.hypot(*(plan.waypoints_m[0] - problem.start_m)))
+    if away > LENGTH_TOLERANCE_M:
+        raise InfeasiblePlanError(f"the first waypoint lies {away:.4f} m from the start")
+    if plan.via_m and len(plan.via_m) != problem.steps - 1:
+        raise InfeasiblePlanError(
+            f"corners between {len(plan.via_m)} pairs of waypoints: must be {problem.steps - 1}"
+        )
+    over = plan.path_m - problem.path_budget_m
+    if over > LENGTH_TOLERANCE_M:
+        raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its budget")
+    _check_airspace(problem, plan)
+    if problem.limits is not None:
+        excess = problem.limits.excess(foresee_round(problem, plan, hold_s=hold_s))
+        if excess:
+            raise InfeasiblePlanError(excess)
+    busiest = int(plan.schedule.sum(axis=1).max(initial=0))
+    if busiest > problem.per_step:
+        raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
+    most = int(plan.schedule.sum(axis=0).max(initial=0))
+    if most > 1:
+        raise InfeasiblePlanError(f"a device is scheduled {most} times: at most once")
+    real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, plan.schedule)
+    if not np.isclose(real, plan.value, rtol=1e-9, atol=1e-12):
+        raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
+
+
+def _checked_altitude(problem: RoundProblem, plan: RoundPlan) -> float | None:
+    if problem.altitudes_m is None:
+        if plan.altitude_m is not None and plan.altitude_m != problem.channel.altitude_m:
+            raise InfeasiblePlanError(
+                f"an altitude of {plan.altitude_m:g} m: the problem has one of "
+                f"{problem.channel.altitude_m:g} m"
+            )
+        return None
+    low_m, high_m = problem.altitudes_m
+    if plan.altitude_m is None:
+        raise InfeasiblePlanError(
+            f"the plan names no altitude: altitude_m must be from {low_m:g} to {high_m:g} m "
+            "(mission.planner.evaluate.finish chooses one for given waypoints)"
+        )
+    if not low_m <= plan.altitude_m <= high_m:
+        raise InfeasiblePlanError(
+            f"an altitude of {plan.altitude_m:g} m: must be from {low_m:g} to {high_m:g} m"
+        )
+    return plan.altitude_m
+
+
+def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:
+    space, route = problem.airspace, plan.route_m
+    free = space.free(route)
+    # From a start that is not free it must first get out; only out of an area across an outline.
+    first = int(free.argmax()) if free.any() else len(route)
+    wrong = ~space.clear(route[:-1], route[1:])
+    wrong[:first] = space.crosses(route[:first], route[1 : first + 1]) & space.outside(
+        route[:first]
+    )
+    crossed = np.flatnonzero(wrong)
+    if len(crossed):
+        a, b = route[crossed[0]], route[crossed[0] + 1]
+        raise InfeasiblePlanError(
+            f"the leg from ({a[0]:.1f}, {a[1]:.1f}) to ({b[0]:.1f}, {b[1]:.1f}) leads nearer than "
+            f"{space.margin_m:g} m to an area that must not be flown, or to the fence"
+        )

@@ -1,0 +1,184 @@
+"""How the aircraft flies, as far as plans depend on it, and what a round may take at most."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.base import polyline
+from mission.base.arrays import Floats
+
+if TYPE_CHECKING:
+    from flightdyn.config import LimitsConfig
+    from flightdyn.foresight import Foresight
+
+WITHIN_ROUNDING = 1.0 + 1e-9
+_ASTRAY_M = 0.15  # from where it holds to where it believes to be: a hover there begins with that
+_LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its energy is tabled
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What a flight will take, before it is flown: in still air, from rest to rest."""
+
+    arrived_s: Floats  # (S,) at each of its stops
+    duration_s: float
+    energy_j: float  # electrical, of the simulated aircraft
+
+
+@dataclass(frozen=True)
+class Performance:
+    """How fast, how sharply and at what power is flown."""
+
+    speed_mps: float
+    widest_m: float  # acceptance radius at most: less where a plan bears less
+    # What the guidance keeps to; None: always at its speed, as where nothing is flown.
+    guidance: "LimitsConfig | None"
+    density: float = 1.0  # of the air, over that at sea level
+    wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
+    pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
+
+    def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
+        """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
+        final = len(points_m) - 1
+        arrived_s, now_s, energy_j = np.zeros(final + 1), 0.0, 0.0
+        first = 0
+        # Where nobody hovers, nobody stops: all up to the next hover is one path.
+        for last in [at for at in range(final + 1) if hold_s[at] > 0.0 or at == final > 0]:
+            points = points_m[first : last + 1]
+            if first == last and self.guidance is not None:
+                points = points[[0, 0]] + [[0.0, 0.0], [_ASTRAY_M, 0.0]]
+            leg = self._leg(points, radius_m)
+            arrived_s[first + 1 : last + 1] = now_s + leg.passed_s[1 : last - first + 1]
+            now_s += leg.duration_s + hold_s[last]
+            energy_j += leg.energy_j + self._hover_w * hold_s[last]
+            first = last
+        return Foreseen(arrived_s, now_s, energy_j)
+
+    def longest_m(self, duration_s: float) -> float:
+        """Metres that no path of a duration exceeds, whatever its corners."""
+        if self.guidance is None:
+            return duration_s * self.speed_mps
+        from flightdyn.foresight import longest_within
+
+        if math.isinf(duration_s):
+            return math.inf
+        return longest_within(
+            duration_s / self.pace, speed_mps=self.speed_mps, limits=self.guidance
+        )
+
+    def least_s(self, length_m: float) -> float:
+        """Seconds that no path of a length is flown in less."""
+        if self.guidance is None:
+            return length_m / self.speed_mps
+        from flightdyn.foresight import least_duration
+
+        least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
+        return least_s * self.pace
+
+    def farthest_m(self, energy_j: float) -> float:
+        """Metres that no path of an energy exceeds, whatever its corners."""
+        if math.isinf(energy_j):
+            return math.inf
+        if self.guidance is None:
+            return energy_j / self._cruise_w * self.speed_mps
+        lengths, joules = self._energy_table
+        beyond = int(np.searchsorted(joules, energy_j, side="right"))
+        return float(lengths[min(beyond, len(lengths) - 1)])
+
+    def least_j(self, length_m: float) -> float:
+        """Joules that no path of a length takes less."""
+        if self.guidance is None:
+            return self._cruise_w * length_m / self.speed_mps
+        return float(np.interp(length_m, *self._energy_table))
+
+    def hover_j(self, duration_s: float) -> float:
+        """Joules of a hover."""
+        return self._hover_w * duration_s
+
+    def _leg(self, points_m: Floats, radius_m: float) -> "Foresight":
+        from flightdyn.foresight import Foresight, foresee
+        from flightdyn.guidance.path import FlightPath
+
+        if self.guidance is None:
+            passed_s = polyline.along(points_m) / self.speed_mps
+            leg_s = float(passed_s[-1])
+            return Foresight(passed_s, leg_s, self._cruise_w * leg_s)
+        count = len(points_m)
+        path = FlightPath(
+            np.column_stack((points_m, np.zeros(count))),
+            np.full(count - 1, self.speed_mps),
+            np.full(count, radius_m),
+        )
+        wind = (*self.wind_mps, 0.0)
+        leg = foresee(path, self.guidance, density=self.density, wind_mps=wind)
+        longer_s = leg.duration_s * (self.pace - 1.0)
+        return Foresight(
+            leg.passed_s * self.pace,
+            leg.duration_s + longer_s,
+            leg.energy_j + max(0.0, longer_s) * self._hover_w,
+        )
+
+    @cached_property
+    def _hover_w(self) -> float:
+        return self._level_w(math.hypot(*self.wind_mps))
+
+    @cached_property
+    def _cruise_w(self) -> float:
+        return self._level_w(self.speed_mps)
+
+    def _level_w(self, speed_mps: float) -> float:
+        from flightdyn.physics.power import power_w
+
+        return float(power_w(np.array([speed_mps]), density=self.density)[0])
+
+    @cached_property
+    def _energy_table(self) -> tuple[Floats, Floats]:
+        from flightdyn.foresight import least_energy
+
+        assert self.guidance is not None
+        lengths = np.arange(0.0, _LONGEST_M + _ENERGY_STEP_M, _ENERGY_STEP_M)
+        joules = least_energy(
+            lengths,
+            speed_mps=self.speed_mps,
+            limits=self.guidance,
+            cut_m=self.guidance.corner_cut * self.widest_m,
+            density=self.density,
+            wind_mps=math.hypot(*self.wind_mps),
+        )
+        return lengths, joules
+
+
+@dataclass(frozen=True)
+class RoundLimits:
+    """What a round may take at most, beside metres."""
+
+    performance: Performance
+    duration_s: float = math.inf
+    energy_j: float = math.inf
+
+    @property
+    def longest_m(self) -> float:
+        """Metres that no path within the limits exceeds."""
+        performance = self.performance
+        return min(performance.longest_m(self.duration_s), performance.farthest_m(self.energy_j))
+
+    def share(self, foreseen: Foreseen) -> float:
+        """How much of the tighter limit a flight takes; more than 1 does not fit."""
+        # Limits above 0: a round that may take nothing is not begun.
+        return max(foreseen.duration_s / self.duration_s, foreseen.energy_j / self.energy_j)
+
+    def fits(self, foreseen: Foreseen) -> bool:
+        """Whether a flight keeps to the limits."""
+        return self.share(foreseen) <= WITHIN_ROUNDING
+
+    def excess(self, foreseen: Foreseen) -> str:
+        """By how much a flight breaks a limit, in words; empty where it keeps to both."""
+        if self.fits(foreseen):
+            return ""
+        if foreseen.duration_s > self.duration_s * WITHIN_ROUNDING:
+            return f"the flight takes {foreseen.duration_s:.2f} s, allowed are {self.duration_s:g}"
+        return f"the flight takes {foreseen.energy_j:.0f} J, allowed are {self.energy_j:g}"

@@ -1,0 +1,196 @@
+"""What limits rounds and runs: metres, seconds, joules; and how the aircraft flies, which decides
+what a round takes of them."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from flightdyn.config import LimitsConfig, WindConfig
+from flightdyn.physics.power import density_ratio
+from flightdyn.physics.wind import steady_wind_ned
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.config.models import MissionConfig, RunConfig
+from mission.planner.performance import Performance, RoundLimits
+from sitl.config import VehicleConfig
+
+
+class Amount(NamedTuple):
+    """Of everything that is limited; infinity where it is not."""
+
+    metres: float
+    seconds: float = math.inf
+    joules: float = math.inf
+
+
+NOTHING = Amount(0.0, 0.0, 0.0)
+# What each is called where a run ends for want of it: the key, its unit, what is spent.
+KEYS = (
+    ("mission.total_budget_m", "m", "path budget"),
+    ("mission.total_deadline_s", "s", "time"),
+    ("mission.total_energy_j", "J", "energy"),
+)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a run may take altogether, and of that a whole round at most."""
+
+    rounds: int
+    total: Amount
+    whole_round: Amount
+
+
+def is_limited(mission: MissionConfig) -> bool:
+    """Whether anything but metres is limited."""
+    return any(
+        limit is not None
+        for limit in (
+            mission.round_deadline_s,
+            mission.total_deadline_s,
+            mission.round_energy_j,
+            mission.total_energy_j,
+        )
+    )
+
+
+def performance_of(
+    mission: MissionConfig,
+    area: Area,
+    guidance: LimitsConfig | None,
+    *,
+    wind: WindConfig | None = None,
+    pace: float = 1.0,
+) -> Performance:
+    """How rounds are flown at the mission's (lowest) altitude and speed; the rest as in
+    `Performance`. Within altitude limits the air differs by 1 % in 90 m."""
+    north, east, _ = (0.0, 0.0, 0.0) if wind is None else steady_wind_ned(wind)
+    density = density_ratio(area.home.alt_msl_m + mission.heights_m[0])
+    return Performance(
+        mission.speed_mps, mission.acceptance_radius_m, guidance, density, (east, north), pace
+    )
+
+
+def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
+    """What the built-in autopilot keeps to."""
+    limits = vehicle.aircraft.limits
+    fastest_mps = min(limits.speed_mps, vehicle.parameters.get("MPC_XY_VEL_MAX", math.inf))
+    return limits.model_copy(update={"speed_mps": fastest_mps})
+
+
+def foreseen_performance(config: RunConfig) -> Performance:
+    """The same before anybody flies, by the configuration alone."""
+    if config.mission.flight == "none":
+        return performance_of(config.mission, config.area.build(), None)
+    return performance_of(
+        config.mission,
+        config.area.build(),
+        guidance_of(config.vehicle),
+        wind=known_wind(config),
+    )
+
+
+def known_wind(config: RunConfig) -> WindConfig | None:
+    """The wind that rounds are planned for: the steady one of the simulated world."""
+    return None if config.link.kind == "external" else config.vehicle.aircraft.wind
+
+
+def budget_of(config: RunConfig) -> Budget:
+    """What the configuration allows the run, and what a whole round costs.
+
+    A round costs its own limits; where it has none, what its metres take at least.
+    """
+    mission = config.mission
+    total = Amount(
+        mission.total_budget_m,
+        _or_inf(mission.total_deadline_s),
+        _or_inf(mission.total_energy_j),
+    )
+    if mission.strategy == "barycenter":
+        metres, hover_s = mission.hover_cost_m, mission.hover_s
+    else:
+        metres, hover_s = mission.path_budget_m, 0.0
+    if total.seconds == total.joules == math.inf:
+        return Budget(mission.rounds, total, Amount(metres))
+    performance = foreseen_performance(config)
+    if hover_s > 0.0:
+        whole = Amount(metres, hover_s, performance.hover_j(hover_s))
+        return Budget(mission.rounds, total, whole)
+    limits = RoundLimits(
+        performance, _or_inf(mission.round_deadline_s), _or_inf(mission.round_energy_j)
+    )
+    flown_m = min(metres, limits.longest_m)
+    if mission.strategy == "rectangular" and mission.tour_hover_points:
+        width, height = config.area.size_m
+        tour_m = 2.0 * (1.0 - 2.0 * mission.tour_inset) * (width + height)
+        flown_m, hover_s = min(flown_m, tour_m / mission.tour_hover_points), mission.hover_s
+    seconds = performance.least_s(flown_m) + hover_s
+    joules = performance.least_j(flown_m) + performance.hover_j(hover_s)
+    seconds, joules = mission.round_deadline_s or seconds, mission.round_energy_j or joules
+    return Budget(mission.rounds, total, Amount(metres, seconds, joules))
+
+
+def round_limits(
+    mission: MissionConfig, performance: Performance, *, left: Amount
+) -> RoundLimits | None:
+    """What the next round may take where a run has that much left; None: metres alone count."""
+    if not is_limited(mission):
+        return None
+    return RoundLimits(
+        performance,
+        min(_or_inf(mission.round_deadline_s), left.seconds),
+        min(_or_inf(mission.round_energy_j), left.joules),
+    )
+
+
+def limits_of_round(config: RunConfig) -> RoundLimits | None:
+    """What any round may take, whatever is left of the run's; None: metres alone count."""
+    everything = Amount(math.inf)
+    return round_limits(config.mission, foreseen_performance(config), left=everything)
+
+
+def check_limits(config: RunConfig) -> None:
+    """Refuse limits within which no round can be flown.
+
+    Raises:
+        InputError: names the key, its value, and what would be enough.
+    """
+    mission = config.mission
+    if not is_limited(mission):
+        return
+    for key in ("round_energy_j", "total_energy_j"):
+        joules = getattr(mission, key)
+        if joules is not None and config.link.kind == "external":
+            raise InputError(
+                f"mission.{key} = {joules:g}: of an external vehicle nobody knows the power, so "
+                "energy cannot limit its plans; leave it out, and give a deadline or metres"
+            )
+    performance = foreseen_performance(config)
+    hovers = mission.strategy == "barycenter" or (
+        mission.strategy == "rectangular" and mission.tour_hover_points > 0
+    )
+    if hovers:
+        least = Amount(0.0, mission.hover_s, performance.hover_j(mission.hover_s))
+        why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
+    else:
+        least = Amount(0.0, performance.least_s(_SHORT_M), performance.least_j(_SHORT_M))
+        why, out = f"flying {_SHORT_M:g} m and stopping", "leave it out"
+    for key, unit, needed in (
+        ("round_deadline_s", "s", least.seconds),
+        ("total_deadline_s", "s", least.seconds),
+        ("round_energy_j", "J", least.joules),
+        ("total_energy_j", "J", least.joules),
+    ):
+        given = getattr(mission, key)
+        if given is not None and given < needed:
+            raise InputError(
+                f"mission.{key} = {given:g}: no round can be flown in it: {why} takes "
+                f"{needed:.3g} {unit}; give at least that, or {out}"
+            )
+
+
+_SHORT_M = 10.0  # a round that cannot fly as far is none
+
+
+def _or_inf(limit: float | None) -> float:
+    return math.inf if limit is None else limit

@@ -1,0 +1,35 @@
+"""The table of power against the aircraft itself, in JSBSim."""
+
+import numpy as np
+import pytest
+from flights import legs, make, path_along, run, take_off
+
+from flightdyn.physics.power import density_ratio, power_w
+from flightdyn.state import GeodeticPoint
+
+HEIGHT_M = 30.0
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "alt_m"), [(0.0, 0.0), (12.0, 0.0), (20.0, 0.0), (0.0, 1500.0), (17.0, 1500.0)]
+)
+def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float) -> None:
+    aircraft = make(home=GeodeticPoint(45.0, 5.0, alt_m))
+    take_off(aircraft, HEIGHT_M)
+    if speed_mps:
+        start = np.array([0.0, 0.0, -HEIGHT_M])
+        aircraft.follow(path_along(legs(start, (0.0,), 1000.0), speed_mps=speed_mps))
+    run(aircraft, 12)
+    watts = []
+    for _ in range(50):
+        run(aircraft, 0.1)
+        watts.append(aircraft.battery.voltage_v * aircraft.battery.current_a)
+    expected = power_w(np.array([speed_mps]), density=density_ratio(alt_m + HEIGHT_M))
+    # Rotor drag does not thin out with the air.
+    assert np.mean(watts) == pytest.approx(expected[0], rel=0.02 if alt_m else 0.005)
+
+
+def test_acceleration_costs_and_thin_air_as_well() -> None:
+    hover, pushing = power_w(np.zeros(2), accel_mps2=np.array([0.0, 5.0]))
+    assert pushing / hover == pytest.approx((1 + (5 / 9.81) ** 2) ** 0.75)
+    assert power_w(np.zeros(1), density=0.81)[0] == pytest.approx(hover / 0.9)

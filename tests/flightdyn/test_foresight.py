@@ -1,0 +1,119 @@
+"""What is foreseen of a path is what the aircraft flies: time, energy, and bounds on both."""
+
+import numpy as np
+import pytest
+from flights import HOME, legs, make, path_along, run, take_off
+
+from flightdyn.config import LimitsConfig, WindConfig
+from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
+from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.path_plan import plan_path
+from flightdyn.physics.power import density_ratio
+from flightdyn.physics.wind import steady_wind_ned
+
+LIMITS = LimitsConfig()
+HEIGHT_M = 40.0
+
+
+def random_path(seed: int, *, speed_mps: float = 20.0, acceptance_m: float = 5.0) -> FlightPath:
+    """Up to nine legs of 3 to 250 m, level."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 10))
+    steps = rng.uniform(3, 250, count)[:, None] * unit(rng.uniform(0, 2 * np.pi, count))
+    points = np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
+    level = np.column_stack((points, np.full(count + 1, -HEIGHT_M)))
+    return path_along(level, speed_mps=speed_mps, acceptance_m=acceptance_m)
+
+
+def unit(angles):
+    return np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+def length(path: FlightPath) -> float:
+    return float(np.linalg.norm(np.diff(path.points_ned_m, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_flown_as_foreseen(seed: int) -> None:
+    aircraft, path = make(), random_path(seed)
+    take_off(aircraft, HEIGHT_M)
+    foreseen = foresee(path, LIMITS, density=density_ratio(HOME.alt_msl_m + HEIGHT_M))
+    start_ns = aircraft.t_ns
+    passed_s: dict[int, float] = {}
+    mah, energy_j = aircraft.battery.consumed_mah, 0.0
+    aircraft.follow(path)
+
+    def arrived() -> bool:
+        nonlocal mah, energy_j
+        battery = aircraft.battery
+        energy_j += (battery.consumed_mah - mah) * 3.6 * battery.voltage_v
+        mah = battery.consumed_mah
+        passed_s.setdefault(aircraft.progress.passed, (aircraft.t_ns - start_ns) / 1e9)
+        return aircraft.progress.finished
+
+    assert run(aircraft, 300, arrived)
+    flown_s = (aircraft.t_ns - start_ns) / 1e9
+    assert foreseen.duration_s == pytest.approx(flown_s, abs=0.4)
+    assert foreseen.energy_j == pytest.approx(energy_j, rel=0.02)
+    for index in range(1, len(path.points_ned_m) - 1):
+        assert foreseen.passed_s[index] == pytest.approx(passed_s[index + 1], abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_nobody_is_faster_than_straight_nor_cheaper(seed: int) -> None:
+    speed, acceptance = (8.0, 14.0, 20.0, 22.0)[seed % 4], (1.0, 5.0, 40.0)[seed % 3]
+    path = random_path(seed, speed_mps=speed, acceptance_m=acceptance)
+    wind = 6.0 * unit(np.array([seed]))[0] * (seed % 5 == 0)
+    foreseen, metres = foresee(path, LIMITS, wind_mps=(*wind.tolist(), 0.0)), length(path)
+    assert least_duration(metres, speed_mps=speed, limits=LIMITS) <= foreseen.duration_s + 1e-9
+    lengths = np.linspace(0.0, metres, 500)
+    cut_m = LIMITS.corner_cut * acceptance
+    wind_mps = float(np.hypot(*wind))
+    joules = least_energy(lengths, speed_mps=speed, limits=LIMITS, cut_m=cut_m, wind_mps=wind_mps)
+    assert joules[-1] <= foreseen.energy_j
+    assert (np.diff(joules) > 0.0).all()
+
+
+def test_wind_costs_energy_as_it_is_flown_in() -> None:
+    path = random_path(2)
+    wind = WindConfig(speed_mps=6.0, from_deg=250.0)
+    aircraft = make(wind=wind)
+    take_off(aircraft, HEIGHT_M)
+    mah, energy_j = aircraft.battery.consumed_mah, 0.0
+    aircraft.follow(path)
+
+    def arrived() -> bool:
+        nonlocal mah, energy_j
+        battery = aircraft.battery
+        energy_j += (battery.consumed_mah - mah) * 3.6 * battery.voltage_v
+        mah = battery.consumed_mah
+        return aircraft.progress.finished
+
+    assert run(aircraft, 300, arrived)
+    density = density_ratio(HOME.alt_msl_m + HEIGHT_M)
+    blown = foresee(path, LIMITS, density=density, wind_mps=steady_wind_ned(wind))
+    still = foresee(path, LIMITS, density=density)
+    assert blown.energy_j == pytest.approx(energy_j, rel=0.03)
+    assert still.energy_j < 0.97 * energy_j
+
+
+@pytest.mark.parametrize("metres", [2.0, 30.0, 79.0, 81.0, 500.0])
+def test_a_straight_path_takes_the_least(metres: float) -> None:
+    straight = path_along(legs(np.zeros(3), (0.0,), metres))
+    least_s = least_duration(metres, speed_mps=20.0, limits=LIMITS)
+    assert foresee(straight, LIMITS).duration_s == pytest.approx(least_s, abs=1e-6)
+    assert longest_within(least_s, speed_mps=20.0, limits=LIMITS) == pytest.approx(metres)
+
+
+def test_no_path_is_flown_in_less_than_it_takes_to_begin_and_end() -> None:
+    assert longest_within(0.5, speed_mps=20.0, limits=LIMITS) == 0.0
+    assert least_duration(0.0, speed_mps=20.0, limits=LIMITS) == 0.0
+
+
+def test_motion_is_the_reference_at_many_times() -> None:
+    trajectory, _ = plan_path(random_path(5), LIMITS)
+    times = np.linspace(trajectory.start_s, trajectory.end_s, 400)
+    velocity, acceleration = trajectory.motion(times)
+    references = [trajectory.at(float(t)) for t in times]
+    np.testing.assert_allclose(velocity, [r.v for r in references], atol=1e-9)
+    np.testing.assert_allclose(acceleration, [r.a for r in references], atol=1e-9)

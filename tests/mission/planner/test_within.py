@@ -1,0 +1,169 @@
+"""Plans within limits of time and energy: they fit, and their bound stays true."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS
+from flightdyn.config import LimitsConfig
+from mission.base.airspace import Airspace
+from mission.planner.check import check_plan
+from mission.planner.config import PlannerConfig
+from mission.planner.errors import InfeasiblePlanError
+from mission.planner.evaluate import finish
+from mission.planner.factory import make_planner
+from mission.planner.flyable import foresee_round
+from mission.planner.performance import Performance, RoundLimits
+from mission.planner.problem import RoundPlan, RoundProblem
+
+FLYING = Performance(20.0, 5.0, LimitsConfig())
+WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
+
+
+def limits(duration_s: float = math.inf, energy_j: float = math.inf) -> RoundLimits:
+    return RoundLimits(FLYING, duration_s, energy_j)
+
+
+def problem(seed: int = 1, *, given: RoundLimits | None, devices: int = 8, **more):
+    rng = np.random.default_rng(seed)
+    known = {
+        "devices_m": rng.uniform(0, 800, (devices, 2)),
+        "importance": rng.uniform(0.2, 1.0, devices),
+        "start_m": np.array([400.0, 400.0]),
+        "steps": 6,
+        "per_step": 2,
+        "path_budget_m": 1200.0,
+        "channel": CHANNEL_PRESETS["suburban"],
+        "limits": given,
+    }
+    return RoundProblem(**{**known, **more})
+
+
+def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
+    made = make_planner(PlannerConfig(kind=kind)).plan(given)
+    check_plan(given, made)
+    return made
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
+@pytest.mark.parametrize(
+    "given", [limits(30.0), limits(45.0), limits(energy_j=7000.0), limits(40.0, 9000.0)]
+)
+def test_every_planner_keeps_to_limits(kind: str, given: RoundLimits) -> None:
+    made = plan(problem(given=given), kind)
+    assert made.foreseen is not None
+    assert made.foreseen.duration_s <= given.duration_s * (1.0 + 1e-6)
+    assert made.foreseen.energy_j <= given.energy_j * (1.0 + 1e-6)
+    assert given.share(made.foreseen) > 0.97, "what is allowed is made use of"
+    assert math.isnan(made.upper_bound) == (kind != "certified")
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
+    given = limits(30.0) if seed % 2 else limits(energy_j=8000.0)
+    here = problem(seed, given=given)
+    made = plan(here)
+    assert made.value <= made.upper_bound
+    rng, tried = np.random.default_rng(seed), 0
+    for turn in range(400):
+        # Of other plans' shape and of none; smaller and smaller, so that some fit.
+        path = rng.uniform(0, 800, (6, 2)) if turn % 2 else made.waypoints_m.copy()
+        path[1:] += rng.normal(0, 60, (5, 2))
+        path = here.start_m + (path - here.start_m) * (1.0 - turn / 500)
+        path[0] = here.start_m
+        other = finish(here, path)
+        if given.fits(foresee_round(here, other)):
+            tried += 1
+            assert other.value <= made.upper_bound * (1.0 + 1e-9)
+            assert other.path_m <= given.longest_m + 1e-6
+    assert tried > 20
+
+
+def test_metres_that_pay_for_less_are_the_limit() -> None:
+    short = problem(given=limits(300.0, 1e6), path_budget_m=400.0)
+    free = dataclasses.replace(short, limits=None)
+    limited, metres = plan(short), plan(free)
+    assert limited.value >= metres.value
+    assert limited.upper_bound == pytest.approx(metres.upper_bound)
+
+
+def test_more_time_is_worth_no_less_in_the_bound() -> None:
+    bounds = [plan(problem(given=limits(seconds))).upper_bound for seconds in (20, 30, 40, 60)]
+    # Each is proven to a gap of 1 % only.
+    assert all(b > 0.99 * a for a, b in itertools.pairwise(bounds))
+
+
+def test_without_limits_the_planner_itself_answers() -> None:
+    free = problem(given=None)
+    made = plan(free)
+    assert made.foreseen is None
+    outermost = make_planner(PlannerConfig())
+    inner = outermost.inner.plan(free)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(made.waypoints_m, inner.waypoints_m)
+
+
+def test_around_areas_within_a_deadline() -> None:
+    space = Airspace((WALL,), None, 15.0)
+    here = problem(3, given=limits(40.0), airspace=space, start_m=np.array([200.0, 400.0]))
+    made = plan(here)
+    assert made.value <= made.upper_bound
+    assert made.via_m
+
+
+def test_a_round_that_may_take_nothing_much_stands_still() -> None:
+    made = plan(problem(given=limits(0.5)))
+    assert made.path_m == 0.0
+    assert made.foreseen is not None
+    assert made.foreseen.duration_s == 0.0
+
+
+def test_the_same_problem_gives_the_same_plan() -> None:
+    first, second = (plan(problem(given=limits(35.0))) for _ in range(2))
+    np.testing.assert_array_equal(first.waypoints_m, second.waypoints_m)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"), [(limits(20.0), "allowed are 20"), (limits(energy_j=5000.0), "are 5000")]
+)
+def test_a_plan_that_takes_longer_is_found_out(given: RoundLimits, words: str) -> None:
+    free = plan(problem(given=None))
+    with pytest.raises(InfeasiblePlanError, match=words):
+        check_plan(problem(given=given), free)
+
+
+def test_a_hover_counts() -> None:
+    here = problem(given=limits(30.0))
+    made = plan(here)
+    with pytest.raises(InfeasiblePlanError, match="allowed are 30"):
+        check_plan(here, made, hold_s=2.0)
+
+
+def test_unflown_rounds_are_always_at_their_speed() -> None:
+    exact = RoundLimits(Performance(20.0, 5.0, None), 30.0)
+    made = plan(problem(given=exact))
+    assert exact.longest_m == 600.0
+    assert made.foreseen is not None
+    assert made.foreseen.duration_s == pytest.approx(made.path_m / 20.0)
+
+
+def test_a_slower_pace_takes_longer_and_allows_less() -> None:
+    slow = dataclasses.replace(FLYING, pace=1.25)
+    points = np.array([[0.0, 0], [300, 0], [300, 200]])
+    ours, theirs = (p.foresee(points, [0.0, 0.0, 3.0], 5.0) for p in (FLYING, slow))
+    assert theirs.duration_s - 3.0 == pytest.approx(1.25 * (ours.duration_s - 3.0))
+    assert slow.longest_m(50.0) == pytest.approx(FLYING.longest_m(40.0))
+    assert slow.least_s(700.0) == pytest.approx(1.25 * FLYING.least_s(700.0))
+
+
+def test_hovers_part_the_path() -> None:
+    points = np.array([[0.0, 0], [300, 0], [600, 0]])
+    through = FLYING.foresee(points, [0.0, 0.0, 0.0], 5.0)
+    hovering = FLYING.foresee(points, [0.0, 4.0, 4.0], 5.0)
+    leg_s = FLYING.least_s(300.0)
+    assert through.duration_s == pytest.approx(FLYING.least_s(600.0))
+    assert hovering.duration_s == pytest.approx(2 * (leg_s + 4.0))
+    assert hovering.arrived_s[2] == pytest.approx(2 * leg_s + 4.0, abs=0.5)
+    assert hovering.energy_j > through.energy_j + FLYING.hover_j(8.0)

@@ -1,0 +1,104 @@
+"""Limits that no round can keep to are refused; tours are as long as theirs allow."""
+
+from typing import Any
+
+import pytest
+
+from mission.base.errors import InputError
+from mission.config.models import RunConfig
+from mission.scenario.limits import check_limits, foreseen_performance, limits_of_round
+from mission.scenario.scenario import build_scenario
+from mission.scenario.strategies import HoveringTour, Rectangular, stretch
+
+
+def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
+    return RunConfig.model_validate(
+        {
+            "mission": {"steps": 8, **mission},
+            "link": {"kind": link},
+            "communities": [{"name": "a", "task": "digits", "devices": 2, "partition": "iid"}],
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (config(round_deadline_s=2.0),
+         "mission.round_deadline_s = 2: no round can be flown in it: flying 10 m and stopping "
+         "takes 3.53 s; give at least that, or leave it out"),
+        (config(total_deadline_s=1.0), "mission.total_deadline_s = 1: no round can be flown"),
+        (config(round_energy_j=100.0), "mission.round_energy_j = 100: no round can be flown in it"),
+        (config(total_energy_j=100.0), "mission.total_energy_j = 100: no round can be flown in it"),
+        (config(strategy="barycenter", hover_s=20.0, round_deadline_s=15.0),
+         "mission.round_deadline_s = 15: no round can be flown in it: a hover of mission.hover_s "
+         "= 20 s takes 20 s; give at least that, or hover shorter"),
+        (config(strategy="barycenter", hover_s=20.0, round_energy_j=3000.0),
+         "mission.round_energy_j = 3000: no round can be flown in it: a hover"),
+        (config(link="external", total_energy_j=1e6),
+         "mission.total_energy_j = 1e+06: of an external vehicle nobody knows the power, so "
+         "energy cannot limit its plans; leave it out, and give a deadline or metres"),
+    ],
+)  # fmt: skip
+def test_what_no_round_can_keep_is_refused(given: RunConfig, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        check_limits(given)
+    assert str(refused.value).startswith(words)
+    assert "\n" not in str(refused.value)
+
+
+def test_enough_is_not_refused() -> None:
+    check_limits(config())
+    check_limits(config(round_deadline_s=30.0, total_energy_j=1e6))
+    check_limits(config(strategy="barycenter", hover_s=20.0, round_deadline_s=20.0))
+
+
+@pytest.mark.parametrize("limit", [{"round_deadline_s": 35.0}, {"round_energy_j": 9000.0}])
+def test_a_tour_is_as_long_as_its_limits_allow(limit: dict[str, Any]) -> None:
+    given = config(strategy="rectangular", **limit)
+    scenario = build_scenario(given, data_dir=None)
+    tour, limits = scenario.strategy, limits_of_round(given)
+    assert isinstance(tour, Rectangular)
+    assert limits is not None
+    assert 300.0 < tour.length_m < 0.9 * given.mission.path_budget_m
+    shares = []
+    for number in range(8):
+        points = stretch(tour.corners_m, number * tour.length_m, tour.length_m, 8)
+        for radius_m in (5.0, 1.5):
+            foreseen = limits.performance.foresee(points, [0.0] * 8, radius_m)
+            shares.append(limits.share(foreseen))
+    assert 0.9 < max(shares) <= 1.0
+
+
+def test_an_unlimited_tour_keeps_its_length() -> None:
+    tour = build_scenario(config(strategy="rectangular"), data_dir=None).strategy
+    assert isinstance(tour, Rectangular)
+    assert tour.length_m == 800.0
+
+
+def test_hovering_points_too_far_for_a_deadline_are_refused() -> None:
+    words = "mission.tour_hover_points = 4: to the next point and hovering there, the flight takes"
+    with pytest.raises(InputError, match=words):
+        build_scenario(
+            config(strategy="rectangular", tour_hover_points=4, round_deadline_s=25.0),
+            data_dir=None,
+        )
+    near = config(strategy="rectangular", tour_hover_points=16, round_deadline_s=40.0)
+    assert isinstance(build_scenario(near, data_dir=None).strategy, HoveringTour)
+
+
+def test_speed_is_what_the_vehicle_allows() -> None:
+    slow = config()
+    slow = slow.model_copy(
+        update={"vehicle": slow.vehicle.model_copy(update={"parameters": {"MPC_XY_VEL_MAX": 10.0}})}
+    )
+    assert foreseen_performance(slow).least_s(800.0) > 80.0
+    assert foreseen_performance(config()).least_s(800.0) < 50.0
+
+
+def test_the_first_problem_knows_the_limits() -> None:
+    given = config(round_deadline_s=30.0, total_deadline_s=20.0, total_energy_j=5000.0)
+    limits = build_scenario(given, data_dir=None).first_problem().limits
+    assert limits is not None
+    assert (limits.duration_s, limits.energy_j) == (20.0, 5000.0)
+    assert build_scenario(config(), data_dir=None).first_problem().limits is None
