@@ -1,6 +1,7 @@
 """A round's plan as stops to fly: waypoints that coincide become one stop with several slots."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +22,13 @@ class Stop:
     xy_m: Floats  # (2,) area coordinates
     steps: tuple[int, ...]
     hold_s: float = 0.0
+    begins_s: tuple[float, ...] = ()  # of each step, after the arrival; (): spread over the hover
+
+    @property
+    def slots_s(self) -> tuple[float, ...]:
+        """When each step begins, in seconds after the arrival; the first at 0."""
+        count = len(self.steps)
+        return self.begins_s or tuple(self.hold_s * rank / count for rank in range(count))
 
 
 @dataclass(frozen=True)
@@ -44,14 +52,13 @@ class FlightPlan:
 
     def ideal_slot_s(self) -> list[float]:
         """(N,) when each step would be passed, in seconds after the start, by an aircraft that
-        is always at its planned speed. Steps that share a hover are spread evenly over it.
+        is always at its planned speed.
         """
         legs_m = polyline.legs(self.points_m)
         slot_s: list[float] = []
         clock_s = 0.0
         for stop, leg_m in zip(self.stops, (*legs_m, 0.0), strict=True):
-            share_s = stop.hold_s / max(len(stop.steps), 1)
-            slot_s += [clock_s + share_s * rank for rank in range(len(stop.steps))]
+            slot_s += [clock_s + begin_s for begin_s in stop.slots_s]
             clock_s += stop.hold_s + leg_m / self.speed_mps
         return slot_s
 
@@ -62,11 +69,15 @@ class FlightPlan:
         )
 
 
-def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
+def stops_of(
+    plan: RoundPlan, *, hold_s: float = 0.0, upload_s: Floats | None = None
+) -> tuple[Stop, ...]:
     """Merge consecutive waypoints closer than `SAME_PLACE_M` to the first of them.
 
-    `hold_s` is the hover at every stop but the first; with one stop in all, at that one. Corners
-    between waypoints are stops without a step, and without a hover.
+    `hold_s` is the least hover at every stop but the first; with one stop in all, at that one.
+    Corners between waypoints are stops without a step, and without a hover. `upload_s` (K,) is how
+    long each device sends: each step then lasts until its devices have sent, one after another,
+    and a stop until all of its steps have.
     """
     groups: list[tuple[Floats, list[int]]] = []
     steps = {int(at): step for step, at in enumerate(plan.stops_at)}
@@ -77,21 +88,41 @@ def stops_of(plan: RoundPlan, *, hold_s: float = 0.0) -> tuple[Stop, ...]:
         else:
             groups.append((np.asarray(point, dtype=np.float64), here))
     alone = len(groups) == 1
-    return tuple(
+    stops = (
         Stop(point, tuple(served), hold_s if served and (alone or index > 0) else 0.0)
         for index, (point, served) in enumerate(groups)
     )
+    if upload_s is None:
+        return tuple(stops)
+    busy_s = plan.schedule @ upload_s  # (N,)
+    return tuple(_until_sent(stop, busy_s[list(stop.steps)].tolist()) for stop in stops)
+
+
+def _until_sent(stop: Stop, busy_s: Sequence[float]) -> Stop:
+    """The stop, with each of its steps given as long as its devices send."""
+    begins_s: list[float] = []
+    free_s = 0.0
+    for begin_s, step_s in zip(stop.slots_s, busy_s, strict=True):
+        begins_s.append(max(begin_s, free_s))
+        free_s = begins_s[-1] + step_s
+    return replace(stop, hold_s=max(stop.hold_s, free_s), begins_s=tuple(begins_s))
 
 
 def flight_of_round(
-    problem: RoundProblem, plan: RoundPlan, *, hold_s: float, mission: MissionConfig
+    problem: RoundProblem,
+    plan: RoundPlan,
+    *,
+    hold_s: float,
+    upload_s: Floats | None,
+    mission: MissionConfig,
 ) -> FlightPlan:
     """The flight of a round's plan, with corners as wide as the plan bears.
 
-    `hold_s` as in `stops_of`; altitude, speed and the widest acceptance radius are the mission's.
+    `hold_s` and `upload_s` as in `stops_of`; altitude, speed and the widest acceptance radius are
+    the mission's.
     """
     radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)
-    stops = stops_of(plan, hold_s=hold_s)
+    stops = stops_of(plan, hold_s=hold_s, upload_s=upload_s)
     return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
 
 

@@ -50,6 +50,31 @@ class UplinkRecord:
     importance: Annotated[float, "delta of the device in this round"]
     delivered: Annotated[bool, "the update arrived"]
 
+    @property
+    def outcome(self) -> str:
+        """What became of the update, in a word: one of `OUTCOMES`."""
+        return "delivered" if self.delivered else "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class TimedUplinkRecord(UplinkRecord):
+    """The same of a run whose devices take time to train, or to send."""
+
+    ready_t_s: Annotated[float, "simulated time from which the device has its update to send"]
+    late: Annotated[bool, "it was not ready when its turn came and sent nothing: PER 1"]
+    staleness: Annotated[int, "rounds since the model that it trains from came down"]
+    upload_s: Annotated[float, "how long its turn lasts, from `slot_t_s` on"]
+
+    @property
+    def outcome(self) -> str:
+        """What became of the update, in a word: one of `OUTCOMES`."""
+        if self.late:
+            return "late"
+        return "delivered" if self.delivered else "lost"
+
+
+OUTCOMES = ("delivered", "lost", "late")
+
 
 @dataclass(frozen=True, slots=True)
 class RoundRecord:

@@ -16,12 +16,16 @@ from mission.base.errors import InputError
 from mission.log.records import (
     DeviceRecord,
     RoundRecord,
+    TimedUplinkRecord,
     UplinkRecord,
     flat,
     is_by_community,
 )
 
 Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
+
+# A record, and the one with more columns that may stand in its table.
+_WIDER: Mapping[Any, Any] = {UplinkRecord: TimedUplinkRecord}
 
 
 class TableError(InputError):
@@ -73,13 +77,15 @@ class Table(Generic[Record]):
 
 
 def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    """The records of a table, equal to those that were written.
+    """The records of a table, equal to those that were written; also of a kind of `record`.
 
     Raises:
         TableError: no such file, other columns, or a value that is not what its column holds.
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
+    wider: Any = _WIDER.get(record, record)
+    record = wider if tuple(header) == _header(wider, communities) else record
     _check_header(path, header, _header(record, communities))
     return tuple(_record(path, record, communities, *row) for row in rows)
 
