@@ -45,9 +45,9 @@ class _NamedChannel(_Frozen):
     upload_rate_bps: Positive | None = Field(
         None,
         le=1e12,
-        description="bits a second of one device at a time: the aircraft hovers at a waypoint until "
-        "those whom it serves there have sent, one after another; without it an upload takes no "
-        "time",
+        description="bits a second of one device at a time: the aircraft hovers at a waypoint "
+        "until those whom it serves there have sent, one after another; without it an upload "
+        "takes no time",
     )
 
     @field_validator("preset")

@@ -156,11 +156,11 @@ def play_round(
     `begun` (K,) says which round's model each device has trained from: by default this one's.
     `kept` (K,) are those who may send in a later round what they are at; they are trained too.
 
-    Of the others only devices whose update arrives are trained: nobody would ever see the others', and every
-    device draws from its own stream, so the result is the same. Up to `workers` devices train at
-    a time, one thread each, with the same result for any number; on a GPU a community's train
-    together, the same within rounding whoever they are. Raises `DivergedError` naming round,
-    community and device.
+    Of the others only devices whose update arrives are trained: nobody would ever see the rest,
+    and every device draws from its own stream, so the result is the same. Up to `workers` devices
+    train at a time, one thread each, with the same result for any number; on a GPU a community's
+    train together, the same within rounding whoever they are. Raises `DivergedError` naming
+    round, community and device.
     """
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
         raise ValueError(f"scheduled and delivered must be of shape {federation.p.shape}")

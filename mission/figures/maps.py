@@ -24,7 +24,7 @@ from mission.figures.style import (
     per_scale,
     table,
 )
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
@@ -34,7 +34,8 @@ _LOST = (
     "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
     "M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55ZM-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
 )
-_OUTCOMES = ("delivered", "lost", "not served")
+_LATE_SHAPE = "M-0.8,-1L0.8,-1L-0.8,1L0.8,1Z"  # an hourglass
+_NOT_SERVED = "not served"
 
 Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
@@ -132,7 +133,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
     """From the slot, where each transmission was met, to its device; coloured by the true PER."""
     met = [
         uplink for of in served.values() for uplink in of.values()
-        if math.isfinite(uplink.slot_t_s)
+        if math.isfinite(uplink.slot_t_s) and uplink.outcome != LATE
     ]  # fmt: skip
     if not met:
         return []
@@ -158,7 +159,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
 def _devices(
     run: FlightData, frame: Frame, rounds: Sequence[tuple[int, Floats, Served]]
 ) -> list[alt.Chart]:
-    """Colour: community. Area: importance. Filled: delivered; crossed: lost; faint: not served."""
+    """Colour: community. Area: importance. Shape: what became of the update; faint: not served."""
     names, count = run.devices.communities, len(run.devices.community)
     if not count:
         return []
@@ -171,7 +172,7 @@ def _devices(
         x=np.tile(run.devices.pos_m[:, 0], len(rounds)),
         y=np.tile(run.devices.pos_m[:, 1], len(rounds)),
         importance=np.concatenate([importance for _, importance, _ in rounds]),
-        outcome=[_outcome(uplink) for uplink in each],
+        outcome=[_NOT_SERVED if uplink is None else uplink.outcome for uplink in each],
         per=[math.nan if uplink is None else uplink.true_per for uplink in each],
     )
     most = max(float(importance.max(initial=0.0)) for _, importance, _ in rounds)
@@ -190,29 +191,26 @@ def _devices(
     ).encode(text="device:Q")  # fmt: skip
     if not outcome:
         return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip), labels]
+    looks: dict[str, tuple[str, float]] = {"delivered": ("circle", 1.0), "lost": (_LOST, 1.0)}
+    if any(uplink.outcome == LATE for uplink in run.uplinks):
+        looks[LATE] = (_LATE_SHAPE, 1.0)
+    looks[_NOT_SERVED] = ("circle", 0.3)
+    outcomes, (shapes, opacities) = list(looks), zip(*looks.values(), strict=True)
     key = keys(
-        _OUTCOMES, symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
+        outcomes, symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
     )  # fmt: skip
     became = marks.mark_point(stroke=None, opacity=1).encode(
-        shape=alt.Shape(
-            "outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, "circle"]), legend=key
-        ),
-        fillOpacity=alt.FillOpacity(
-            "outcome:O", scale=named(_OUTCOMES, [1.0, 1.0, 0.3]), legend=key
-        ),
+        shape=alt.Shape("outcome:N", scale=named(outcomes, shapes), legend=key),
+        fillOpacity=alt.FillOpacity("outcome:O", scale=named(outcomes, opacities), legend=key),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
     )
     # In a crowd only those have their number that one asks about; on a page each tells it.
     return [
         became,
-        labels.transform_filter("datum.outcome == 'lost'") if count > CROWD else labels,
+        labels.transform_filter("datum.outcome == 'lost' || datum.outcome == 'late'")
+        if count > CROWD
+        else labels,
     ]
-
-
-def _outcome(uplink: UplinkRecord | None) -> str:
-    if uplink is None:
-        return "not served"
-    return "delivered" if uplink.delivered else "lost"
 
 
 def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:

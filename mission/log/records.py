@@ -27,6 +27,10 @@ Maybe: TypeAlias = Annotated[float, MAYBE]
 ByCommunity: TypeAlias = Annotated[dict[str, float], Kind("by_community")]
 
 
+LATE = "late"
+OUTCOMES = ("delivered", "lost", LATE)
+
+
 @dataclass(frozen=True, slots=True)
 class UplinkRecord:
     """One scheduled device of one round: where it was served and what became of its update."""
@@ -69,11 +73,8 @@ class TimedUplinkRecord(UplinkRecord):
     def outcome(self) -> str:
         """What became of the update, in a word: one of `OUTCOMES`."""
         if self.late:
-            return "late"
+            return LATE
         return "delivered" if self.delivered else "lost"
-
-
-OUTCOMES = ("delivered", "lost", "late")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight, Passage
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
@@ -103,7 +103,7 @@ class FlownExperiment(Experiment):
         scheduled = self._mask(u.device for u in served)
         delivered = self._mask(u.device for u in served if u.delivered)
         self.totals.last_heard[delivered] = self.totals.next_round
-        late = self._mask(u.device for u in served if u.outcome == "late")
+        late = self._mask(u.device for u in served if u.outcome == LATE)
         sent = self._mask(u.device for u in served if math.isfinite(u.slot_t_s)) & ~late
         self.work = self.work.round_ends(late=late, sent=sent)
         kept = self.work.kept(int(flight.t_ns[-1]))

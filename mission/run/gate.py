@@ -147,9 +147,7 @@ def uplinks(
             importance=float(problem.importance[device]),
             delivered=bool(arrivals.delivered[device]),
         )
-        records.append(
-            record if times is None else times.of(record, late=bool(late[device]))
-        )
+        records.append(record if times is None else times.of(record, late=bool(late[device])))
     return tuple(records)
 
 

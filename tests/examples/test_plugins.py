@@ -116,7 +116,7 @@ def test_everything_at_once_resumes_to_the_same_bytes(
 
 def updates(*models: tuple[float, float], steps: tuple[int, ...], p: float = 0.2) -> list[Update]:
     return [
-        Update(device, p, np.array(model, np.float32), count)
+        Update(device, p, np.array(model, np.float32), count, np.zeros(2, np.float32))
         for device, (model, count) in enumerate(zip(models, steps, strict=True))
     ]
 
@@ -150,7 +150,7 @@ def test_fedbuff_waits_and_weighs_by_staleness(monkeypatch: pytest.MonkeyPatch) 
     assert two == pytest.approx([0.5, 0.5])
     assert algorithm.start(state, two, 0) == pytest.approx([0.5, 0.5])
     assert algorithm.start(state, two, 2).tolist() == [0.0, 0.0]  # never heard: what it began with
-    stale = [Update(2, 0.2, np.array([2.0, 0.0], np.float32), 1)]  # trained from [0, 0], 1 old
+    stale = [Update(2, 0.2, np.array([2.0, 0.0], np.float32), 1, model)]  # 1 old
     three, state = algorithm.apply(state, two, [*stale, *updates((0.5, 0.5), steps=(1,))])
     assert three == pytest.approx([0.5 + 2.0 / np.sqrt(2.0) / 2.0, 0.5])
 
