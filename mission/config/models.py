@@ -305,16 +305,6 @@ class RunConfig(_Model):
         return self
 
     @model_validator(mode="after")
-    def _sizes_with_a_rate_only(self) -> Self:
-        for index, community in enumerate(self.communities):
-            if community.upload_bits is not None and self.channel.upload_rate_bps is None:
-                raise ValueError(
-                    f"communities.{index}.upload_bits = {community.upload_bits} says nothing "
-                    "without a rate: give channel.upload_rate_bps, or leave it out"
-                )
-        return self
-
-    @model_validator(mode="after")
     def _one_flyer(self) -> Self:
         other = (
             "link.kind = 'external'" if self.link.kind == "external"

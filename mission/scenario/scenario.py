@@ -150,6 +150,16 @@ def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
     return devices_m
 
 
+def _check_sizes(config: RunConfig) -> None:
+    """Refuse the size of an update where nothing says how fast it is sent."""
+    for index, community in enumerate(config.communities):
+        if community.upload_bits is not None and config.channel.upload_rate_bps is None:
+            raise InputError(
+                f"communities.{index}.upload_bits = {community.upload_bits}: needs "
+                "channel.upload_rate_bps, the rate at which it is sent; give both or none"
+            )
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -159,6 +169,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build(config.mission.altitude_m)
     check_start(config)
+    _check_sizes(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
