@@ -27,8 +27,8 @@ SMALL = {
     "learning.local_epochs": 1,
 }
 SLOW = {
-    "communities.0.compute_s": [1.0, 30.0],
-    "communities.1.compute_s_per_sample": 0.01,
+    "communities.0.compute_s": [1.0, 25.0],
+    "communities.1.compute_s_per_sample": 0.006,
     "channel.upload_rate_bps": 2e6,
     "communities.1.upload_bits": 500_000,
 }
