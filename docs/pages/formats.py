@@ -89,7 +89,10 @@ def _body() -> list[str]:
         "`accuracy_digits`, `cov_digits`.",
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
-        *("", "Where [devices take time](learning.md#devices-that-take-time), four columns more, in"),
+        *(
+            "",
+            "Where [devices take time](learning.md#devices-that-take-time), four columns more, in",
+        ),
         "the log as well. A late device sends nothing: its PERs are 1.",
         *("", *_table(row for row in told(TimedUplinkRecord, str) if row not in every_uplink)),
         *("", "## learning.csv", "", "One row for each device after every round."),

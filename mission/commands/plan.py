@@ -127,13 +127,7 @@ def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "
     from mission.flight.flight_plan import flight_of_round
     from mission.flight.plan_file_writing import write_round_plan
 
-    flight = flight_of_round(
-        entry.problem,
-        made.plan,
-        hold_s=0.0,
-        upload_s=scenario.upload_s,
-        mission=scenario.config.mission,
-    )
+    flight = flight_of_round(entry.problem, made.plan, hold_s=0.0, mission=scenario.config.mission)
     write_round_plan(path, flight, scenario.area)
 
 

@@ -109,20 +109,14 @@ def _until_sent(stop: Stop, busy_s: Sequence[float]) -> Stop:
 
 
 def flight_of_round(
-    problem: RoundProblem,
-    plan: RoundPlan,
-    *,
-    hold_s: float,
-    upload_s: Floats | None,
-    mission: MissionConfig,
+    problem: RoundProblem, plan: RoundPlan, *, hold_s: float, mission: MissionConfig
 ) -> FlightPlan:
     """The flight of a round's plan, with corners as wide as the plan bears.
 
-    `hold_s` and `upload_s` as in `stops_of`; altitude, speed and the widest acceptance radius are
-    the mission's.
+    `hold_s` as in `stops_of`; altitude, speed and the widest acceptance radius are the mission's.
     """
     radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)
-    stops = stops_of(plan, hold_s=hold_s, upload_s=upload_s)
+    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
     return FlightPlan(stops, mission.altitude_m, mission.speed_mps, radius_m)
 
 

@@ -26,6 +26,8 @@ class RoundProblem:
     path_budget_m: float  # L_max, metres, 0 or more
     channel: Channel  # with the planned height in altitude_m
     airspace: Airspace = OPEN  # where may be flown
+    # (K,) how long the aircraft hovers for each device that it serves; None: it does not
+    upload_s: Floats | None = None
 
 
 @dataclass(frozen=True)

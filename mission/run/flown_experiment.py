@@ -23,7 +23,7 @@ from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
-from mission.run.gate import DeviceTimes, slots, turns, uplinks
+from mission.run.gate import slots, turns, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
@@ -136,18 +136,18 @@ class FlownExperiment(Experiment):
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
     ) -> tuple[UplinkRecord, ...]:
         number, scenario = self.totals.next_round, self.scenario
-        gate, upload_s = scenario.config.channel.gate, scenario.upload_s
+        gate = scenario.config.channel.gate
         return uplinks(
             number,
             problem,
             sortie.plan,
-            turns(sortie.plan, slots(plan, flight), flight, upload_s=upload_s),
+            turns(problem, sortie.plan, slots(plan, flight), flight),
             area=scenario.area,
             community_of=scenario.community_of,
             gate="instantaneous" if gate == "instantaneous" else "average",
             rng=scenario.streams.generator(f"uplink/{number}"),
             radio=scenario.radio,
-            times=DeviceTimes(self.work, upload_s) if scenario.device_times else None,
+            work=self.work if scenario.device_times else None,
         )
 
     def _problem(self, start: Passage, recalled: RoundMemory | None) -> RoundProblem:
@@ -161,6 +161,7 @@ class FlownExperiment(Experiment):
             path_budget_m=min(mission.path_budget_m, self.totals.left_m(mission)),
             channel=scenario.channel,
             airspace=scenario.area.airspace,
+            upload_s=scenario.upload_s,
         )
 
     def _importance(self, t_ns: int) -> Floats:
@@ -194,13 +195,7 @@ class FlownExperiment(Experiment):
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
     ) -> tuple[FlightPlan, Flight]:
         """What was to be flown, and what was."""
-        plan = flight_of_round(
-            problem,
-            sortie.plan,
-            hold_s=sortie.hold_s,
-            upload_s=self.scenario.upload_s,
-            mission=flyer.mission,
-        )
+        plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
         with self.stopwatch("fly"):
             try:
                 await flyer.upload(plan)

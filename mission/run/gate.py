@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
@@ -16,25 +16,6 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
-
-
-@dataclass(frozen=True)
-class DeviceTimes:
-    """How long each device takes: what it is at work on this round, and to send it."""
-
-    work: DeviceWork
-    upload_s: Floats | None  # (K,)
-
-    def of(self, record: UplinkRecord, *, late: bool) -> TimedUplinkRecord:
-        """The record of a device, with its times."""
-        device = record.device
-        return TimedUplinkRecord(
-            **asdict(record),
-            ready_t_s=int(self.work.ready_ns[device]) / 1e9,
-            late=late,
-            staleness=record.round - int(self.work.begun[device]),
-            upload_s=0.0 if self.upload_s is None else float(self.upload_s[device]),
-        )
 
 
 def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
@@ -55,12 +36,12 @@ def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
 
 
 def turns(
-    plan: RoundPlan, passages: Mapping[int, Passage], flight: Flight, *, upload_s: Floats | None
+    problem: RoundProblem, plan: RoundPlan, passages: Mapping[int, Passage], flight: Flight
 ) -> dict[int, Passage]:
     """Where the aircraft is as each scheduled device begins to send, by device.
 
-    The devices of a step, whose `passages` are given, send one after another, in their order,
-    `upload_s` (K,) each. Those are left out whose turn never came.
+    The devices of a step, whose `passages` are given, send one after another, in their order.
+    Those are left out whose turn never came.
     """
     found: dict[int, Passage] = {}
     for step, arrival in passages.items():
@@ -69,8 +50,12 @@ def turns(
             passage = _after(arrival, begin_s, flight)
             if passage is not None:
                 found[device] = passage
-            begin_s += 0.0 if upload_s is None else float(upload_s[device])
+            begin_s += _upload_s(problem, device)
     return found
+
+
+def _upload_s(problem: RoundProblem, device: int) -> float:
+    return 0.0 if problem.upload_s is None else float(problem.upload_s[device])
 
 
 def _after(arrival: Passage, seconds: float, flight: Flight) -> Passage | None:
@@ -92,13 +77,13 @@ def uplinks(
     gate: Gate,
     rng: np.random.Generator,
     radio: Channel | CustomRadio | None = None,
-    times: DeviceTimes | None = None,
+    work: DeviceWork | None = None,
 ) -> tuple[UplinkRecord, ...]:
     """One record per scheduled device, in order of step and device; `passages` by device.
 
     Updates are drawn at the true positions; `rng` is this round's own stream. `radio`, by default
-    the channel that the round was planned with, gives the rates where the aircraft was. By their
-    `times` some devices are late and send nothing.
+    the channel that the round was planned with, gives the rates where the aircraft was. `work` is
+    what the devices are at, where they take time: some are late then, and send nothing.
     """
     served = [
         (int(step), int(device), passages.get(int(device)))
@@ -111,7 +96,7 @@ def uplinks(
         if passage is not None:
             x, y, height[device] = _place(area, passage.true_ned_m)
             horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            late[device] = times is not None and passage.t_ns < times.work.ready_ns[device]
+            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
             transmitted[device] = not late[device]
     arrivals = deliver(
         problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng,
@@ -147,7 +132,15 @@ def uplinks(
             importance=float(problem.importance[device]),
             delivered=bool(arrivals.delivered[device]),
         )
-        records.append(record if times is None else times.of(record, late=bool(late[device])))
+        if work is not None:
+            record = TimedUplinkRecord(
+                **asdict(record),
+                ready_t_s=int(work.ready_ns[device]) / 1e9,
+                late=bool(late[device]),
+                staleness=round_number - int(work.begun[device]),
+                upload_s=_upload_s(problem, device),
+            )
+        records.append(record)
     return tuple(records)
 
 

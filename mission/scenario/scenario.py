@@ -72,6 +72,7 @@ class Scenario:
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
             channel=self.channel,
             airspace=self.area.airspace,
+            upload_s=self.upload_s,
         )
 
     def devices_csv(self) -> str:
