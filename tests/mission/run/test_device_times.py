@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ SLOW = {
 UNFLOWN = {"mission.flight": "none"}
 
 
-def fly(out: Path, *more: dict[str, object], rounds: int = 6) -> aerofed.Run:
+def fly(out: Path, *more: Mapping[str, object], rounds: int = 6) -> aerofed.Run:
     keys = {**SMALL, **SLOW, "mission.rounds": rounds}
     for item in more:
         keys |= item
