@@ -76,7 +76,11 @@ def test_an_example_is_short(path: Path) -> None:
         {"mission.strategy": "examples.same_plans:make"},
         {"mission.strategy": "examples.weights:weak_task"},
         {"mission.strategy": "examples.ready_first:make"},
-        {"learning.algorithm": "examples.late_updates:make"},
+        {
+            "learning.algorithm": "examples.late_updates:make",
+            "learning.late": "stale",
+            "communities.0.compute_s": [1.0, 25.0],
+        },
     ],
     ids=lambda more: next(iter(more.values()))[0:30],
 )
