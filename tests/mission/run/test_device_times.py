@@ -12,8 +12,10 @@ import pytest
 from cutting import cut_after
 
 from mission import api as aerofed
+from mission.analysis.load import load_run
 from mission.base.errors import FlightError, InputError
 from mission.cli import call
+from mission.figures.maps import round_map
 from mission.flight.flight_plan import FlightPlan, stops_of
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
 from mission.flight.pilot.mission_items import as_dialect, mission_items
@@ -157,8 +159,11 @@ def test_late_devices_are_told_wherever_a_run_is_shown(
     assert whole["total"]["true_per_mean"] == pytest.approx(sent["true_per"].mean())
     assert call(["compare", str(run.path)]) == 0
     assert "late" in capsys.readouterr().out
-    page = (run.path / "report.html").read_text() if (run.path / "report.html").exists() else ""
-    assert not page or "late" in page
+    assert call(["report", str(run.path)]) == 0
+    assert "late devices" in (run.path / "report.html").read_text()
+    data = load_run(run.path).data
+    words = json.dumps(round_map(data, data.plans[:1]).to_dict())
+    assert '["delivered", "lost", "late", "not served"]' in words
 
 
 def test_nobody_is_slow_unless_it_is_configured(tmp_path: Path) -> None:
