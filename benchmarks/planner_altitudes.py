@@ -16,7 +16,7 @@ import numpy as np
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.evaluate import check_plan
+from mission.planner.check import check_plan
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 LIMITS = (40.0, 120.0)

@@ -17,8 +17,10 @@ GATES = ("average", "instantaneous")
 USUAL_DEVICES = 6  # of a community that says nothing of them
 
 Positive = Annotated[float, Field(gt=0.0)]
+Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Unheard = Literal["left-out", "zero"]
+Late = Literal["missed", "stale"]
 Missed = Literal["lost-too", "unscheduled"]
 TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
 
@@ -40,6 +42,13 @@ class _NamedChannel(_Frozen):
         "('instantaneous'), or have a radio of your own give the PER, as "
         "'package.module:factory'; plans are made with the channel in any case",
     )
+    upload_rate_bps: Positive | None = Field(
+        None,
+        le=1e12,
+        description="bits a second of one device at a time: the aircraft hovers at a waypoint "
+        "until those whom it serves there have sent, one after another; without it an upload "
+        "takes no time",
+    )
 
     @field_validator("preset")
     @classmethod
@@ -54,6 +63,8 @@ class _NamedChannel(_Frozen):
         return checked_name(gate, GATES)
 
 
+_NOT_OF_THE_CHANNEL = set(_NamedChannel.model_fields)
+
 if TYPE_CHECKING:  # that may not know what is made while the program runs
     _Constants = _NamedChannel
 else:
@@ -66,7 +77,7 @@ class ChannelConfig(_Constants):
     def channel(self, *, altitude_m: float | None = None) -> Channel:
         """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
         base = CHANNEL_PRESETS[self.preset]
-        changes = self.model_dump(exclude={"preset", "extra_gain_db", "gate"}, exclude_none=True)
+        changes = self.model_dump(exclude=_NOT_OF_THE_CHANNEL, exclude_none=True)
         if altitude_m is not None:
             changes["altitude_m"] = altitude_m
         changed = replace(base, **changes)
@@ -142,6 +153,25 @@ class CommunityConfig(_Frozen):
         le=1000,
         description="number of devices; as many as there are positions, where these are given",
     )
+    compute_s: Seconds | tuple[Seconds, Seconds] | None = Field(
+        None,
+        description="how long a device trains for its update; [from, to]: drawn for each device "
+        "once, uniformly; without it training takes no time",
+    )
+    compute_times_s: tuple[Seconds, ...] | None = Field(
+        None, min_length=1, max_length=1000, description="the same, device by device"
+    )
+    compute_s_per_sample: Seconds | None = Field(
+        None,
+        description="added to it for each of a device's own samples, in each local epoch: who has "
+        "more data takes longer",
+    )
+    upload_bits: int | None = Field(
+        None,
+        ge=1,
+        le=10**13,
+        description="size of an update; by default 32 for each number of the network",
+    )
     partition: str = Field(
         "labels",
         description="how samples are spread over the devices: by 'labels', 'dirichlet', 'iid', by "
@@ -188,15 +218,28 @@ class CommunityConfig(_Frozen):
     def _as_many_as_devices(self) -> Self:
         if self.positions_m is not None and self.positions_file is not None:
             raise ValueError("positions_m and positions_file: one of them, not both")
-        for name, values in (("positions_m", self.positions_m), ("data_shares", self.data_shares)):
+        for name in ("positions_m", "data_shares", "compute_times_s"):
+            values = getattr(self, name)
             # Of a file it is not known yet how many it holds.
-            if values is None or (self.positions_file is not None and name == "data_shares"):
+            if values is None or (self.positions_file is not None and name != "positions_m"):
                 continue
             if len(values) != self.devices:
                 raise ValueError(
                     f"{name} has {len(values)} entries for {self.devices} devices; there must be "
                     "one for each"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _one_compute_time(self) -> Self:
+        if isinstance(self.compute_s, tuple):
+            low, high = self.compute_s
+            if low > high:
+                raise ValueError(
+                    f"compute_s = [{low:g}, {high:g}] is [from, to]: from must not be above to"
+                )
+        if self.compute_s is not None and self.compute_times_s is not None:
+            raise ValueError("compute_s and compute_times_s: one of them, not both")
         return self
 
     @model_validator(mode="after")
@@ -256,6 +299,12 @@ class LearningConfig(_Frozen):
     )
     importance_boost: float = Field(
         1.5, gt=1.0, le=100.0, description="lambda: factor on devices that missed a round"
+    )
+    late: Late = Field(
+        "missed",
+        description="what becomes of a device that still trains when the aircraft comes for its "
+        "update: nothing arrives, and it begins anew with the next round ('missed'), or it goes "
+        "on, and sends in a later round what it made of the older model ('stale')",
     )
     missed: Missed = Field(
         "lost-too",

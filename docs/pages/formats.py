@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from mission.base.columns import told
 from mission.log import topics
-from mission.log.records import DeviceRecord
+from mission.log.records import DeviceRecord, TimedUplinkRecord, UplinkRecord
 
 HEAD = """# What a run leaves
 
@@ -48,7 +48,7 @@ and [learning](learning.md#fairness-and-importance) the formulas.
 same again |
 | `devices.csv` | a row for each device: community, position, samples, share of the data (p_k), \
 and how many samples of which class it has (`class:samples`), configured share; `positions_file` \
-takes it |
+takes it. Where devices take time, `compute_s` and `upload_s` too |
 | `rounds.csv` | a row for each round |
 | `uplinks.csv` | a row for each scheduled device of each round |
 | `learning.csv` | a row for each device after every round |
@@ -82,13 +82,19 @@ def page() -> str:
 
 def _body() -> list[str]:
     """The tables' columns, then every topic of the log."""
-    every = topics.TOPICS
+    every, every_uplink = topics.TOPICS, list(told(UplinkRecord, str))
     lines = [
         *("", "## rounds.csv", "", "One row for each round.", "", *_fields(topics.ROUNDS)),
         *("", "`accuracy` and `cov` have a column for each community, with its name:"),
         "`accuracy_digits`, `cov_digits`.",
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
+        *(
+            "",
+            "Where [devices take time](learning.md#devices-that-take-time), four columns more, in",
+        ),
+        "the log as well. A late device sends nothing: its PERs are 1.",
+        *("", *_table(row for row in told(TimedUplinkRecord, str) if row not in every_uplink)),
         *("", "## learning.csv", "", "One row for each device after every round."),
         *("", *_columns(DeviceRecord)),
         *("", "## flight.mcap", ""),

@@ -26,6 +26,8 @@ class Update:
     p: float  # p_k in (0, 1], its share of the community's data
     model: Vector  # (P,) its parameters after local training
     steps: int  # local SGD steps that it took, 1 or more
+    start: Vector  # (P,) parameters that it trained from
+    staleness: int = 0  # rounds since they came down; 0: in this very round
 
 
 class Algorithm(Protocol):

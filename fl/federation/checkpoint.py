@@ -12,7 +12,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from fl.errors import CheckpointError
-from fl.federation.rounds import Federation, FederationState
+from fl.federation.rounds import Federation, FederationState, Pending
+from fl.training.local import LocalResult
 
 FORMAT = 2
 
@@ -33,6 +34,11 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
             arrays[f"buffers/{index}"] = state.buffers[index]
         for key, value in state.algorithm[index].items():
             arrays[f"algorithm/{index}/{key}"] = value
+        for device, made in state.pending[index].items():
+            result = made.result
+            arrays[f"pending/{index}/{device}"] = np.stack((made.start, result.model))
+            told = np.array((made.begun, result.steps, result.loss), dtype=np.float64)
+            arrays[f"told/{index}/{device}"] = told
     header = {
         "format": FORMAT,
         "rounds": state.rounds,
@@ -88,6 +94,22 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
                 else np.empty((0, community.network.buffers), dtype=np.float32)
                 for i, community in enumerate(federation.communities)
             ),
+            pending=tuple(
+                {
+                    device: _pending(arrays[key], arrays[f"told/{i}/{device}"])
+                    for key in arrays
+                    if key.startswith(f"pending/{i}/")
+                    for device in (int(key.rpartition("/")[2]),)
+                }
+                for i in range(count)
+            ),
         )
     except (ValueError, KeyError, TypeError, EOFError) as error:
         raise CheckpointError(f"damaged: {error!r}") from error
+
+
+def _pending(vectors: NDArray[np.generic], told: NDArray[np.generic]) -> Pending:
+    """What a device had made when the state was written."""
+    start, model = vectors.astype(np.float32, copy=False)
+    begun, steps, loss = told.astype(np.float64).tolist()
+    return Pending(int(begun), start, LocalResult(model, int(steps), loss))

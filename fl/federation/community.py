@@ -2,6 +2,7 @@
 
 import hashlib
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +19,7 @@ from fl.data.load import load
 from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
+from fl.federation.device_work import compute_times
 from fl.training.custom_trainer import CustomTrainer, make_trainer
 from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
@@ -52,6 +54,13 @@ class Community:
     def own_buffers(self) -> bool:
         """Whether each device keeps the network's buffers to itself."""
         return self.config.buffers == "local"
+
+    @property
+    def upload_bits(self) -> int:
+        """Size of an update: as configured, else 32 for each number of the network."""
+        if self.config.upload_bits is not None:
+            return self.config.upload_bits
+        return 32 * sum(map(math.prod, self.network.shapes))
 
     @cached_property
     def scaling(self) -> Scaling:
@@ -113,6 +122,27 @@ class Federation:
     def p(self) -> Floats:
         """p_k of each device within its community, (K,)."""
         return np.concatenate([community.p for community in self.communities])
+
+    @cached_property
+    def compute_s(self) -> Floats:
+        """Seconds in which each device makes its update, (K,)."""
+        return np.concatenate(
+            [
+                compute_times(
+                    community.config,
+                    community.counts.sum(axis=1),
+                    epochs=self.learning.local_epochs,
+                    rng=self.stream(f"fl/{community.name}/compute"),
+                )
+                for community in self.communities
+            ]
+        )
+
+    @cached_property
+    def upload_bits(self) -> Floats:
+        """Size of each device's update, (K,)."""
+        sizes = [np.full(len(c.shares), c.upload_bits) for c in self.communities]
+        return np.concatenate(sizes).astype(np.float64)
 
     def members(self, index: int) -> slice:
         """The devices of community `index` among all."""

@@ -4,7 +4,7 @@ Rounds count from 1. theta_j is the global model after round j, theta_0 the init
 theta_{m-1} is what comes down in round m: the paper's theta_m, which it numbers by that round.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -37,9 +37,19 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 Indices = NDArray[np.int64]
 Buffers = NDArray[np.float32]
 Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+@dataclass(frozen=True, eq=False)
+class Pending:
+    """What a device has made, or is at, and may send in a later round."""
+
+    begun: int  # round whose model it trained from
+    start: Vector  # (P + B,) that model as the device had it
+    result: LocalResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +68,7 @@ class FederationState:
     # (K_c, B) of each community whose devices keep their buffers; (0, B) where they are averaged.
     # `correct` and `reported` are (K_c, classes) there: each device measures with its own.
     buffers: tuple[Buffers, ...]
+    pending: tuple[Mapping[int, Pending], ...]  # of each community, by device within it
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +111,7 @@ def init(federation: Federation) -> FederationState:
         correct=tuple(correct),
         reported=tuple(each.reporting for each in measured),
         buffers=tuple(buffers),
+        pending=tuple({} for _ in federation.communities),
     )
 
 
@@ -136,21 +148,30 @@ def play_round(
     *,
     scheduled: Bools,
     delivered: Bools,
+    begun: Ints | None = None,
+    kept: Bools | None = None,
     workers: int = 1,
 ) -> tuple[FederationState, RoundLearning]:
     """One communication round, given who was scheduled and whose update arrives, both (K,).
 
-    Only devices whose update arrives are trained: nobody would ever see the others', and every
-    device draws from its own stream, so the result is the same. Up to `workers` devices train at
-    a time, one thread each, with the same result for any number; on a GPU a community's train
-    together, the same within rounding whoever they are. Raises `DivergedError` naming round,
-    community and device.
+    `begun` (K,) says which round's model each device has trained from: by default this one's.
+    `kept` (K,) are those who may send in a later round what they are at; they are trained too.
+
+    Of the others only devices whose update arrives are trained: nobody would ever see the rest,
+    and every device draws from its own stream, so the result is the same. Up to `workers` devices
+    train at a time, one thread each, with the same result for any number; on a GPU a community's
+    train together, the same within rounding whoever they are. Raises `DivergedError` naming
+    round, community and device.
     """
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
         raise ValueError(f"scheduled and delivered must be of shape {federation.p.shape}")
     if np.any(delivered & ~scheduled):
         raise ValueError("a device that was not scheduled cannot deliver")
     number = state.rounds + 1
+    begun = np.full(delivered.shape, number) if begun is None else begun
+    kept = np.zeros_like(delivered) if kept is None else kept
+    if np.any(delivered & kept):
+        raise ValueError("a device whose update arrives does not keep it")
     period = federation.learning.cov_period_rounds
     # Along with its update a device sends its mean accuracy over the models that came down in the
     # l rounds before.
@@ -158,21 +179,26 @@ def play_round(
     eps_received = np.where(delivered, sent, state.eps_received)
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
     parts: list[tuple[int, list[int]]] = []  # a community, and devices that it trains in one call
+    wanted = (delivered | kept) & (begun == number)
     for index, community in enumerate(federation.communities):
-        arrived = np.flatnonzero(delivered[federation.members(index)]).tolist()
+        trains = np.flatnonzero(wanted[federation.members(index)]).tolist()
         if community.network.parallel or _own_starts(federation, community):
-            parts += [(index, [device]) for device in arrived]
-        elif arrived:
-            parts.append((index, arrived))
+            parts += [(index, [device]) for device in trains]
+        elif trains:
+            parts.append((index, trains))
     results = in_parallel(
         [partial(_train, federation, state, index, devices) for index, devices in parts],
         workers=workers if federation.trainer is None else 1,
     )
-    trained: list[dict[int, LocalResult]] = [{} for _ in federation.communities]
+    made = [dict(pending) for pending in state.pending]
     for (index, devices), result in zip(parts, results, strict=True):
-        trained[index].update(zip(devices, result, strict=True))
+        made[index].update(zip(devices, result, strict=True))
+    arrived, pending = (
+        [_of(made[index], each[federation.members(index)]) for index in range(len(made))]
+        for each in (delivered, kept)
+    )
     learnt = in_parallel(
-        [partial(_learn, federation, state, *each) for each in enumerate(trained)],
+        [partial(_learn, federation, state, *each) for each in enumerate(arrived)],
         workers=workers,
     )
     correct = [each.measured.validation for each in learnt]
@@ -197,8 +223,14 @@ def play_round(
         correct=tuple(correct),
         reported=tuple(each.measured.reporting for each in learnt),
         buffers=tuple(each.buffers for each in learnt),
+        pending=tuple(pending),
     )
     return after, _round_learning(federation, after, losses)
+
+
+def _of(made: Mapping[int, Pending], devices: Bools) -> dict[int, Pending]:
+    """What some devices of a community, (K_c,), have made."""
+    return {device: made[device] for device in np.flatnonzero(devices).tolist()}
 
 
 def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
@@ -274,7 +306,7 @@ def _correction(
 
 def _train(
     federation: Federation, state: FederationState, index: int, devices: Sequence[int]
-) -> list[LocalResult]:
+) -> list[Pending]:
     """Local training of devices, which count within their community, from one model."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
@@ -312,7 +344,7 @@ def _train(
     for device, result in zip(devices, results, strict=True):
         if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
             raise DivergedError(number, community.name, device, result.loss)
-    return results
+    return [Pending(number, start, result) for result in results]
 
 
 def _own_starts(federation: Federation, community: Community) -> bool:
@@ -330,7 +362,7 @@ def _start(federation: Federation, state: FederationState, index: int, device: i
         parameters = algorithm.start(state.algorithm[index], parameters, device)
     if community.own_buffers:
         buffers = state.buffers[index][device]
-    return np.concatenate([parameters, buffers])
+    return _frozen(np.concatenate([parameters, buffers]))
 
 
 def _parts(community: Community, model: Vector) -> tuple[Vector, Vector]:
@@ -340,22 +372,24 @@ def _parts(community: Community, model: Vector) -> tuple[Vector, Vector]:
 
 
 def _learn(
-    federation: Federation, state: FederationState, index: int, trained: dict[int, LocalResult]
+    federation: Federation, state: FederationState, index: int, arrived: Mapping[int, Pending]
 ) -> CommunityUpdate:
     """Aggregate what arrived from one community's devices, and measure."""
     community = federation.communities[index]
     model, algorithm_state = state.models[index], state.algorithm[index]
     kept, losses = state.buffers[index], np.full(len(community.shares), np.nan)
-    if not trained:
+    if not arrived:
         measured = _Measured(state.correct[index], state.reported[index])
         return CommunityUpdate(model, algorithm_state, kept, losses, measured)
     parameters, buffers = _parts(community, model)
     updates, statistics = [], []
-    for device, result in trained.items():
-        losses[device] = result.loss
-        p, (sent, own) = float(community.p[device]), _parts(community, result.model)
-        updates.append(Update(device, p, sent, result.steps))
-        statistics.append(Update(device, p, own, result.steps))
+    for device, made in arrived.items():
+        losses[device] = made.result.loss
+        p, age = float(community.p[device]), state.rounds + 1 - made.begun
+        ends = zip(_parts(community, made.result.model), _parts(community, made.start), strict=True)
+        sent, own = (Update(device, p, end, made.result.steps, start, age) for end, start in ends)
+        updates.append(sent)
+        statistics.append(own)
     after, algorithm_state = federation.algorithm.apply(algorithm_state, parameters, updates)
     if buffers.size:
         # Averages of what the devices saw, whatever the algorithm makes of the parameters.

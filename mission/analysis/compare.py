@@ -17,6 +17,7 @@ from mission.analysis.measure import Measured, measure
 from mission.base.arrays import Floats
 from mission.base.columns import told
 from mission.base.errors import InputError
+from mission.log.records import LATE
 from mission.log.values import FlightData
 
 
@@ -122,7 +123,8 @@ class Comparison:
     estimate_rms_m: Annotated[float, _of(_rms, "estimate_m"), Label("estimate error rms (m)", 3)]
     estimate_max_m: Annotated[float, _of(_max, "estimate_m"), Label("estimate error max (m)", 3)]
     estimate_height_rms_m: Annotated[float, _of(_rms, "estimate_height_m")]
-    # Over the scheduled devices; believed: over those whose slot was reached; true: 1 where not.
+    # Over the scheduled devices that had something to send; believed: over those whose slot was
+    # reached; true: 1 where not.
     plan_per_mean: Annotated[float, _of(_mean, "plan_per"), Label("mean PER planned", 5)]
     est_per_mean: Annotated[float, _of(_mean, "est_per"), Label("mean PER believed", 5)]
     true_per_mean: Annotated[float, _of(_mean, "true_per"), Label("mean PER true", 5)]
@@ -140,6 +142,10 @@ class Comparison:
         Label("arrivals expected", 2),
     ]
     delivered: Annotated[int, _count("delivered"), Label("arrived", 0)]
+    # Scheduled devices that still trained when their turn came.
+    unready: Annotated[
+        int, Made(lambda items: sum(item.unready for item in items)), Label("late devices", 0)
+    ]
     # 0..1 of the capacity at the end.
     battery_remaining: Annotated[
         float,
@@ -150,12 +156,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class DeviceComparison:
-    """One device over a run; means over the rounds in which it was scheduled, NaN if never."""
+    """One device over a run; means over the rounds in which it was scheduled and had something to
+    send, NaN if never."""
 
     device: int
     community: str
     scheduled: int
     delivered: int
+    late: int
     plan_per: float
     est_per: float
     true_per: float
@@ -212,14 +220,16 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
 
 def _device(run: FlightData, device: int, community: str) -> DeviceComparison:
     uplinks = [item for item in run.uplinks if item.device == device]
+    sent = [item for item in uplinks if item.outcome != LATE]
     return DeviceComparison(
         device=device,
         community=community,
         scheduled=len(uplinks),
         delivered=sum(item.delivered for item in uplinks),
-        plan_per=_mean(np.array([item.plan_per for item in uplinks])),
-        est_per=_mean(np.array([i.est_per for i in uplinks if math.isfinite(i.slot_t_s)])),
-        true_per=_mean(np.array([item.true_per for item in uplinks])),
+        late=len(uplinks) - len(sent),
+        plan_per=_mean(np.array([item.plan_per for item in sent])),
+        est_per=_mean(np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)])),
+        true_per=_mean(np.array([item.true_per for item in sent])),
     )
 
 

@@ -65,6 +65,7 @@ _RADIO: _Columns = (
     ),
     ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
 )
+_LATE: _Columns = (("devices\nlate", lambda c: str(c.unready)),)
 
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
@@ -74,11 +75,12 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     """
     if comparison.run.data.plan_file is not None:
         return side_by_side([comparison], width=_WIDE)
+    some_late = _LATE if comparison.total.unready else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
     return (
         _table("Path", comparison, _PATH, caption),
         _table("Time", comparison, _TIME, None),
-        _table("Slots, height and estimate", comparison, _SLOTS, None),
+        _table("Slots, height and estimate", comparison, _SLOTS + some_late, None),
         _table("Radio", comparison, _RADIO, None),
         _devices(comparison),
     )
@@ -88,13 +90,16 @@ def _devices(comparison: RunComparison) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title="Devices", title_justify="left", pad_edge=False)
     table.add_column("device", justify="right")
     table.add_column("community")
-    for heading in ("arrived", "PER plan", "believed", "true"):
+    some_late = any(item.late for item in comparison.devices)
+    late = ("late",) if some_late else ()
+    for heading in ("arrived", *late, "PER plan", "believed", "true"):
         table.add_column(heading, justify="right")
     for item in comparison.devices:
         table.add_row(
             str(item.device),
             item.community,
             f"{item.delivered}/{item.scheduled}",
+            *((str(item.late),) if some_late else ()),
             *(number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
         )
     return table
@@ -113,10 +118,13 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 def labelled(comparisons: Sequence[RunComparison]) -> list[tuple[str, int, list[float]]]:
     """Label, digits and values of every number that has a label, and a value in any run."""
     served = any(item.devices for item in comparisons)
+    left_out: tuple[str, ...] = () if served else ("scheduled", "expected", "delivered")
+    if not any(item.total.unready for item in comparisons):
+        left_out += ("unready",)
     rows = [
         (label.text, label.digits, [float(getattr(item.total, name)) for item in comparisons])
         for name, label in told(Comparison, Label)
-        if served or name not in ("scheduled", "expected", "delivered")
+        if name not in left_out
     ]
     return [row for row in rows if not all(map(math.isnan, row[2]))]
 

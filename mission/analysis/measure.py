@@ -9,7 +9,7 @@ from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown, reached
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
 
 # A straight is what lies farther than this along the planned path from every corner.
@@ -36,6 +36,7 @@ class Measured:
     est_per: Floats
     true_per: Floats
     per_shift: Floats  # true - planned
+    unready: int  # devices that sent nothing, as they still trained
 
 
 def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
@@ -53,7 +54,10 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         if np.any(np.abs(fit.along_m - at) <= CORNER_M)
     ]
     uplinks = [item for item in run.uplinks if item.round == record.round]
-    slots = {item.step: item for item in uplinks}
+    sent = [item for item in uplinks if item.outcome != LATE]
+    slots: dict[int, UplinkRecord] = {}
+    for item in uplinks:  # whoever sends first at a step, sends as it begins
+        slots.setdefault(item.step, item)
     reached = [item for item in slots.values() if math.isfinite(item.slot_t_s)]
     miss = np.array(
         [(item.true_x_m - item.plan_x_m, item.true_y_m - item.plan_y_m) for item in reached]
@@ -62,8 +66,8 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         [_heading(plan.route_m, int(plan.stops_at[item.step])) for item in reached]
     ).reshape(-1, 2)
     error = belief.pos_m - truth.pos_m
-    plan_per = np.array([item.plan_per for item in uplinks])
-    true_per = np.array([item.true_per for item in uplinks])
+    plan_per = np.array([item.plan_per for item in sent])
+    true_per = np.array([item.true_per for item in sent])
     measured = Measured(
         record=record,
         plan_duration_s=plan.duration_s,
@@ -78,9 +82,10 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
         plan_per=plan_per,
-        est_per=np.array([i.est_per for i in uplinks if math.isfinite(i.slot_t_s)]),
+        est_per=np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
         true_per=true_per,
         per_shift=true_per - plan_per,
+        unready=len(uplinks) - len(sent),
     )
     return measured if run.plan_file is None else _at_places(measured, run)
 

@@ -158,7 +158,8 @@ def _words(key: Key, *, many: bool = False) -> str:
     annotation, arguments = key.annotation, get_args(key.annotation)
     origin = get_origin(annotation)
     if origin in (Union, UnionType) and not key.models:
-        options = [_key(key.path, option, key.bounds) for option in arguments]
+        given = (option for option in arguments if option is not NoneType)
+        options = [_key(key.path, option, key.bounds) for option in given]
         return " or ".join(_words(option, many=many) for option in options)
     if origin is Literal:
         choices = ", ".join(map(repr, arguments))

@@ -193,11 +193,13 @@ def _placed(community: CommunityConfig, places: Sequence[Place], area: AreaConfi
     }
     if places[0].share is not None:
         known["data_shares"] = tuple(place.share for place in places)
-    elif community.data_shares is not None and len(community.data_shares) != len(places):
-        raise InputError(
-            f"{places[0].where}: community {community.name!r} has {len(places)} places, but "
-            f"{len(community.data_shares)} data_shares; there must be one for each"
-        )
+    for name in ("data_shares", "compute_times_s"):
+        given = known.get(name, getattr(community, name))
+        if given is not None and len(given) != len(places):
+            raise InputError(
+                f"{places[0].where}: community {community.name!r} has {len(places)} places, but "
+                f"{len(given)} {name}; there must be one for each"
+            )
     return community.model_copy(update=known)
 
 

@@ -8,8 +8,10 @@ from mission.analysis.compare import RunComparison
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, bar_chart, finished, line_chart, some
 from mission.figures.style import COOL, GOOD, GRID, PLANNED, SOFT, WARM, keys, named, table
+from mission.log.records import LATE, OUTCOMES
 from mission.log.values import FlightData
 
+_PALE = 0.35
 _SPREAD = "spread of accuracy over a community's devices; in force for the next round"
 
 
@@ -99,7 +101,8 @@ def _error_rates(comparison: RunComparison) -> alt.LayerChart:
 
 
 def _participation(run: FlightData) -> alt.LayerChart:
-    """Device by round: delivered, lost, or not scheduled."""
+    """Device by round: delivered, lost, late, or not scheduled."""
+    late = any(item.outcome == LATE for item in run.uplinks)
     names, count = run.devices.communities, len(run.devices.community)
     rounds = [record.round for record in run.rounds]
     colours = named(names, [community_colour(index) for index in range(len(names))])
@@ -107,7 +110,7 @@ def _participation(run: FlightData) -> alt.LayerChart:
         round=[item.round for item in run.uplinks],
         device=[item.device for item in run.uplinks],
         community=[item.community for item in run.uplinks],
-        update=["delivered" if item.delivered else "lost" for item in run.uplinks],
+        update=[item.outcome for item in run.uplinks],
     )
     x = alt.X("round:O", title="round", scale=alt.Scale(domain=rounds, padding=0.1),
               axis=alt.Axis(values=some(rounds), labelAngle=0))  # fmt: skip
@@ -118,10 +121,11 @@ def _participation(run: FlightData) -> alt.LayerChart:
         fill=alt.Fill("community:N", scale=colours, legend=keys(names)),
         stroke=alt.Stroke("community:N", scale=colours, legend=keys(names)),
         fillOpacity=alt.FillOpacity(
-            "update:O", scale=named(["delivered", "lost"], [1.0, 0.0]), legend=None
+            "update:O", scale=named(OUTCOMES, [1.0, 0.0, _PALE]), legend=None
         ),
     )  # fmt: skip
     return finished(
         [marks], title="Participation", height=max(60.0, min(14.0 * count, 900.0)),
-        note="filled: delivered, outlined: lost, grey: not scheduled",
+        note=f"filled: delivered, outlined: lost,{' pale: late,' if late else ''} "
+        "grey: not scheduled",
     ).properties(view=alt.ViewBackground(fill=GRID, fillOpacity=0.4))  # fmt: skip

@@ -24,7 +24,7 @@ from mission.figures.style import (
     per_scale,
     table,
 )
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
@@ -35,7 +35,8 @@ _LOST = (
     f"{_RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55Z"
     "M-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
 )
-_OUTCOMES = ("delivered", "lost", "not served")
+_LATE_SHAPE = "M-0.8,-1L0.8,-1L-0.8,1L0.8,1Z"  # an hourglass
+_NOT_SERVED = "not served"
 
 Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
@@ -135,7 +136,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
     """From the slot, where each transmission was met, to its device; coloured by the true PER."""
     met = [
         uplink for of in served.values() for uplink in of.values()
-        if math.isfinite(uplink.slot_t_s)
+        if math.isfinite(uplink.slot_t_s) and uplink.outcome != LATE
     ]  # fmt: skip
     if not met:
         return []
@@ -161,7 +162,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
 def _devices(
     run: FlightData, frame: Frame, rounds: Sequence[tuple[int, Floats, Served]]
 ) -> list[alt.Chart]:
-    """Colour: community. Area: importance. Filled: delivered; crossed: lost; ring: not served."""
+    """Colour: community. Area: importance. Shape: what became of the update; ring: not served."""
     names, count = run.devices.communities, len(run.devices.community)
     if not count:
         return []
@@ -174,7 +175,7 @@ def _devices(
         x=np.tile(run.devices.pos_m[:, 0], len(rounds)),
         y=np.tile(run.devices.pos_m[:, 1], len(rounds)),
         importance=np.concatenate([importance for _, importance, _ in rounds]),
-        outcome=[_outcome(uplink) for uplink in each],
+        outcome=[_NOT_SERVED if uplink is None else uplink.outcome for uplink in each],
         per=[math.nan if uplink is None else uplink.true_per for uplink in each],
     )
     most = max(float(importance.max(initial=0.0)) for _, importance, _ in rounds)
@@ -193,24 +194,23 @@ def _devices(
     ).encode(text="device:Q")  # fmt: skip
     if not outcome:
         return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip), labels]
+    some_late = any(uplink.outcome == LATE for uplink in run.uplinks)
+    late = {LATE: _LATE_SHAPE} if some_late else {}
+    looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: _RING}
     key = keys(
-        _OUTCOMES, symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
+        list(looks), symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
     )  # fmt: skip
     became = marks.mark_point(stroke=None, opacity=1).encode(
-        shape=alt.Shape("outcome:N", scale=named(_OUTCOMES, ["circle", _LOST, _RING]), legend=key),
+        shape=alt.Shape("outcome:N", scale=named(list(looks), list(looks.values())), legend=key),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
     )
     # In a crowd only those have their number that one asks about; on a page each tells it.
     return [
         became,
-        labels.transform_filter("datum.outcome == 'lost'") if count > CROWD else labels,
+        labels.transform_filter("datum.outcome == 'lost' || datum.outcome == 'late'")
+        if count > CROWD
+        else labels,
     ]
-
-
-def _outcome(uplink: UplinkRecord | None) -> str:
-    if uplink is None:
-        return "not served"
-    return "delivered" if uplink.delivered else "lost"
 
 
 def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:

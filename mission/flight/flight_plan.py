@@ -43,13 +43,11 @@ class FlightPlan:
         return performance.foresee(self.points_m, holds_s, self.acceptance_m)
 
     def slot_s(self, foreseen: Foreseen) -> list[float]:
-        """(N,) when each step is passed, in seconds after the start. Steps that share a hover are
-        spread evenly over it.
-        """
+        """(N,) when each step is passed, in seconds after the start."""
         return [
-            float(arrived_s) + stop.hold_s / len(stop.steps) * rank
+            float(arrived_s) + begin_s
             for stop, arrived_s in zip(self.stops, foreseen.arrived_s, strict=True)
-            for rank in range(len(stop.steps))
+            for begin_s in stop.slots_s
         ]
 
     def positions(self, area: Area) -> tuple[GeodeticPoint, ...]:
@@ -68,7 +66,7 @@ def flight_of_round(
     """
     problem = problem.at(plan.altitude_m)
     radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)
-    stops = stops_of(plan, hold_s=hold_s)
+    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
     return FlightPlan(stops, problem.channel.altitude_m, mission.speed_mps, radius_m)
 
 

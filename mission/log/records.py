@@ -27,6 +27,10 @@ Maybe: TypeAlias = Annotated[float, MAYBE]
 ByCommunity: TypeAlias = Annotated[dict[str, float], Kind("by_community")]
 
 
+LATE = "late"
+OUTCOMES = ("delivered", "lost", LATE)
+
+
 @dataclass(frozen=True, slots=True)
 class UplinkRecord:
     """One scheduled device of one round: where it was served and what became of its update."""
@@ -49,6 +53,28 @@ class UplinkRecord:
     true_per: Annotated[float, "packet error rate at the true position; 1 where never reached"]
     importance: Annotated[float, "delta of the device in this round"]
     delivered: Annotated[bool, "the update arrived"]
+
+    @property
+    def outcome(self) -> str:
+        """What became of the update, in a word: one of `OUTCOMES`."""
+        return "delivered" if self.delivered else "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class TimedUplinkRecord(UplinkRecord):
+    """The same of a run whose devices take time to train, or to send."""
+
+    ready_t_s: Annotated[float, "simulated time from which the device has its update to send"]
+    late: Annotated[bool, "it was not ready when its turn came and sent nothing: PER 1"]
+    staleness: Annotated[int, "rounds since the model that it trains from came down"]
+    upload_s: Annotated[float, "how long its turn lasts, from `slot_t_s` on"]
+
+    @property
+    def outcome(self) -> str:
+        """What became of the update, in a word: one of `OUTCOMES`."""
+        if self.late:
+            return LATE
+        return "delivered" if self.delivered else "lost"
 
 
 # Of a round's table where time or energy is limited: the columns, and what people read of them.

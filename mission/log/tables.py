@@ -17,12 +17,16 @@ from mission.log.records import (
     SPENT,
     DeviceRecord,
     RoundRecord,
+    TimedUplinkRecord,
     UplinkRecord,
     flat,
     is_by_community,
 )
 
 Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
+
+# A record, and the one with more columns that may stand in its table.
+_WIDER: Mapping[Any, Any] = {UplinkRecord: TimedUplinkRecord}
 
 
 class TableError(InputError):
@@ -79,7 +83,7 @@ class Table(Generic[Record]):
 
 
 def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    """The records of a table, equal to those that were written.
+    """The records of a table, equal to those that were written; also of a kind of `record`.
 
     Raises:
         TableError: no such file, other columns, or a value that is not what its column holds.
@@ -87,6 +91,8 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
     spent = tuple(SPENT) if next(iter(SPENT)) in header else ()
+    wider: Any = _WIDER.get(record, record)
+    record = wider if tuple(header) == _header(wider, communities, spent) else record
     _check_header(path, header, _header(record, communities, spent))
     return tuple(_record(path, record, communities, spent, *row) for row in rows)
 

@@ -68,7 +68,7 @@ def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
     """What the flight of a plan takes, in a problem with limits; `hold_s` as in `stops_of`."""
     assert problem.limits is not None
     performance = problem.limits.performance
-    stops = stops_of(plan, hold_s=hold_s)
+    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
     return performance.foresee(
         np.array([stop.xy_m for stop in stops]),
         [stop.hold_s for stop in stops],

@@ -31,6 +31,8 @@ class RoundProblem:
     # (lowest, highest) height above home in metres: the plan has the best of them, and the
     # channel's own means nothing. None: the channel's.
     altitudes_m: tuple[float, float] | None = None
+    # (K,) how long the aircraft hovers for each device that it serves; None: it does not
+    upload_s: Floats | None = None
 
     def at(self, altitude_m: float | None) -> Self:
         """The same problem at one altitude; None: the channel's."""

@@ -151,6 +151,7 @@ def _facts(item: Comparison) -> list[tuple[str, str]]:
         ("path planned / flown", f"{item.plan_path_m:.1f} / {item.flown_path_m:.1f} m"),
         ("duration", f"{item.duration_s:.1f} s"),
         ("delivered", f"{item.delivered} of {item.scheduled} (expected {item.expected:.1f})"),
+        *([("late devices", f"{item.unready} of {item.scheduled}")] if item.unready else []),
         ("objective planned", number(item.plan_objective, 3)),
         ("objective believed", number(item.est_objective, 3)),
         ("objective true", number(item.true_objective, 3)),

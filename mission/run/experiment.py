@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 from fl.federation import rounds as learning
-from mission.base.arrays import Bools
+from mission.base.arrays import Bools, Ints
 from mission.base.console import RunConsole
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import users_code
@@ -87,7 +87,14 @@ class Experiment(ABC):
         done = self.totals.rounds_done
         return self.memory[done] if done < len(self.memory) else None
 
-    async def _learn(self, scheduled: Bools, delivered: Bools) -> learning.RoundLearning:
+    async def _learn(
+        self,
+        scheduled: Bools,
+        delivered: Bools,
+        *,
+        begun: Ints | None = None,
+        kept: Bools | None = None,
+    ) -> learning.RoundLearning:
         self._show("training")
         with self.stopwatch("learn"), self._users_networks():
             # In a thread, so that heartbeats go on; simulated time stands still.
@@ -97,6 +104,8 @@ class Experiment(ABC):
                 self.state,
                 scheduled=scheduled,
                 delivered=delivered,
+                begun=begun,
+                kept=kept,
                 workers=self.workers,
             )
         return learnt

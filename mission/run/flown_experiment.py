@@ -9,22 +9,23 @@ from pathlib import Path
 import numpy as np
 
 from fl.federation import rounds as learning
+from fl.federation.device_work import DeviceWork
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.user_code import plugins_of_learning
 from mission.flight.fence_zones import fence_items
-from mission.flight.flight_plan import flight_of_round
+from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
-from mission.flight.track import Flight, Passage
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.flight.track import Flight
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
 from mission.run.budget import spent
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
-from mission.run.gate import slots, uplinks
+from mission.run.gate import slots, turns, uplinks
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
@@ -40,7 +41,14 @@ class FlownExperiment(Experiment):
     folder: Path  # of the run
     observers: Sequence[VehicleObserver] = ()
     tap: Tap | None = None  # on the link between pilot and built-in autopilot
+    work: DeviceWork = field(init=False)  # of the devices, as the last round left it
     _stage: str = field(default="", init=False)  # of the flight, for people
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        federation = self.scenario.federation
+        stale = federation.learning.late == "stale"
+        self.work = DeviceWork.before(federation.compute_s, goes_on=stale)
 
     async def _run(self) -> None:
         try:
@@ -90,16 +98,25 @@ class FlownExperiment(Experiment):
         problem = problem.at(sortie.plan.altitude_m)
         if recalled is None:
             self._show("flying")
-        flight, passages, foreseen = await self._fly(flyer, problem, sortie)
+        plan, flight, foreseen = await self._fly(flyer, problem, sortie)
+        self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
         with plugins_of_learning():
-            served = self._served(problem, sortie, passages)
+            served = self._served(problem, sortie, plan, flight)
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None:
             _check_same(true_objective, recalled.true_objective)
         scheduled = self._mask(u.device for u in served)
         delivered = self._mask(u.device for u in served if u.delivered)
         self.totals.last_heard[delivered] = self.totals.next_round
-        learnt = recalled.learnt if recalled else await self._learn(scheduled, delivered)
+        late = self._mask(u.device for u in served if u.outcome == LATE)
+        sent = self._mask(u.device for u in served if math.isfinite(u.slot_t_s)) & ~late
+        self.work = self.work.round_ends(late=late, sent=sent)
+        kept = self.work.kept(int(flight.t_ns[-1]))
+        learnt = (
+            recalled.learnt
+            if recalled
+            else await self._learn(scheduled, delivered, begun=self.work.begun, kept=kept)
+        )
         used = self._used(problem, sortie, flight, foreseen)
         record = RoundRecord(
             round=self.totals.next_round,
@@ -123,7 +140,7 @@ class FlownExperiment(Experiment):
         self._finish(record, memory, served)
 
     def _served(
-        self, problem: RoundProblem, sortie: Sortie, passages: dict[int, Passage]
+        self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
     ) -> tuple[UplinkRecord, ...]:
         number, scenario = self.totals.next_round, self.scenario
         gate = scenario.config.channel.gate
@@ -131,21 +148,22 @@ class FlownExperiment(Experiment):
             number,
             problem,
             sortie.plan,
-            passages,
+            turns(problem, sortie.plan, slots(plan, flight), flight),
             area=scenario.area,
             community_of=scenario.community_of,
             gate="instantaneous" if gate == "instantaneous" else "average",
             rng=scenario.streams.generator(f"uplink/{number}"),
             radio=scenario.radio,
+            work=self.work if scenario.device_times else None,
         )
 
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
-        scenario, mission = self.scenario, self.scenario.config.mission
+        scenario, mission, start = self.scenario, self.scenario.config.mission, flyer.here()
         left = self.totals.left(self.budget)
         return RoundProblem(
             devices_m=scenario.devices_m,
-            importance=self._importance() if recalled is None else recalled.importance,
-            start_m=scenario.area.from_ned(flyer.here().est_ned_m),
+            importance=self._importance(start.t_ns) if recalled is None else recalled.importance,
+            start_m=scenario.area.from_ned(start.est_ned_m),
             steps=mission.steps,
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, left.metres),
@@ -153,23 +171,26 @@ class FlownExperiment(Experiment):
             airspace=scenario.area.airspace,
             altitudes_m=mission.altitudes_m,
             limits=round_limits(mission, flyer.performance, left=left),
+            upload_s=scenario.upload_s,
         )
 
-    def _importance(self) -> Floats:
-        federation, state = self.scenario.federation, self.state
+    def _importance(self, t_ns: int) -> Floats:
+        federation, state, number = self.scenario.federation, self.state, self.totals.next_round
         delta = learning.importance(federation, state, fairness=self.strategy.fairness)
         if not isinstance(self.strategy, ImportanceStrategy):
             return delta
-        of = federation.community_of
+        of, work = federation.community_of, self.work.round_begins(number, t_ns)
         return self.strategy.importance(
             RoundInfo(
-                round=self.totals.next_round,
+                round=number,
                 delta=delta,
                 p=federation.p,
                 cov=state.cov[of],
                 community_of=of,
                 last_heard=self.totals.last_heard.copy(),
                 accuracy=state.eps_received.copy(),
+                ready_in_s=np.maximum(work.ready_ns - t_ns, 0) / 1e9,
+                staleness=number - work.begun,
             )
         )
 
@@ -182,9 +203,8 @@ class FlownExperiment(Experiment):
 
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
-    ) -> tuple[Flight, dict[int, Passage], Foreseen]:
-        """The flight, where the aircraft was at each time step that it reached, and what was
-        foreseen of it."""
+    ) -> tuple[FlightPlan, Flight, Foreseen]:
+        """What was to be flown, what was, and what was foreseen of it."""
         plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
         foreseen = plan.foreseen(flyer.performance)
         with self.stopwatch("fly"):
@@ -196,8 +216,7 @@ class FlownExperiment(Experiment):
                 self.recorder.planned(
                     flyer.t_ns, self.totals.next_round, problem, sortie.plan, plan, foreseen
                 )
-            flight = await flyer.fly(plan)
-        return flight, slots(plan, flight), foreseen
+            return plan, await flyer.fly(plan), foreseen
 
     def _used(
         self, problem: RoundProblem, sortie: Sortie, flight: Flight, foreseen: Foreseen

@@ -1,10 +1,12 @@
 """The radio meets the truth: which scheduled updates arrive, given where the aircraft was."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 
+from fl.federation.device_work import DeviceWork
 from fl.radio.channel import Channel
 from fl.radio.custom_radio import CustomRadio
 from fl.radio.uplink import Gate, deliver
@@ -12,7 +14,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
-from mission.log.records import UplinkRecord
+from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 
 
@@ -20,51 +22,82 @@ def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
     """The passage of every time step that was reached, by 0-based step.
 
     A step transmits when its stop is passed. Several steps at one stop share that instant, or
-    the stop's hover where it has one: evenly spread, the first at the arrival.
+    the stop's hover where it has one: one after another, the first at the arrival.
     """
     passages: dict[int, Passage] = {}
     for stop, arrival in zip(plan.stops, flight.passages, strict=True):
         if arrival is None:
             continue
-        for rank, step in enumerate(stop.steps):
-            if stop.hold_s == 0.0 or rank == 0:
-                passages[step] = arrival
-                continue
-            instant = arrival.t_ns + round(1e9 * stop.hold_s * rank / len(stop.steps))
-            if instant <= flight.t_ns[-1]:
-                passages[step] = flight.at(instant)
+        for step, begin_s in zip(stop.steps, stop.slots_s, strict=True):
+            passage = _after(arrival, begin_s, flight)
+            if passage is not None:
+                passages[step] = passage
     return passages
+
+
+def turns(
+    problem: RoundProblem, plan: RoundPlan, passages: Mapping[int, Passage], flight: Flight
+) -> dict[int, Passage]:
+    """Where the aircraft is as each scheduled device begins to send, by device.
+
+    The devices of a step, whose `passages` are given, send one after another, in their order.
+    Those are left out whose turn never came.
+    """
+    found: dict[int, Passage] = {}
+    for step, arrival in passages.items():
+        begin_s = 0.0
+        for device in np.flatnonzero(plan.schedule[step]).tolist():
+            passage = _after(arrival, begin_s, flight)
+            if passage is not None:
+                found[device] = passage
+            begin_s += _upload_s(problem, device)
+    return found
+
+
+def _upload_s(problem: RoundProblem, device: int) -> float:
+    return 0.0 if problem.upload_s is None else float(problem.upload_s[device])
+
+
+def _after(arrival: Passage, seconds: float, flight: Flight) -> Passage | None:
+    """Where the aircraft is some time after an instant; None where the flight is over."""
+    if seconds == 0.0:
+        return arrival
+    instant = arrival.t_ns + round(1e9 * seconds)
+    return flight.at(instant) if instant <= flight.t_ns[-1] else None
 
 
 def uplinks(
     round_number: int,
     problem: RoundProblem,
     plan: RoundPlan,
-    passages: dict[int, Passage],
+    passages: Mapping[int, Passage],
     *,
     area: Area,
     community_of: Sequence[str],
     gate: Gate,
     rng: np.random.Generator,
     radio: Channel | CustomRadio | None = None,
+    work: DeviceWork | None = None,
 ) -> tuple[UplinkRecord, ...]:
-    """One record per scheduled device, in order of step and device.
+    """One record per scheduled device, in order of step and device; `passages` by device.
 
     Updates are drawn at the true positions; `rng` is this round's own stream. `radio`, by default
-    the channel that the round was planned with, gives the rates where the aircraft was.
+    the channel that the round was planned with, gives the rates where the aircraft was. `work` is
+    what the devices are at, where they take time: some are late then, and send nothing.
     """
     served = [
-        (int(step), int(device), passages.get(int(step)))
+        (int(step), int(device), passages.get(int(device)))
         for step, device in np.argwhere(plan.schedule)
     ]
     count = len(problem.devices_m)
     horizontal, height = np.zeros(count), np.zeros(count)
-    transmitted = np.zeros(count, dtype=bool)
+    late, transmitted = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     for _, device, passage in served:
         if passage is not None:
             x, y, height[device] = _place(area, passage.true_ned_m)
             horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            transmitted[device] = True
+            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
+            transmitted[device] = not late[device]
     arrivals = deliver(
         problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng,
         radio=radio, gate=gate,
@@ -78,29 +111,36 @@ def uplinks(
         if passage is not None:
             t_s = passage.t_ns / 1e9
             est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per = _per(radio or problem.channel, ground, est)
-        records.append(
-            UplinkRecord(
-                round=round_number,
-                device=device,
-                community=community_of[device],
-                step=step,
-                slot_t_s=t_s,
-                plan_x_m=float(where[0]),
-                plan_y_m=float(where[1]),
-                est_x_m=est[0],
-                est_y_m=est[1],
-                est_alt_m=est[2],
-                true_x_m=true[0],
-                true_y_m=true[1],
-                true_alt_m=true[2],
-                plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
-                est_per=est_per,
-                true_per=float(arrivals.per[device]),
-                importance=float(problem.importance[device]),
-                delivered=bool(arrivals.delivered[device]),
-            )
+            est_per = 1.0 if late[device] else _per(radio or problem.channel, ground, est)
+        record = UplinkRecord(
+            round=round_number,
+            device=device,
+            community=community_of[device],
+            step=step,
+            slot_t_s=t_s,
+            plan_x_m=float(where[0]),
+            plan_y_m=float(where[1]),
+            est_x_m=est[0],
+            est_y_m=est[1],
+            est_alt_m=est[2],
+            true_x_m=true[0],
+            true_y_m=true[1],
+            true_alt_m=true[2],
+            plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
+            est_per=est_per,
+            true_per=float(arrivals.per[device]),
+            importance=float(problem.importance[device]),
+            delivered=bool(arrivals.delivered[device]),
         )
+        if work is not None:
+            record = TimedUplinkRecord(
+                **asdict(record),
+                ready_t_s=int(work.ready_ns[device]) / 1e9,
+                late=bool(late[device]),
+                staleness=round_number - int(work.begun[device]),
+                upload_s=_upload_s(problem, device),
+            )
+        records.append(record)
     return tuple(records)
 
 

@@ -2,7 +2,7 @@
 
 from fl.errors import DivergedError
 from fl.federation import rounds as learning
-from mission.base.arrays import Bools
+from mission.base.arrays import Bools, Ints
 from mission.base.errors import TrainingError
 from mission.base.user_code import plugins_of_learning
 
@@ -13,9 +13,11 @@ def learn(
     *,
     scheduled: Bools,
     delivered: Bools,
+    begun: Ints | None = None,
+    kept: Bools | None = None,
     workers: int,
 ) -> tuple[learning.FederationState, learning.RoundLearning]:
-    """Train those whose update is delivered; `scheduled` and `delivered` are (K,).
+    """Train those whose update is delivered, or `kept`; all arrays as in `play_round`.
 
     Raises:
         TrainingError: the training diverged; names round, community and device.
@@ -24,7 +26,13 @@ def learn(
     try:
         with plugins_of_learning():
             return learning.play_round(
-                federation, state, scheduled=scheduled, delivered=delivered, workers=workers
+                federation,
+                state,
+                scheduled=scheduled,
+                delivered=delivered,
+                begun=begun,
+                kept=kept,
+                workers=workers,
             )
     except DivergedError as error:
         raise TrainingError(f"learning diverged: {error}") from None

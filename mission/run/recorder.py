@@ -11,7 +11,13 @@ from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
-from mission.log.records import SPENT, DeviceRecord, RoundRecord, UplinkRecord
+from mission.log.records import (
+    SPENT,
+    DeviceRecord,
+    RoundRecord,
+    TimedUplinkRecord,
+    UplinkRecord,
+)
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.write.sink import Sink
@@ -159,7 +165,8 @@ def recording(
         rounds = stack.enter_context(
             Table(folder.rounds, RoundRecord, communities=names, spent=limited)
         )
-        uplinks = stack.enter_context(Table(folder.uplinks, UplinkRecord))
+        uplink = TimedUplinkRecord if scenario.device_times else UplinkRecord
+        uplinks = stack.enter_context(Table(folder.uplinks, uplink))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())

@@ -43,6 +43,8 @@ class RoundInfo:
     community_of: NDArray[np.int64]  # (K,) index of each device's community, from 0
     last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
     accuracy: Floats  # (K,) eps_k as each device last sent it, 0 to 1; NaN: never heard
+    ready_in_s: Floats  # (K,) seconds after the start until it has an update to send; 0: at once
+    staleness: NDArray[np.int64]  # (K,) rounds since the model of that update came down; 0: this
 
     @property
     def age_rounds(self) -> NDArray[np.int64]:

@@ -53,6 +53,21 @@ class Scenario:
         """(K,) the name of each device's community."""
         return tuple(self.federation.names[c] for c in self.federation.community_of)
 
+    @property
+    def device_times(self) -> bool:
+        """Whether devices take time to train, or to send."""
+        return self.upload_s is not None or any(
+            value is not None
+            for c in self.config.communities
+            for value in (c.compute_s, c.compute_times_s, c.compute_s_per_sample)
+        )
+
+    @property
+    def upload_s(self) -> Floats | None:
+        """(K,) how long each device sends; None: no time at all."""
+        rate_bps = self.config.channel.upload_rate_bps
+        return None if rate_bps is None else self.federation.upload_bits / rate_bps
+
     def first_problem(self) -> RoundProblem:
         """The planning problem of the first round, from above home."""
         mission, budget = self.config.mission, budget_of(self.config)
@@ -67,12 +82,18 @@ class Scenario:
             airspace=self.area.airspace,
             altitudes_m=mission.altitudes_m,
             limits=round_limits(mission, foreseen_performance(self.config), left=budget.total),
+            upload_s=self.upload_s,
         )
 
     def devices_csv(self) -> str:
         """Where every device stands and what it owns: `labels` lists class:samples, `share` is
-        empty where none is configured. `communities.N.positions_file` takes it."""
+        empty where none is configured. `communities.N.positions_file` takes it.
+
+        Where devices take time, two columns more: `compute_s` and `upload_s`.
+        """
         lines = ["device,community,x_m,y_m,samples,p,labels,share"]
+        if self.device_times:
+            lines[0] += ",compute_s,upload_s"
         communities = self.federation.communities
         counts = [row for community in communities for row in community.counts]
         shares = [
@@ -80,6 +101,11 @@ class Scenario:
             for c in self.config.communities
             for shared in c.data_shares or (None,) * c.devices
         ]
+        times = [""] * len(shares)
+        if self.device_times:
+            upload_s = np.zeros(len(shares)) if self.upload_s is None else self.upload_s
+            each_s = zip(self.federation.compute_s.tolist(), upload_s.tolist(), strict=True)
+            times = [f",{compute!r},{upload!r}" for compute, upload in each_s]
         places = zip(self.devices_m, counts, shares, strict=True)
         for device, (place, row, share) in enumerate(places):
             owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
@@ -87,7 +113,7 @@ class Scenario:
             p = float(self.federation.p[device])
             lines.append(
                 f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned},"
-                f"{share}"
+                f"{share}{times[device]}"
             )
         return "\n".join(lines) + "\n"
 
@@ -141,6 +167,16 @@ def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
     return devices_m
 
 
+def _check_sizes(config: RunConfig) -> None:
+    """Refuse the size of an update where nothing says how fast it is sent."""
+    for index, community in enumerate(config.communities):
+        if community.upload_bits is not None and config.channel.upload_rate_bps is None:
+            raise InputError(
+                f"communities.{index}.upload_bits = {community.upload_bits}: needs "
+                "channel.upload_rate_bps, the rate at which it is sent; give both or none"
+            )
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -151,6 +187,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     area = config.area.build(config.mission.heights_m)
     check_start(config)
     check_limits(config)
+    _check_sizes(config)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)

@@ -27,7 +27,7 @@ SMALL = {
 RNG = np.random.default_rng(1)
 MODEL = RNG.standard_normal(20).astype(np.float32)
 SENT = [
-    Update(k, p, MODEL + RNG.standard_normal(20).astype(np.float32), 3)
+    Update(k, p, MODEL + RNG.standard_normal(20).astype(np.float32), 3, MODEL)
     for k, p in enumerate((0.1, 0.2, 0.3))
 ]
 
@@ -73,7 +73,7 @@ def test_krum_leaves_the_outlier_out() -> None:
     theirs = FlowerAlgorithm(
         lambda at: Krum(initial_parameters=at, num_malicious_clients=1, num_clients_to_keep=1), 0.9
     )
-    wild = Update(3, 0.4, MODEL + 100.0, 3)
+    wild = Update(3, 0.4, MODEL + 100.0, 3, MODEL)
     after, _ = theirs.apply(theirs.init(MODEL, 4), MODEL, [*SENT, wild])
     assert np.abs(after - MODEL).max() < 10.0
 

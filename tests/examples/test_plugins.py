@@ -12,8 +12,10 @@ from cutting import cut_after
 from examples import (
     fedbuff,
     fednova,
+    late_updates,
     measured_radio,
     quantity_skew,
+    ready_first,
     rician,
     tabular,
     weights,
@@ -73,6 +75,12 @@ def test_an_example_is_short(path: Path) -> None:
         {"mission.strategy": "examples.staleness:make"},
         {"mission.strategy": "examples.same_plans:make"},
         {"mission.strategy": "examples.weights:weak_task"},
+        {"mission.strategy": "examples.ready_first:make"},
+        {
+            "learning.algorithm": "examples.late_updates:make",
+            "learning.late": "stale",
+            "communities.0.compute_s": [1.0, 25.0],
+        },
     ],
     ids=lambda more: next(iter(more.values()))[0:30],
 )
@@ -116,7 +124,7 @@ def test_everything_at_once_resumes_to_the_same_bytes(
 
 def updates(*models: tuple[float, float], steps: tuple[int, ...], p: float = 0.2) -> list[Update]:
     return [
-        Update(device, p, np.array(model, np.float32), count)
+        Update(device, p, np.array(model, np.float32), count, np.zeros(2, np.float32))
         for device, (model, count) in enumerate(zip(models, steps, strict=True))
     ]
 
@@ -150,7 +158,7 @@ def test_fedbuff_waits_and_weighs_by_staleness(monkeypatch: pytest.MonkeyPatch) 
     assert two == pytest.approx([0.5, 0.5])
     assert algorithm.start(state, two, 0) == pytest.approx([0.5, 0.5])
     assert algorithm.start(state, two, 2).tolist() == [0.0, 0.0]  # never heard: what it began with
-    stale = [Update(2, 0.2, np.array([2.0, 0.0], np.float32), 1)]  # trained from [0, 0], 1 old
+    stale = [Update(2, 0.2, np.array([2.0, 0.0], np.float32), 1, model)]  # 1 old
     three, state = algorithm.apply(state, two, [*stale, *updates((0.5, 0.5), steps=(1,))])
     assert three == pytest.approx([0.5 + 2.0 / np.sqrt(2.0) / 2.0, 0.5])
 
@@ -164,6 +172,8 @@ def test_weights_of_devices_and_of_communities() -> None:
         community_of=np.array([0, 0, 1]),
         last_heard=np.array([4, 2, 0]),  # the last one never was
         accuracy=np.array([0.5, 0.9, np.nan]),
+        ready_in_s=np.zeros(3),
+        staleness=np.zeros(3, np.int64),
     )
 
     def weight(strategy: Any) -> list[float]:
@@ -175,6 +185,27 @@ def test_weights_of_devices_and_of_communities() -> None:
     assert weight(weights.cov_squared) == [4.0, 18.0, 1.5]
     assert weight(weights.weak_device) == pytest.approx([0.125, 0.1125, 1.5])
     assert weight(weights.weak_task) == pytest.approx([0.05, 0.225, 1.5])  # mean 0.2, and 1
+
+
+def test_late_updates_weigh_less_and_move_from_where_they_began() -> None:
+    algorithm = late_updates.make(LearningConfig())
+    model, old = np.array([1.0, 1.0], np.float32), np.array([0.0, 0.0], np.float32)
+    new = [Update(k, 0.2, m, 1, model) for k, m in enumerate((2.0 * model, 3.0 * model))]
+    after, _ = algorithm.apply({}, model, new)
+    assert after == pytest.approx(FedAvg(0.9).apply({}, model, new)[0])
+    late = Update(1, 0.6, np.array([4.0, 0.0], np.float32), 1, old, staleness=3)
+    after, _ = algorithm.apply({}, model, [new[0], late])
+    assert after == pytest.approx([1.0 + (0.2 + 0.6 * 4.0 / 2.0) / 0.8, 1.0 + 0.2 / 0.8])
+
+
+def test_ready_first_leaves_out_whoever_still_trains() -> None:
+    strategy = ready_first.ReadyFirst(planner=None, round_s=40.0)  # type: ignore[arg-type]
+    zeros = np.zeros(3)
+    info = aerofed.RoundInfo(
+        5, zeros, np.full(3, 0.5), zeros, zeros.astype(int), np.array([4, 3, 1]), zeros,
+        np.array([0.0, 10.0, 60.0]), zeros.astype(int),
+    )  # fmt: skip
+    assert strategy.importance(info) == pytest.approx([0.5, 0.5 * 2 * 0.75, 0.5 * 4 * 0.05])
 
 
 def test_rician_against_drawn_channels() -> None:

@@ -21,6 +21,7 @@ class Dialect:
     name: str
     home_first: bool  # item 0 of a mission is the home position
     finite: bool  # parameters may not be NaN
+    whole_holds: bool  # a hover lasts whole seconds: of others the rest is cut off
     keeps_radius: bool  # a downloaded waypoint still has its acceptance radius
     resting: frozenset[str]  # modes in which the vehicle holds its position
     arming_mode: ArmingMode | None  # to arm in; None: any mode will do
@@ -39,6 +40,7 @@ PX4 = Dialect(
     name="PX4",
     home_first=False,
     finite=False,
+    whole_holds=False,
     keeps_radius=True,
     resting=frozenset({"HOLD"}),
     arming_mode=None,
@@ -52,6 +54,7 @@ ARDUPILOT = Dialect(
     name="ArduPilot",
     home_first=True,
     finite=True,
+    whole_holds=True,
     keeps_radius=False,
     resting=frozenset({"HOLD", "OFFBOARD", "MISSION"}),
     arming_mode=ArmingMode(4, "OFFBOARD"),

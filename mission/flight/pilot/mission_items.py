@@ -59,6 +59,10 @@ def as_dialect(items: Sequence[MissionItem], dialect: Dialect) -> list[MissionIt
             item.param1, item.param2, item.param3, item.param4 = (
                 0.0 if math.isnan(param) else param for param in params
             )
+    if dialect.whole_holds:
+        for item in taken:
+            if item.command == NAV_WAYPOINT:
+                item.param1 = float(math.ceil(item.param1))
     return _numbered(taken, current=dialect.first_item)
 
 

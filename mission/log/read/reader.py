@@ -11,7 +11,7 @@ from mission.base.arrays import Floats
 from mission.log import topics
 from mission.log.errors import ForeignLogError
 from mission.log.read.contents import Contents, Row, load
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import RoundRecord, TimedUplinkRecord, UplinkRecord
 from mission.log.topics import Topic
 from mission.log.values import (
     NS_PER_S,
@@ -166,7 +166,8 @@ def _round(row: dict[str, Any]) -> RoundRecord:
 
 
 def _uplink(row: dict[str, Any]) -> UplinkRecord:
-    return UplinkRecord(**_with_nan(row))
+    kind = TimedUplinkRecord if "late" in row else UplinkRecord
+    return kind(**_with_nan(row))
 
 
 def _in_file_order(contents: Contents) -> Iterator[Row]:

@@ -11,7 +11,7 @@ import numpy as np
 from mission.base import polyline
 from mission.base.area import Area
 from mission.log import topics
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
 from mission.log.write import messages, scene
@@ -152,7 +152,7 @@ class FlightLog:
             reached = np.isfinite(item.slot_t_s)
             t_ns = round(item.slot_t_s * NS_PER_S) if reached else self._now_ns
             self._write(topics.UPLINKS, t_ns, messages.record(asdict(item)))
-            if reached:
+            if reached and item.outcome != LATE:
                 self._write(topics.SCENE_LINKS, t_ns, scene.link(t_ns, item, self._devices))
 
     def round(self, record: RoundRecord) -> None:

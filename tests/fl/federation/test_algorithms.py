@@ -9,8 +9,8 @@ from fl.federation.custom_algorithm import make_algorithm
 
 MODEL = np.array([1.0, -2.0], dtype=np.float32)
 UPDATES = (
-    Update(device=0, p=0.1, model=np.array([2.0, -2.0], np.float32), steps=4),
-    Update(device=2, p=0.3, model=np.array([1.0, 2.0], np.float32), steps=2),
+    Update(device=0, p=0.1, model=np.array([2.0, -2.0], np.float32), steps=4, start=MODEL),
+    Update(device=2, p=0.3, model=np.array([1.0, 2.0], np.float32), steps=2, start=MODEL),
 )
 STEP = np.array([0.25, 3.0])  # (.1 (1, 0) + .3 (0, 4)) / .4
 
@@ -25,7 +25,9 @@ def test_fedavgm_by_hand() -> None:
     algorithm = FedAvgM(momentum=0.9, server_learning_rate=0.5, server_momentum=0.8)
     first, state = algorithm.apply(algorithm.init(MODEL, 3), MODEL, UPDATES)
     np.testing.assert_allclose(first, MODEL + 0.5 * STEP, rtol=1e-6)
-    still = (Update(device=1, p=0.2, model=first, steps=1),)  # its step is zero: momentum only
+    still = (
+        Update(device=1, p=0.2, model=first, steps=1, start=first),
+    )  # its step is zero: momentum only
     second, _ = algorithm.apply(state, first, still)
     np.testing.assert_allclose(second, first + 0.5 * 0.8 * STEP, rtol=1e-6)
 
@@ -35,7 +37,7 @@ def test_fedadam_by_hand() -> None:
     first, state = algorithm.apply(algorithm.init(MODEL, 3), MODEL, UPDATES)
     m, v = 0.1 * STEP, 0.99 * 0.01**2 + 0.01 * STEP**2
     np.testing.assert_allclose(first, MODEL + 0.1 * m / (np.sqrt(v) + 0.01), rtol=1e-6)
-    again = tuple(Update(u.device, u.p, first + (u.model - MODEL), u.steps) for u in UPDATES)
+    again = tuple(Update(u.device, u.p, first + (u.model - MODEL), u.steps, first) for u in UPDATES)
     second, _ = algorithm.apply(state, first, again)
     m, v = 0.9 * m + 0.1 * STEP, 0.99 * v + 0.01 * STEP**2
     np.testing.assert_allclose(second, first + 0.1 * m / (np.sqrt(v) + 0.01), rtol=1e-5)
@@ -65,7 +67,9 @@ def test_scaffold_control_stays_the_weighted_mean_of_the_devices() -> None:
     state = algorithm.init(model, 3)
     for arrived in ((0, 1), (2,), (0, 1, 2), (1,)):
         updates = [
-            Update(k, float(p[k]), model + 0.1 * rng.standard_normal(20).astype(np.float32), 5)
+            Update(
+                k, float(p[k]), model + 0.1 * rng.standard_normal(20).astype(np.float32), 5, model
+            )
             for k in arrived
         ]
         model, state = algorithm.apply(state, model, updates)

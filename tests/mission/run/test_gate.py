@@ -81,7 +81,7 @@ def test_per_is_taken_at_plan_belief_and_truth() -> None:
     given = problem([[500.0, 250.0]])
     plan = RoundPlan(np.array([[400.0, 100], [450, 100], [500, 100]]), np.zeros((3, 1), bool), 0.0)
     plan.schedule[2, 0] = True
-    seen = {2: passage(9.0, (490.0, 100.0), (490.0, 101.0))}
+    seen = {0: passage(9.0, (490.0, 100.0), (490.0, 101.0))}
     (record,) = served(given, plan, seen, Fixed(0.5))
     assert (record.step, record.slot_t_s) == (2, 9.0)
     assert record.plan_per == pytest.approx(float(average_per(CHANNEL, 150.0)))
@@ -117,7 +117,8 @@ def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
 
 def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
     given = problem([[520.0, 270.0], [510.0, 260.0]])
-    seen = {0: passage(0.0, (400.0, 100.0), (400.0, 100.0))}
+    there = passage(0.0, (400.0, 100.0), (400.0, 100.0))
+    seen = {0: there, 1: there}
     fates: list[list[bool]] = [[], []]
     for fate, schedule in zip(fates, ([[True, True]], [[False, True]]), strict=True):
         plan = RoundPlan(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)

@@ -155,7 +155,7 @@ def test_a_strategy_knows_the_accuracies_that_arrived(tmp_path: Path) -> None:
 def test_age_of_information() -> None:
     info = RoundInfo(
         7, np.ones(3), np.ones(3), np.ones(3), np.zeros(3, np.int64), np.array([0, 6, 3]),
-        np.full(3, np.nan),
+        np.full(3, np.nan), np.zeros(3), np.zeros(3, np.int64),
     )  # fmt: skip
     assert info.age_rounds.tolist() == [7, 1, 4]
 

@@ -1,0 +1,71 @@
+"""How long devices train, and what each of them is at work on.
+
+A device takes the model that comes down at the start of a round, trains, and then has something
+to send. Where it is late, it either loses what it has done or goes on with it (`learning.late`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.config import CommunityConfig
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+def compute_times(
+    config: CommunityConfig, samples: Ints, *, epochs: int, rng: np.random.Generator
+) -> Floats:
+    """(K_c,) seconds in which each device of a community makes its update.
+
+    `samples` (K_c,) of each. `rng` is the community's own stream of compute times: drawn once.
+    """
+    own_s: Floats = (config.compute_s_per_sample or 0.0) * epochs * samples.astype(np.float64)
+    if config.compute_times_s is not None:
+        return np.array(config.compute_times_s, dtype=np.float64) + own_s
+    if isinstance(config.compute_s, tuple):
+        return rng.uniform(*config.compute_s, len(samples)) + own_s
+    return (config.compute_s or 0.0) + own_s
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceWork:
+    """Which round's model each device trains from, and when it is or was done."""
+
+    compute_s: Floats  # (K,)
+    goes_on: bool  # a device that is late, or still trains as a round begins, keeps at it
+    begun: Ints  # (K,) round whose model it took; 0: none yet
+    ready_ns: Ints  # (K,) when its update is ready to be sent
+    owed: Bools  # (K,) was asked for this update before it was ready, and has not sent it yet
+
+    @classmethod
+    def before(cls, compute_s: Floats, *, goes_on: bool) -> Self:
+        """Before the first round: everybody is idle."""
+        none = np.zeros(len(compute_s), dtype=np.int64)
+        return cls(compute_s, goes_on, none, none, none.astype(np.bool_))
+
+    def round_begins(self, number: int, t_ns: int) -> Self:
+        """The model of round `number`, from 1, comes down to everybody at `t_ns`.
+
+        Every device takes it and begins anew. Who goes on with older work does not: while it
+        still trains, and until it has sent an update that it was asked for too early.
+        """
+        anew = ~self.kept(t_ns)
+        done_ns = t_ns + np.rint(1e9 * self.compute_s).astype(np.int64)
+        return replace(
+            self,
+            begun=np.where(anew, number, self.begun),
+            ready_ns=np.where(anew, done_ns, self.ready_ns),
+        )
+
+    def round_ends(self, *, late: Bools, sent: Bools) -> Self:
+        """A round is over: who was asked before being ready, and who sent an update, both (K,)."""
+        return replace(self, owed=(self.owed | late) & ~sent)
+
+    def kept(self, t_ns: int) -> Bools:
+        """(K,) who goes on with what it is at, whatever model comes down at `t_ns`."""
+        return self.goes_on & (self.owed | (self.ready_ns > t_ns))

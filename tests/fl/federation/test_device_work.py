@@ -1,0 +1,136 @@
+"""Devices that take time: what each is at work on, and updates that arrive rounds later."""
+
+import numpy as np
+import pytest
+from test_federation import DIGITS, FAST, build, flags
+
+from fl.config import CommunityConfig, LearningConfig
+from fl.federation import rounds as fed
+from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.federation.device_work import DeviceWork, compute_times
+
+S = 1_000_000_000
+SAMPLES = np.array([10, 20, 30, 40])
+
+
+def times(seed: int = 1, epochs: int = 1, **keys: object) -> np.ndarray:
+    config = CommunityConfig.model_validate({**DIGITS.model_dump(exclude_none=True), **keys})
+    return compute_times(config, SAMPLES, epochs=epochs, rng=np.random.default_rng(seed))
+
+
+def test_compute_times_are_given_drawn_or_follow_the_data() -> None:
+    assert times().tolist() == [0.0] * 4
+    assert times(compute_s=20).tolist() == [20.0] * 4
+    assert times(compute_times_s=[1, 2, 3, 4]).tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert times(compute_s_per_sample=0.5, epochs=3).tolist() == [15.0, 30.0, 45.0, 60.0]
+    assert times(compute_s=2, compute_s_per_sample=0.5).tolist() == [7.0, 12.0, 17.0, 22.0]
+    drawn = times(compute_s=[5, 60])
+    assert (drawn >= 5.0).all()
+    assert (drawn <= 60.0).all()
+    assert len(set(drawn.tolist())) == 4
+    assert times(compute_s=[5, 60]).tolist() == drawn.tolist()
+    assert times(seed=2, compute_s=[5, 60]).tolist() != drawn.tolist()
+
+
+def test_whoever_misses_a_round_begins_anew_with_the_next() -> None:
+    work = DeviceWork.before(np.array([5.0, 50.0]), goes_on=False).round_begins(1, 10 * S)
+    assert work.ready_ns.tolist() == [15 * S, 60 * S]
+    work = work.round_ends(late=np.array([False, True]), sent=np.array([True, False]))
+    assert not work.kept(40 * S).any()
+    work = work.round_begins(2, 40 * S)
+    assert (work.begun.tolist(), work.ready_ns.tolist()) == ([2, 2], [45 * S, 90 * S])
+
+
+def test_work_goes_on_while_it_lasts_and_until_it_was_sent_where_it_was_asked_for() -> None:
+    # 0: done at once. 1: asked too early, ready within the round. 2: never asked, ready in the
+    # second round. 3: asked too early, ready in the third.
+    work = DeviceWork.before(np.array([1.0, 30.0, 60.0, 90.0]), goes_on=True)
+    nobody = flags(4)
+    work = work.round_begins(1, 0).round_ends(late=flags(4, 1, 3), sent=flags(4, 0))
+    assert work.kept(40 * S).tolist() == [False, True, True, True]
+    work = work.round_begins(2, 40 * S)
+    assert work.begun.tolist() == [2, 1, 1, 1]
+    assert work.ready_ns.tolist() == [41 * S, 30 * S, 60 * S, 90 * S]
+    work = work.round_ends(late=nobody, sent=nobody).round_begins(3, 80 * S)
+    assert work.begun.tolist() == [3, 1, 3, 1]  # 1 and 3 still owe theirs
+    work = work.round_ends(late=nobody, sent=flags(4, 1, 3)).round_begins(4, 120 * S)
+    assert work.begun.tolist() == [4, 4, 3, 4]
+    assert work.ready_ns.tolist() == [121 * S, 150 * S, 140 * S, 210 * S]
+
+
+def play(
+    federation: fed.Federation,
+    state: fed.FederationState,
+    *,
+    delivered: tuple[int, ...] = (),
+    begun: dict[int, int] | None = None,
+    kept: tuple[int, ...] = (),
+) -> tuple[fed.FederationState, fed.RoundLearning]:
+    count, got = federation.p.size, flags(federation.p.size, *delivered)
+    since = np.full(count, state.rounds + 1)
+    for device, number in (begun or {}).items():
+        since[device] = number
+    return fed.play_round(
+        federation, state, scheduled=got, delivered=got, begun=since, kept=flags(count, *kept)
+    )
+
+
+@pytest.mark.parametrize("algorithm", ["fedprox", "scaffold"])
+def test_a_stale_update_is_the_one_that_was_made_then(algorithm: str) -> None:
+    learning = FAST.model_copy(update={"algorithm": algorithm})
+    federation = build(learning)
+    first = fed.init(federation)
+    at_once, told = play(federation, first, delivered=(2,))
+    state, _ = play(federation, first, delivered=(0, 1), kept=(2,))
+    without, _ = play(federation, first, delivered=(0, 1))
+    assert state.models[0].tobytes() == without.models[0].tobytes()
+    state, _ = play(federation, state, delivered=(0,), begun={2: 1}, kept=(2,))
+    state = from_bytes(federation, to_bytes(federation, state))
+    made = state.pending[0][2]
+    assert (made.begun, list(state.pending[0])) == (1, [2])
+    assert made.start.tobytes() == first.models[0].tobytes()
+    after, late = play(federation, state, delivered=(2,), begun={2: 1})
+    assert late.device_loss[2] == told.device_loss[2]
+    assert after.pending == ({},)
+    if algorithm == "fedprox":  # the mean of one arrival is that model itself
+        np.testing.assert_allclose(after.models[0], at_once.models[0], atol=1e-6)
+
+
+class Spy:
+    """Keeps what arrives."""
+
+    mu, momentum = 0.0, 0.9
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int, bytes]] = []
+
+    def init(self, model, devices):  # noqa: ARG002
+        return {}
+
+    def correction(self, state, device):  # noqa: ARG002
+        return None
+
+    def apply(self, state, model, updates):
+        self.seen += [(u.device, u.staleness, u.start.tobytes()) for u in updates]
+        return 0.5 * model, state
+
+
+def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with(monkeypatch) -> None:
+    spy = Spy()
+    monkeypatch.setattr("fl.federation.custom_algorithm.make", lambda *_, **__: spy)
+    federation = build(LearningConfig(algorithm="own:make", batch_size=64))
+    models = [fed.init(federation)]
+    for more in (
+        {"delivered": (0,), "kept": (3,)},
+        {"delivered": (0,), "begun": {3: 1}, "kept": (3,)},
+        {"delivered": (0, 3), "begun": {3: 1}},
+    ):
+        models.append(play(federation, models[-1], **more)[0])
+    starts = [state.models[0].tobytes() for state in models]
+    assert spy.seen == [(0, 0, starts[0]), (0, 0, starts[1]), (0, 0, starts[2]), (3, 2, starts[0])]
+
+
+def test_keeping_what_arrives_is_a_bug() -> None:
+    federation = build()
+    with pytest.raises(ValueError, match="does not keep"):
+        play(federation, fed.init(federation), delivered=(1,), kept=(1,))
