@@ -86,6 +86,10 @@ SPENT = {
     "energy_used_j": "joules of mission.total_energy_j spent so far",
 }
 
+# All that a round's table has only in some runs.
+ALTITUDE = "plan_altitude_m"
+OPTIONAL = {ALTITUDE: "height above home that was chosen; nan where nothing is planned"} | SPENT
+
 
 @dataclass(frozen=True, slots=True)
 class RoundRecord:
@@ -106,10 +110,12 @@ class RoundRecord:
     battery_remaining: Annotated[float, "0..1 of the capacity at the end"]
     accuracy: Annotated[ByCommunity, "accuracy 0..1 after the round, on the images to report on"]
     cov: Annotated[ByCommunity, "fairness CoV psi in force for the next round"]
-    # A column each, where time or energy is limited.
-    spent: Annotated[dict[str, float], Kind("by_community"), "time and energy, where limited"] = (
-        field(default_factory=dict)
-    )
+    # A column each of OPTIONAL that the run has.
+    optional: Annotated[
+        dict[str, float],
+        Kind("by_community"),
+        f"columns that a run has only where it is so configured: {', '.join(OPTIONAL)}",
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +140,7 @@ def flat(record: Any) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)
-        if column.name == "spent":
+        if column.name == "optional":
             row |= value
         elif is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}

@@ -14,7 +14,7 @@ from mission.base import csv_text
 from mission.base.columns import columns
 from mission.base.errors import InputError
 from mission.log.records import (
-    SPENT,
+    OPTIONAL,
     DeviceRecord,
     RoundRecord,
     TimedUplinkRecord,
@@ -42,17 +42,17 @@ class Table(Generic[Record]):
         record: type[Record],
         *,
         communities: Sequence[str] = (),
-        spent: Sequence[str] = (),
+        optional: Sequence[str] = (),
     ) -> None:
         """Start the table, replacing a file that is there.
 
-        `communities`: those that the records have numbers of; `spent`: of `SPENT`, where limited.
+        `communities`: those that the records have numbers of; `optional`: columns of `OPTIONAL`.
 
         Raises:
             TableError: the file cannot be written.
         """
         self.path = path
-        self._header = _header(record, communities, spent)
+        self._header = _header(record, communities, optional)
         try:
             self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
@@ -90,18 +90,18 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
-    spent = tuple(SPENT) if next(iter(SPENT)) in header else ()
+    optional = tuple(name for name in OPTIONAL if name in header)
     wider: Any = _WIDER.get(record, record)
-    record = wider if tuple(header) == _header(wider, communities, spent) else record
-    _check_header(path, header, _header(record, communities, spent))
-    return tuple(_record(path, record, communities, spent, *row) for row in rows)
+    record = wider if tuple(header) == _header(wider, communities, optional) else record
+    _check_header(path, header, _header(record, communities, optional))
+    return tuple(_record(path, record, communities, optional, *row) for row in rows)
 
 
 def _record(
     path: Path,
     record: type[Record],
     communities: Sequence[str],
-    spent: Sequence[str],
+    optional: Sequence[str],
     line: int,
     row: Sequence[str],
 ) -> Record:
@@ -109,8 +109,8 @@ def _record(
     cells = iter(row)
     for column in columns(record):
         name = column.name
-        if name == "spent":
-            values[name] = {key: _parse(path, line, key, next(cells), float) for key in spent}
+        if name == "optional":
+            values[name] = {key: _parse(path, line, key, next(cells), float) for key in optional}
         elif is_by_community(column):
             values[name] = {
                 c: _parse(path, line, f"{name}_{c}", next(cells), float) for c in communities
@@ -121,12 +121,12 @@ def _record(
 
 
 def _header(
-    record: type[Any], communities: Sequence[str] = (), spent: Sequence[str] = ()
+    record: type[Any], communities: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> tuple[str, ...]:
     names: list[str] = []
     for column in columns(record):
-        if column.name == "spent":
-            names += spent
+        if column.name == "optional":
+            names += optional
         elif is_by_community(column):
             names += [f"{column.name}_{name}" for name in communities]
         else:

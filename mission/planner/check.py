@@ -41,6 +41,10 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         excess = problem.limits.excess(foresee_round(problem, plan, hold_s=hold_s))
         if excess:
             raise InfeasiblePlanError(excess)
+        # Waypoints that are flown as one take no time, but what is proven counts their metres.
+        over = plan.path_m - problem.limits.longest_m
+        if over > LENGTH_TOLERANCE_M:
+            raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its limits allow")
     busiest = int(plan.schedule.sum(axis=1).max(initial=0))
     if busiest > problem.per_step:
         raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")

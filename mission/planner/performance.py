@@ -58,6 +58,10 @@ class Performance:
             first = last
         return Foreseen(arrived_s, now_s, energy_j)
 
+    def foresee_hover(self, hover_s: float) -> Foreseen:
+        """A hover on the spot."""
+        return self.foresee(np.zeros((1, 2)), [hover_s], self.widest_m)
+
     def longest_m(self, duration_s: float) -> float:
         """Metres that no path of a duration exceeds, whatever its corners."""
         if self.guidance is None:

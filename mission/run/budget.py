@@ -8,11 +8,14 @@ import numpy as np
 
 from mission.base.arrays import Ints
 from mission.config.models import MissionConfig
-from mission.log.records import SPENT, RoundRecord
+from mission.log.records import ALTITUDE, SPENT, RoundRecord
 from mission.planner.performance import Foreseen
 from mission.scenario.limits import KEYS, NOTHING, Amount, Budget, is_limited
 
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
+# Of a whole round, in metres, seconds and joules: flights take some more or less than planned, so
+# that what is left for the last of them may be a little less.
+_WHOLE = (_WITHIN_ROUNDING, 0.95, 0.95)
 
 
 @dataclass
@@ -46,11 +49,11 @@ class RunTotals:
         self.rounds_done += 1
         self.used = Amount(
             record.budget_used_m,
-            record.spent.get("time_used_s", 0.0),
-            record.spent.get("energy_used_j", 0.0),
+            record.optional.get("time_used_s", 0.0),
+            record.optional.get("energy_used_j", 0.0),
         )
         keys = ("time_used_s", "energy_used_j")
-        self.limited = {key: record.spent[key] for key in keys if key in record.spent}
+        self.limited = {key: record.optional[key] for key in keys if key in record.optional}
         self.flown_m += record.flown_path_m
         self.scheduled += record.scheduled
         self.delivered += record.delivered
@@ -84,31 +87,37 @@ class RunTotals:
         return Amount(*(total - used for total, used in zip(budget.total, self.used, strict=True)))
 
     def used_with(self, cost: Amount, budget: Budget) -> Amount:
-        """What is used once one more round has cost so much; never more than there is."""
-        left = self.left(budget)
-        return Amount(*(u + min(c, rest) for u, c, rest in zip(self.used, cost, left, strict=True)))
+        """What is used once one more round has cost so much; never more metres than there are."""
+        metres = min(cost.metres, self.left(budget).metres)
+        costs = (metres, cost.seconds, cost.joules)
+        return Amount(*(used + more for used, more in zip(self.used, costs, strict=True)))
 
     def _spent(self, budget: Budget) -> int | None:
         """Which of the budgets pays for no whole round; None where all do."""
-        for index, left in enumerate(self.left(budget)):
+        for index, (left, share) in enumerate(zip(self.left(budget), _WHOLE, strict=True)):
             cost = min(budget.whole_round[index], budget.total[index])
-            if math.isfinite(left) and (left < cost * _WITHIN_ROUNDING or left <= 0.0):
+            if math.isfinite(left) and (left < cost * share or left <= 0.0):
                 return index
         return None
 
 
-def spent(
+def optional_columns(
     mission: MissionConfig,
     used: Amount,
     foreseen: Foreseen | None = None,
     energy_j: float = math.nan,
+    *,
+    altitude_m: float | None = None,
 ) -> dict[str, float]:
-    """The columns of a round for time and energy, where one of them is limited; else none.
+    """A round's `OPTIONAL` columns: the altitude that was chosen, time and energy where limited.
 
     `energy_j`: of the flight, NaN where it is not known; without a flight nothing is foreseen.
     """
+    chosen: dict[str, float] = {}
+    if mission.altitudes_m is not None:
+        chosen[ALTITUDE] = math.nan if altitude_m is None else altitude_m
     if not is_limited(mission):
-        return {}
+        return chosen
     values = (
         math.nan if foreseen is None else foreseen.duration_s,
         math.nan if foreseen is None else foreseen.energy_j,
@@ -116,7 +125,7 @@ def spent(
         used.seconds,
         used.joules,
     )
-    return dict(zip(SPENT, values, strict=True))
+    return chosen | dict(zip(SPENT, values, strict=True))
 
 
 def rounds_paid_for(budget: Budget) -> int:

@@ -22,7 +22,7 @@ from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
-from mission.run.budget import spent
+from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
@@ -134,7 +134,13 @@ class FlownExperiment(Experiment):
             battery_remaining=flight.battery_remaining,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
-            spent=spent(self.scenario.config.mission, used, foreseen, flight.energy_j),
+            optional=optional_columns(
+                self.scenario.config.mission,
+                used,
+                foreseen,
+                flight.energy_j,
+                altitude_m=sortie.plan.altitude_m,
+            ),
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)
@@ -223,21 +229,16 @@ class FlownExperiment(Experiment):
     ) -> Amount:
         """What is used of the budgets after a round.
 
-        A round never costs more than its plan could have used: L_total pays for L_total / L_max
-        rounds, also where wind or overshot corners make the flight longer than the plan. A first
-        round may be all that a budget pays for, and less than a whole one.
+        A round never costs more metres than its plan could have used: L_total pays for
+        L_total / L_max rounds, also where wind or overshot corners make the flight longer than the
+        plan. A first round may be all that a budget pays for, and less than a whole one. Seconds
+        and joules are those that the flight took.
         """
-        if sortie.cost_m is not None:  # a hover, of which every round is alike
-            cost = self.budget.whole_round._replace(metres=sortie.cost_m)
-            return self.totals.used_with(cost, self.budget)
-        limits, energy_j = problem.limits, flight.energy_j
+        flown_m = min(flight.flown_m, problem.path_budget_m)
         cost = Amount(
-            min(flight.flown_m, problem.path_budget_m),
-            min(flight.duration_s, math.inf if limits is None else limits.duration_s),
-            min(
-                foreseen.energy_j if math.isnan(energy_j) else energy_j,
-                math.inf if limits is None else limits.energy_j,
-            ),
+            flown_m if sortie.cost_m is None else sortie.cost_m,
+            flight.duration_s,
+            foreseen.energy_j if math.isnan(flight.energy_j) else flight.energy_j,
         )
         return self.totals.used_with(cost, self.budget)
 

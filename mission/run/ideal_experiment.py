@@ -6,7 +6,7 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from mission.log.records import UNKNOWN_ROUND
-from mission.run.budget import spent
+from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 
@@ -54,6 +54,6 @@ class IdealExperiment(Experiment):
             battery_remaining=1.0,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
-            spent=spent(mission, used),
+            optional=optional_columns(mission, used),
         )
         self._finish(record, RoundMemory(importance, None, learnt, total))

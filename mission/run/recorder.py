@@ -12,6 +12,8 @@ from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file_writing import write_round_plan
 from mission.log.records import (
+    ALTITUDE,
+    OPTIONAL,
     SPENT,
     DeviceRecord,
     RoundRecord,
@@ -161,9 +163,11 @@ def recording(
             )
         )
         names = scenario.federation.names
-        limited = tuple(SPENT) if is_limited(mission) else ()
+        absent = set() if mission.altitudes_m else {ALTITUDE}
+        absent |= set() if is_limited(mission) else set(SPENT)
+        optional = tuple(name for name in OPTIONAL if name not in absent)
         rounds = stack.enter_context(
-            Table(folder.rounds, RoundRecord, communities=names, spent=limited)
+            Table(folder.rounds, RoundRecord, communities=names, optional=optional)
         )
         uplink = TimedUplinkRecord if scenario.device_times else UplinkRecord
         uplinks = stack.enter_context(Table(folder.uplinks, uplink))

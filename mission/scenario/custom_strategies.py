@@ -109,7 +109,7 @@ class CustomStrategy:
             self._refuse(f"sortie() gives {kind_of(sortie)}, not a Sortie")
         try:
             with users_code(self.path, key=KEY, doing="its plan"):
-                check_plan(problem, sortie.plan)
+                check_plan(problem, sortie.plan, hold_s=sortie.hold_s)
         except InfeasiblePlanError as error:
             raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
         found: Sortie = sortie

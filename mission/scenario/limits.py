@@ -106,16 +106,16 @@ def budget_of(config: RunConfig) -> Budget:
         _or_inf(mission.total_deadline_s),
         _or_inf(mission.total_energy_j),
     )
-    if mission.strategy == "barycenter":
-        metres, hover_s = mission.hover_cost_m, mission.hover_s
-    else:
-        metres, hover_s = mission.path_budget_m, 0.0
-    if total.seconds == total.joules == math.inf:
+    hovers = mission.strategy == "barycenter"
+    metres = mission.hover_cost_m if hovers else mission.path_budget_m
+    if not is_limited(mission):
         return Budget(mission.rounds, total, Amount(metres))
     performance = foreseen_performance(config)
-    if hover_s > 0.0:
-        whole = Amount(metres, hover_s, performance.hover_j(hover_s))
+    if hovers:
+        hover = performance.foresee_hover(mission.hover_s)
+        whole = Amount(metres, hover.duration_s, hover.energy_j)
         return Budget(mission.rounds, total, whole)
+    hover_s = 0.0
     limits = RoundLimits(
         performance, _or_inf(mission.round_deadline_s), _or_inf(mission.round_energy_j)
     )
@@ -170,7 +170,8 @@ def check_limits(config: RunConfig) -> None:
         mission.strategy == "rectangular" and mission.tour_hover_points > 0
     )
     if hovers:
-        least = Amount(0.0, mission.hover_s, performance.hover_j(mission.hover_s))
+        hover = performance.foresee_hover(mission.hover_s)
+        least = Amount(0.0, hover.duration_s, hover.energy_j)
         why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
     else:
         least = Amount(0.0, performance.least_s(_SHORT_M), performance.least_j(_SHORT_M))

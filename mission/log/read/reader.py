@@ -161,7 +161,7 @@ def _round(row: dict[str, Any]) -> RoundRecord:
     values = _with_nan(row)
     values["accuracy"] = _with_nan(row["accuracy"])
     values["cov"] = _with_nan(row["cov"])
-    values["spent"] = _with_nan(row.get("spent", {}))  # earlier logs have none
+    values["optional"] = _with_nan(row.get("optional", {}))  # earlier logs have none
     return RoundRecord(**values)
 
 

@@ -82,10 +82,13 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
             f"devices.0 = [1, 2, 3]: must be a list of 2 {PLACE}",
         ),
         ([{**GOOD, "devices": 5}], f"devices = 5: must be a list of lists of 2 {PLACE}"),
-        ([{**GOOD, "stepz": 3}], "stepz: unknown key; did you mean steps? (known: channel, dev"),
+        (
+            [{**GOOD, "stepz": 3}],
+            "stepz: unknown key; did you mean steps? (known: altitudes_m, ch",
+        ),
         (
             [{**GOOD, "a2": 3}],
-            "a2: unknown key; did you mean channel.a2? (known: channel, devices",
+            "a2: unknown key; did you mean channel.a2? (known: altitudes_m, channel",
         ),
         (
             [{k: v for k, v in GOOD.items() if k != "start"}],

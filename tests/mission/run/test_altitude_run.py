@@ -9,7 +9,7 @@ from cutting import cut_after
 
 from mission.analysis.load import load_run
 from mission.cli import call
-from mission.log.records import UplinkRecord
+from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 
 pytestmark = pytest.mark.slow
@@ -53,6 +53,8 @@ def test_every_round_is_flown_at_its_planned_altitude(run: Path) -> None:
         # Also the first step, which is served where the round before ended.
         assert uplink.est_alt_m == pytest.approx(planned[uplink.round], abs=1.5)
         assert uplink.true_alt_m == pytest.approx(planned[uplink.round], abs=3.0)
+    rounds = read_table(run / "rounds.csv", RoundRecord)
+    assert {r.round: r.optional["plan_altitude_m"] for r in rounds} == planned
 
 
 def test_the_climb_is_no_part_of_the_round(run: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import UNKNOWN_ROUND
-from mission.run.budget import RunTotals, rounds_paid_for, spent
+from mission.run.budget import RunTotals, optional_columns, rounds_paid_for
 from mission.scenario.limits import Amount, Budget, budget_of
 
 
@@ -101,9 +101,9 @@ def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None
 
 def test_columns_only_where_something_is_limited() -> None:
     used = Amount(800.0, 40.0, 9000.0)
-    assert spent(MissionConfig(), used) == {}
-    columns = spent(MissionConfig(round_deadline_s=40), used)
+    assert optional_columns(MissionConfig(), used) == {}
+    columns = optional_columns(MissionConfig(round_deadline_s=40), used)
     assert columns["time_used_s"] == 40.0
     totals = RunTotals.before(1)
-    totals.add(replace(UNKNOWN_ROUND, budget_used_m=800.0, spent=columns))
+    totals.add(replace(UNKNOWN_ROUND, budget_used_m=800.0, optional=columns))
     assert totals.used == used

@@ -60,7 +60,7 @@ def test_log_and_comparison_know_the_durations(run: Path) -> None:
     table = rows(run / "rounds.csv")
     for plan, record, row in zip(loaded.data.plans, loaded.data.rounds, table, strict=True):
         assert plan.duration_s == float(row["plan_duration_s"])
-        assert record.spent["energy_j"] == float(row["energy_j"])
+        assert record.optional["energy_j"] == float(row["energy_j"])
     total = compare_run(loaded).total
     assert total.duration_s == pytest.approx(total.plan_duration_s, rel=0.05)
     assert abs(total.slot_late_mean_s) < 0.5
