@@ -139,7 +139,7 @@ def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tu
         way_m = polyline.length(way)
         if way_m > left_m:
             way = cut(way, left_m)
-            waypoints[n] = way[-1]
+        waypoints[n] = way[-1]
         via.append(way[1:-1])
         left_m = max(0.0, left_m - way_m)
     return waypoints, tuple(via)

@@ -6,6 +6,7 @@ true. The plan is the best of the planner's own for fewer and fewer metres whose
 is foreseen with its corners; in between, paths that are a little too long are drawn together.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.around import worth_of
 from mission.planner.certified import TABLED
-from mission.planner.evaluate import finish
+from mission.planner.evaluate import finish, objective, success
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
@@ -47,6 +48,7 @@ class WithinPlanner:
         if _share(within, ideal) <= 1.0:
             return ideal
         best = _improved(within, self._best(within, free, ideal))
+        assert _share(within, best) <= 1.0, "a plan breaks its limits"
         bound = ideal.upper_bound  # NaN stays, where none is proven
         assert not best.value > bound * (1.0 + TABLED), "a plan exceeds its proven bound"
         return replace(best, upper_bound=max(bound, best.value), nodes=ideal.nodes)
@@ -54,12 +56,15 @@ class WithinPlanner:
     def _best(self, problem: RoundProblem, free: RoundProblem, ideal: RoundPlan) -> RoundPlan:
         """The plan worth most whose flight fits."""
         assert problem.limits is not None
-        best = _foreseen(problem, finish(problem, np.tile(problem.start_m, (problem.steps, 1))))
+        best = _made(problem, np.tile(problem.start_m, (problem.steps, 1)))
         low_m, high_m, found = 0.0, problem.path_budget_m, ideal
         for _ in range(_TRIED):
             share = _share(problem, found)
             drawn = found if share <= 1.0 else _drawn_together(problem, found)
             best = max(best, drawn, key=_value)
+            if share > 1.0:
+                fewer = _foreseen(problem, serving_fewer(problem, found))
+                best = max(best, fewer, key=_value) if _share(problem, fewer) <= 1.0 else best
             if _ENOUGH <= share <= 1.0:
                 break
             if share <= 1.0:
@@ -74,6 +79,60 @@ class WithinPlanner:
                 guess_m = (low_m + high_m) / 2.0
             found = _foreseen(problem, self.inner.plan(replace(free, path_budget_m=guess_m)))
         return best
+
+
+def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> RoundPlan:
+    """The plan without the devices whose sending takes it beyond the limits, least worth a second
+    first; it may still not fit, if the path alone does not.
+
+    `hold_s` is the hover at every stop (`stops_of`).
+    """
+    limits, upload_s = problem.limits, problem.upload_s
+    if limits is None or upload_s is None or _fits(problem, plan, hold_s):
+        return plan
+    steps, devices = np.nonzero(plan.schedule)
+    at_altitude = problem.at(plan.altitude_m)
+    worth = (success(at_altitude, plan.waypoints_m) * problem.importance)[steps, devices]
+    order = np.argsort(-worth / np.maximum(upload_s[devices], 1e-9), kind="stable").tolist()
+
+    def serving(chosen: Sequence[int]) -> RoundPlan:
+        schedule = np.zeros_like(plan.schedule)
+        schedule[steps[chosen], devices[chosen]] = True
+        schedule.flags.writeable = False
+        value = objective(at_altitude, plan.waypoints_m, schedule)
+        return replace(plan, schedule=schedule, value=value)
+
+    fitting, too_many = 0, len(order)
+    while too_many - fitting > 1:
+        middle = (fitting + too_many) // 2
+        if _fits(problem, serving(order[:middle]), hold_s):
+            fitting = middle
+        else:
+            too_many = middle
+    chosen = order[:fitting]
+    foreseen = foresee_round(problem, serving(chosen), hold_s=hold_s)
+    for one in order[too_many:]:
+        hover_s = float(upload_s[devices[one]])
+        left_s, left_j = (
+            limits.duration_s - foreseen.duration_s,
+            limits.energy_j - foreseen.energy_j,
+        )
+        if hover_s > left_s or limits.performance.hover_j(hover_s) > left_j:
+            continue
+        other = foresee_round(problem, serving([*chosen, one]), hold_s=hold_s)
+        if limits.share(other) <= 1.0:
+            chosen, foreseen = [*chosen, one], other
+    return serving(chosen)
+
+
+def _fits(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> bool:
+    assert problem.limits is not None
+    return problem.limits.share(foresee_round(problem, plan, hold_s=hold_s)) <= 1.0
+
+
+def _made(problem: RoundProblem, waypoints_m: Floats) -> RoundPlan:
+    """The plan along waypoints that serves as many as its limits allow."""
+    return _foreseen(problem, serving_fewer(problem, finish(problem, waypoints_m)))
 
 
 def _foreseen(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
@@ -102,7 +161,7 @@ def _drawn_together(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
 
 def _scaled(problem: RoundProblem, plan: RoundPlan, scale: float) -> RoundPlan:
     start = problem.start_m
-    return _foreseen(problem, finish(problem, start + scale * (plan.waypoints_m - start)))
+    return _made(problem, start + scale * (plan.waypoints_m - start))
 
 
 def _improved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
@@ -121,8 +180,9 @@ def _improved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
             continue
         other = finish(problem, waypoints)
         if other.value > plan.value and other.path_m <= problem.path_budget_m:
-            other = _foreseen(problem, other)
-            plan = other if _share(problem, other) <= 1.0 else plan
+            other = _foreseen(problem, serving_fewer(problem, other))
+            better = other.value > plan.value and _share(problem, other) <= 1.0
+            plan = other if better else plan
     return plan
 
 

@@ -186,7 +186,7 @@ def check_limits(config: RunConfig) -> None:
         if given is not None and given < needed:
             raise InputError(
                 f"mission.{key} = {given:g}: no round can be flown in it: {why} takes "
-                f"{needed:.3g} {unit}; give at least that, or {out}"
+                f"{math.ceil(100 * needed) / 100:.6g} {unit}; give at least that, or {out}"
             )
 
 

@@ -1,6 +1,7 @@
 """The paper's method and its baselines: where a round goes and whom it serves."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +15,7 @@ from mission.planner.evaluate import finish, fit_budget
 from mission.planner.flyable import sharpest
 from mission.planner.performance import RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.within import serving_fewer
 
 _BEGINS, _HALVINGS = 24, 12  # of a tour's stretch, where it may begin; of its length
 
@@ -70,7 +72,8 @@ class Barycenter:
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
         """All N steps at the hovering point, with the best schedule there."""
         path = np.tile(problem.start_m, (problem.steps, 1))
-        return Sortie(finish(problem, path), hold_s=self.hover_s, cost_m=self.cost_m)
+        plan = serving_fewer(problem, finish(problem, path), hold_s=self.hover_s)
+        return Sortie(plan, hold_s=self.hover_s, cost_m=self.cost_m)
 
 
 @dataclass(frozen=True)
@@ -92,12 +95,21 @@ class Rectangular:
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The next stretch of the tour, with the best schedule on it."""
-        # Shorter than L_max where less of L_total is left.
-        length_m = min(self.length_m, problem.path_budget_m)
+        # Shorter than L_max where less of L_total is left, or less fits into the round's limits.
+        most_m = min(self.length_m, problem.path_budget_m)
+        length_m = _longest(
+            most_m, lambda m: _tour_fits(problem, self._tour(round_index, m, problem))
+        )
+        tour = self._tour(round_index, length_m, problem)
+        plan = finish(problem, fit_budget(tour, problem.path_budget_m))
+        return Sortie(serving_fewer(problem, plan))
+
+    def _tour(self, round_index: int, length_m: float, problem: RoundProblem) -> Floats:
+        """(N, 2) so many metres of the tour, from where this round begins."""
         tour = stretch(self.corners_m, round_index * self.length_m, length_m, problem.steps)
         # Where the last round ended, which is on the tour but for the error of flight.
         tour[0] = problem.start_m
-        return Sortie(finish(problem, fit_budget(tour, problem.path_budget_m)))
+        return tour
 
 
 @dataclass(frozen=True)
@@ -136,7 +148,7 @@ class HoveringTour:
         tour = np.pad(path, ((0, problem.steps - len(path)), (0, 0)), mode="edge")
         tour[0] = problem.start_m
         plan = finish(problem, fit_budget(tour, problem.path_budget_m))
-        return Sortie(plan, hold_s=self.hover_s)
+        return Sortie(serving_fewer(problem, plan, hold_s=self.hover_s), hold_s=self.hover_s)
 
 
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:
@@ -185,17 +197,33 @@ def _along(corners_m: Floats, arc: Floats) -> Floats:
 
 def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | None) -> float:
     """Metres of the tour that a round covers: L_max, less where its limits allow less anywhere."""
-    most_m = config.path_budget_m
-    if limits is None or _all_fit(corners_m, most_m, config.steps, limits):
+    if limits is None:
+        return config.path_budget_m
+    return _longest(
+        config.path_budget_m, lambda length_m: _all_fit(corners_m, length_m, config.steps, limits)
+    )
+
+
+def _longest(most_m: float, fits: Callable[[float], bool]) -> float:
+    """The longest path up to `most_m` that fits."""
+    if fits(most_m):
         return most_m
     fitting_m = 0.0
     for _ in range(_HALVINGS):
         middle_m = (fitting_m + most_m) / 2.0
-        if _all_fit(corners_m, middle_m, config.steps, limits):
+        if fits(middle_m):
             fitting_m = middle_m
         else:
             most_m = middle_m
     return fitting_m
+
+
+def _tour_fits(problem: RoundProblem, tour: Floats) -> bool:
+    """Whether a path is flown within a round's limits, whomever it serves."""
+    if (limits := problem.limits) is None:
+        return True
+    radius_m = sharpest(limits.performance.widest_m)
+    return limits.fits(limits.performance.foresee(tour, [0.0] * len(tour), radius_m))
 
 
 def _all_fit(corners_m: Floats, length_m: float, steps: int, limits: RoundLimits) -> bool:

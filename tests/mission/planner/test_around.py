@@ -114,6 +114,21 @@ def test_a_start_that_has_drifted_into_the_margin_is_left() -> None:
     np.testing.assert_allclose(made.route_m[1], [285.0, 400.0], atol=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
+def test_devices_behind_what_nobody_can_cross_are_heard_from_this_side(kind: str) -> None:
+    river = np.array([[380.0, -200], [420, -200], [420, 1000], [380, 1000]])
+    given = problem(budget=2500.0, airspace=Airspace((river,), FENCE, 15.0))
+    made = plan(given, kind)
+    assert (made.route_m[:, 0] <= 365.0 + 1e-6).all()
+    assert made.value > 0.0
+    ring = [np.add(c, (200.0, 400.0)) for c in (
+        [[-60, -60], [60, -60], [60, -40], [-60, -40]], [[-60, 40], [60, 40], [60, 60], [-60, 60]],
+        [[-60, -50], [-40, -50], [-40, 50], [-60, 50]], [[40, -50], [60, -50], [60, 50], [40, 50]],
+    )]  # fmt: skip
+    inside = plan(problem(budget=2500.0, airspace=Airspace(tuple(ring), None, 5.0)), kind)
+    assert (np.abs(inside.route_m - (200, 400)) <= 40.0).all()
+
+
 def test_a_plan_that_crosses_is_refused() -> None:
     given = problem(steps=2)
     crossing = np.array([given.start_m, [450.0, 400.0]])

@@ -82,6 +82,39 @@ def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
     assert tried > 20
 
 
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
+@pytest.mark.parametrize("duration_s", [3.0, 8.0, 15.0, 40.0])
+def test_hovers_for_uploads_count_and_fewer_are_served(kind: str, duration_s: float) -> None:
+    upload_s = np.array([0.5, 6.0, 3.0, 1.0, 4.0, 2.0, 5.0, 2.5])
+    made = plan(problem(given=limits(duration_s), upload_s=upload_s), kind)
+    assert made.foreseen is not None
+    assert made.foreseen.duration_s <= duration_s * (1.0 + 1e-6)
+    assert made.value > 0.0
+    served = made.schedule.any(axis=0)
+    assert upload_s[served].sum() <= duration_s
+    assert served.any()
+    assert not made.value > made.upper_bound  # NaN: nothing is proven
+
+
+def test_who_sends_longest_for_least_is_left_out() -> None:
+    # Both stand below the start, and only one of them can send.
+    given = problem(
+        given=limits(10.0), devices=2, devices_m=np.full((2, 2), 400.0),
+        importance=np.array([1.0, 0.9]), upload_s=np.array([9.0, 2.0]),
+    )  # fmt: skip
+    assert plan(given).schedule.any(axis=0).tolist() == [False, True]
+
+
+def test_metres_that_take_no_time_are_refused() -> None:
+    """Waypoints that are flown as one: the bound counts their metres."""
+    here = problem(given=limits(3.0), steps=4, path_budget_m=1200.0)
+    longest_m = limits(3.0).longest_m
+    zigzag = here.start_m + np.array([[0, 0], [longest_m, 0], [longest_m + 0.4, 0], [longest_m, 0]])
+    made = finish(here, zigzag)
+    with pytest.raises(InfeasiblePlanError, match="longer than its limits allow"):
+        check_plan(here, made)
+
+
 def test_metres_that_pay_for_less_are_the_limit() -> None:
     short = problem(given=limits(300.0, 1e6), path_budget_m=400.0)
     free = dataclasses.replace(short, limits=None)

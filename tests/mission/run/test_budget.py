@@ -94,8 +94,9 @@ def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None
     assert 9_000 < given.whole_round.joules < 44.7 * 327
     shorter = budget(total_deadline_s=900, round_energy_j=5000, total_energy_j=1e6)
     assert shorter.whole_round.seconds < 0.6 * given.whole_round.seconds
-    hovering = budget(strategy="barycenter", hover_s=5, total_deadline_s=12)
-    assert hovering.whole_round.seconds == 5
+    hovering = budget(strategy="barycenter", hover_s=5, total_deadline_s=13)
+    # 5 s, and what it takes to settle where it is.
+    assert hovering.whole_round.seconds == pytest.approx(6.05, abs=0.01)
     assert rounds_paid_for(hovering) == 2
 
 
