@@ -57,12 +57,13 @@ def own_code(configs: Sequence[RunConfig], here: Path) -> tuple[Path, ...]:
         return ()
     imported = {name.partition(".")[0] for name in list(sys.modules)}
     packages = [here / name for name in sorted((named | imported) - _OURS) if _is_here(name, here)]
-    beside = [path for path in here.iterdir() if path.stat().st_size <= _LARGE_BYTES]
     inside = [path for package in packages if package.is_dir() for path in package.rglob("*")]
     files = [
         path
-        for path in (*beside, *inside)
-        if path.is_file() and not any(_is_hidden(part) for part in path.relative_to(here).parts)
+        for path in (*here.iterdir(), *inside)
+        if not any(_is_hidden(part) for part in path.relative_to(here).parts)
+        and path.is_file()  # a link may lead nowhere
+        and (path.parent != here or path.stat().st_size <= _LARGE_BYTES)
     ]
     total = sum(path.stat().st_size for path in files)
     if total > _MOST_BYTES:
