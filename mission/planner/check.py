@@ -81,7 +81,7 @@ def _check_airspace(problem: RoundProblem, plan: RoundPlan) -> None:
     space, route = problem.airspace, plan.route_m
     free = space.free(route)
     # From a start that is not free it must first get out; only out of an area across an outline.
-    first = int(free.argmax()) if free.any() else len(route)
+    first = int(free.argmax()) if free.any() else len(route) - 1
     wrong = ~space.clear(route[:-1], route[1:])
     wrong[:first] = space.crosses(route[:first], route[1 : first + 1]) & space.outside(
         route[:first]

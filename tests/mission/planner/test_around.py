@@ -140,6 +140,19 @@ def test_a_plan_that_crosses_is_refused() -> None:
         check_plan(given, dataclasses.replace(straight, via_m=(np.empty((0, 2)),) * 3))
 
 
+def test_a_route_that_is_free_nowhere_is_judged() -> None:
+    """In an area from beginning to end it may stay; in the margin it may not cross the area."""
+    given = problem(start_m=np.array([600.0, 400.0]), steps=3)
+    inside = np.array([given.start_m, [650.0, 400.0], [650.0, 450.0]])
+    anywhere = dataclasses.replace(given, airspace=Airspace())
+    check_plan(given, finish(anywhere, inside))
+    beside = problem(start_m=np.array([495.0, 400.0]), steps=2)
+    across = np.array([beside.start_m, [705.0, 400.0]])
+    straight = finish(dataclasses.replace(beside, airspace=Airspace()), across)
+    with pytest.raises(InfeasiblePlanError, match=r"leg from \(495.0, 400.0\) to \(705.0, 400.0\)"):
+        check_plan(beside, straight)
+
+
 def test_what_the_budget_does_not_pay_for_is_left_out() -> None:
     given = problem(steps=3, budget=100.0)
     made = finish(given, np.array([given.start_m, [450.0, 400.0], [450.0, 500.0]]))
