@@ -84,20 +84,25 @@ class Performance:
         return least_s * self.pace
 
     def farthest_m(self, energy_j: float) -> float:
-        """Metres that no path of an energy exceeds, whatever its corners."""
+        """Metres that no path of an energy exceeds, whatever its corners; infinity if very many."""
         if math.isinf(energy_j):
             return math.inf
         if self.guidance is None:
             return energy_j / self._cruise_w * self.speed_mps
         lengths, joules = self._energy_table
         beyond = int(np.searchsorted(joules, energy_j, side="right"))
-        return float(lengths[min(beyond, len(lengths) - 1)])
+        return float(lengths[beyond]) if beyond < len(lengths) else math.inf
 
     def least_j(self, length_m: float) -> float:
         """Joules that no path of a length takes less."""
         if self.guidance is None:
             return self._cruise_w * length_m / self.speed_mps
-        return float(np.interp(length_m, *self._energy_table))
+        lengths, joules = self._energy_table
+        # The longer the path, the cheaper its fastest metre, until the speed is reached: within
+        # the table, at any acceleration that is allowed. From there on all cost the same.
+        further_m = max(0.0, length_m - lengths[-1])
+        per_m = (joules[-1] - joules[-2]) / (lengths[-1] - lengths[-2])
+        return float(np.interp(length_m, lengths, joules) + further_m * per_m)
 
     def hover_j(self, duration_s: float) -> float:
         """Joules of a hover."""

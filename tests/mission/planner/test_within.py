@@ -191,6 +191,16 @@ def test_a_slower_pace_takes_longer_and_allows_less() -> None:
     assert slow.least_s(700.0) == pytest.approx(1.25 * FLYING.least_s(700.0))
 
 
+@pytest.mark.parametrize("metres", [19_000.0, 21_000.0, 60_000.0])
+def test_bounds_of_energy_hold_for_the_longest_paths(metres: float) -> None:
+    points = np.array([[0.0, 0.0], [metres, 0.0]])
+    flown_j = FLYING.foresee(points, [0.0, 0.0], 5.0).energy_j
+    assert FLYING.farthest_m(flown_j) >= metres
+    # At 20 m/s a metre takes more than at the cheapest speed, for which the bound is.
+    assert 0.5 * flown_j < FLYING.least_j(metres) < flown_j
+    assert FLYING.farthest_m(FLYING.least_j(19_000.0)) == pytest.approx(19_000.0, abs=1.0)
+
+
 def test_hovers_part_the_path() -> None:
     points = np.array([[0.0, 0], [300, 0], [600, 0]])
     through = FLYING.foresee(points, [0.0, 0.0, 0.0], 5.0)
