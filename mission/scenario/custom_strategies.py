@@ -43,7 +43,9 @@ class RoundInfo:
     community_of: NDArray[np.int64]  # (K,) index of each device's community, from 0
     last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
     accuracy: Floats  # (K,) eps_k as each device last sent it, 0 to 1; NaN: never heard
-    ready_in_s: Floats  # (K,) seconds after the start until it has an update to send; 0: at once
+    # (K,) seconds until it has an update to send, 0: at once. Told as if the round began now: where
+    # the altitude is chosen, a climb comes first, and who still trains is ready sooner by its time.
+    ready_in_s: Floats
     staleness: NDArray[np.int64]  # (K,) rounds since the model of that update came down; 0: this
 
     @property
