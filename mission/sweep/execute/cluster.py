@@ -123,6 +123,9 @@ class RayEngine:
         except (AerofedError, OSError) as error:
             self._ended.append(RunFinished(order, failed(error, order.folder)))
             return
+        if inbox.finished:  # all of it had come as the last sweep was cut off
+            self._ended.append(RunFinished(order, RunEnd(0)))
+            return
         # Packed, so that a machine without Aerofed can say so.
         packed = pickle.dumps((order, brought))
         self._flights[self._fly.remote(self._versions, packed, self._data)] = _Flight(order, inbox)

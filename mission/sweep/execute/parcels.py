@@ -73,7 +73,7 @@ class Inbox:
     """The folder of one run at the sweep, which another machine fills."""
 
     def __init__(self, path: Path) -> None:
-        """Make the folder, or take that of a run which was cut off.
+        """Make the folder, or take that of a run which was cut off, or which is `finished`.
 
         Raises:
             InputError: somebody flies into it.
@@ -82,14 +82,18 @@ class Inbox:
         self._path = path
         self._arriving = path.with_name(f".{path.name}.arriving")
         self._gone = path.with_name(f".{path.name}.gone")
+        self._lock = ExitStack()
+        if self._arriving.exists() and self._gone.exists() and not path.exists():
+            self._arriving.rename(path)  # `complete` was cut off between its two renames
         for left in (self._arriving, self._gone):
             if left.exists():
                 shutil.rmtree(left)
-        self.begun = begun(path)
         folder = RunFolder(path)
-        folder.checkpoint.mkdir(parents=True, exist_ok=True)
-        self._lock = ExitStack()
-        self._lock.enter_context(folder.lock())
+        self.finished = folder.status() == "finished"
+        self.begun = not self.finished and begun(path)
+        if not self.finished:
+            folder.checkpoint.mkdir(parents=True, exist_ok=True)
+            self._lock.enter_context(folder.lock())
 
     def brought(self) -> Files:
         """What the machine needs that flies it; nothing for a run from its start."""

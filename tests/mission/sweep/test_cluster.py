@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -255,6 +256,26 @@ def test_a_worker_that_dies_takes_no_other_with_it(project: Path, here: Path, sh
     assert process.returncode == 0, errors
     assert printed.count("its worker died; another goes on with the run") == 1
     assert tables(project / "killed") == tables(here)
+
+
+def test_a_run_that_had_all_arrived_is_not_flown_again(
+    project: Path, here: Path, short: Path
+) -> None:
+    """The sweep was killed after the run's old folder was out of the way."""
+    shutil.copytree(here, project / "arrived")
+    run = run_named(project / "arrived", "own_rules")
+    log = (run / "flight.mcap").stat().st_ino
+    run.rename(run.with_name(f".{run.name}.arriving"))
+    run.with_name(f".{run.name}.gone").mkdir()
+    (short / "go").touch()  # or it would wait, if it were flown
+    process = locally(project, "arrived", short)
+    printed, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 0, errors
+    assert "1 of 2 runs are done already" in printed
+    assert f"run 2/2 {run.name}: 4 rounds in" in printed
+    assert (run / "flight.mcap").stat().st_ino == log
+    assert len(list(run.parent.iterdir())) == 2
+    assert tables(project / "arrived") == tables(here)
 
 
 @hidden

@@ -1,7 +1,9 @@
 """What travels between the sweep's folder and the machines that fly, without any cluster."""
 
+import itertools
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -65,6 +67,48 @@ def test_all_files_arrive_and_take_the_place_at_once(
     assert [path.name for path in here.parent.iterdir()] == ["cov-seed1"]
 
 
+@pytest.mark.parametrize("status", ["finished", "interrupted"])
+def test_what_had_all_arrived_takes_the_place_later(
+    flown: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: str
+) -> None:
+    """The sweep was killed after the run's old folder was out of the way."""
+    flown.summary.write_text(json.dumps({"status": status, "resumable": False}))
+    here = tmp_path / "here" / "cov-seed1"
+    inbox = Inbox(here)
+    for part in parts(flown.path):
+        inbox.add(part)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", _killed_after_one())
+        with pytest.raises(KeyboardInterrupt):
+            inbox.complete()
+    assert not here.exists()
+    again = Inbox(here)
+    again.close()
+    assert [path.name for path in here.parent.iterdir()] == ["cov-seed1"]
+    assert again.finished == (here / "flight.mcap").exists() == (status == "finished")
+    assert not again.begun
+
+
+def test_a_run_that_was_thrown_away_begins_anew(tmp_path: Path) -> None:
+    """By hand, with what a sweep that was killed later had left of it."""
+    (tmp_path / ".run.gone").mkdir()
+    inbox = Inbox(tmp_path / "run")
+    assert not inbox.finished
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    inbox.close()
+
+
+def _killed_after_one() -> Callable[[Path, Path], Path]:
+    rename, calls = Path.rename, itertools.count()
+
+    def once(path: Path, target: Path) -> Path:
+        if next(calls):
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    return once
+
+
 def test_nobody_else_flies_into_a_folder_that_is_filled(tmp_path: Path) -> None:
     inbox = Inbox(tmp_path / "run")
     with pytest.raises(InputError, match="another aerofed run is at work"):
@@ -93,6 +137,8 @@ def test_code_that_plug_ins_need_goes_along(
     (here / "mine" / "rule.py").write_text("def make(context): ...\n")
     (here / "per.csv").write_text("1\n")
     (here / ".secret").write_text("")
+    (here / ".#rule.py").symlink_to("user@host.1234")  # Emacs' lock
+    (here / "dangling").symlink_to("nowhere")
     monkeypatch.chdir(here)
     monkeypatch.setattr(sys, "path", [*sys.path])
     plain = load_config(Path("quickstart"))
