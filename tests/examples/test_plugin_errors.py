@@ -220,6 +220,7 @@ def test_what_it_raises_is_named_with_its_line(
         assert not (tmp_path / "out").exists()
     else:
         assert isinstance(error, UsersCodeError)
+        assert type(error.__cause__).__name__ == raised.partition(":")[0]
         assert slip in (tmp_path / "out" / "traceback.txt").read_text()
         assert aerofed.load("out").status == "failed"
 
