@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from mission.base.columns import told
 from mission.log import topics
-from mission.log.records import DeviceRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.records import OPTIONAL, DeviceRecord, TimedUplinkRecord, UplinkRecord
 
 HEAD = """# What a run leaves
 
@@ -54,7 +54,8 @@ takes it. Where devices take time, `compute_s` and `upload_s` too |
 | `learning.csv` | a row for each device after every round |
 | `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
-| `summary.json` | how the run ended, versions, data sources, totals, wall seconds by phase |
+| `summary.json` | how the run ended (`status`, `error`; `ended_by` where a budget ended it before \
+its last round), versions, data sources, totals, wall seconds by phase |
 | `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
 | `figures/map.png` | all rounds on one map |
 | `figures/rounds.png` | who was served from where, round by round, at most twelve rounds |
@@ -87,6 +88,8 @@ def _body() -> list[str]:
         *("", "## rounds.csv", "", "One row for each round.", "", *_fields(topics.ROUNDS)),
         *("", "`accuracy` and `cov` have a column for each community, with its name:"),
         "`accuracy_digits`, `cov_digits`.",
+        *("", "The columns behind `optional`, in runs where they mean something:"),
+        *("", *_table(OPTIONAL.items())),
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
         *(

@@ -74,8 +74,16 @@ class Channel:
                 raise SettingError(name, getattr(self, name), "must be above 0")
 
     def per(self, distance_m: ArrayLike, height_m: ArrayLike | None = None) -> Floats:
-        """Average packet error rate in [0, 1] over horizontal distances, as `average_per`."""
-        return average_per(self, distance_m, height_m=height_m)
+        """Average packet error rate in [0, 1] over horizontal distances, as `average_per`.
+
+        Raises:
+            ValueError: a distance is negative or NaN.
+        """
+        distances = np.asarray(distance_m, dtype=np.float64)
+        if not np.all(distances >= 0.0):
+            wrong = distances[~(distances >= 0.0)].flat[0]
+            raise ValueError(f"distance_m holds {wrong}: must be 0 or more, in metres")
+        return average_per(self, distances, height_m=height_m)
 
 
 def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:

@@ -64,7 +64,7 @@ class CustomTrainer:
         """The researcher's training of one device.
 
         Raises:
-            PluginError: it fails, or gives something else than a result.
+            PluginError: it fails, or gives something else than a result of finite numbers.
         """
         data, doing = _data(split, task, scaling), f"train() of device {device.device}"
         with guarded(self.name, key=KEY, doing=doing):
@@ -79,6 +79,12 @@ class CustomTrainer:
             raise PluginError(KEY, self.name, reason)
         if steps < 1:
             raise PluginError(KEY, self.name, f"{doing} gives {steps} steps: must be 1 or more")
+        if not (np.isfinite(loss) and np.isfinite(sent).all()):
+            reason = (
+                f"{doing} in round {device.round} left the finite numbers (mean loss {loss:.3g}); "
+                "a smaller learning rate may help"
+            )
+            raise PluginError(KEY, self.name, reason)
         sent.setflags(write=False)
         return LocalResult(sent, steps, loss)
 

@@ -28,10 +28,13 @@ class AerofedError(Exception):
     exit_code = 1
 
     def in_words(self, text: str) -> Self:
-        """The same error in other words."""
+        """The same error in other words, to be raised `from` its `__cause__`: it has happened once.
+
+        It keeps the traceback.
+        """
         other = self.__new__(type(self), text)
         vars(other).update(vars(self))
-        return other
+        return other.with_traceback(self.__traceback__)
 
 
 class UsersCodeError(AerofedError):

@@ -159,6 +159,11 @@ def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]
     def refuse(reason: str) -> InputError:
         return InputError(refusal(key, name, reason, blame))
 
+    known = [one.name for one in config.communities]
+    lost = next((p for p in every if p.community not in (None, *known)), None)
+    if lost is not None:
+        allowed = ", ".join(map(repr, known))
+        raise refuse(f"{lost.where}: community = {lost.community!r}: must be one of {allowed}")
     if None in names and len(names) > 1:
         lost = next(place for place in every if place.community is None)
         raise refuse(f"{lost.where}: names no community, as others in the file do")

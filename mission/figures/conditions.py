@@ -41,7 +41,7 @@ def flight_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerC
         x="round", y="distance (m)", whole_x=True,
     )  # fmt: skip
     late = line_chart(
-        "Slots later than at constant speed",
+        "Slots later than planned",
         [
             by_round("mean", COOL, "slot_late_mean_s"),
             by_round("max", COOL, "slot_late_max_s", dashed=True),

@@ -81,7 +81,7 @@ class _PlanFlight:
             self.ended = True
         except AerofedError as failure:
             t_s = self.carrier.t_ns / 1e9
-            raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure
+            raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure.__cause__
         finally:
             self.totals.sim_s = self.carrier.t_ns / 1e9
 

@@ -6,7 +6,8 @@ from mission.analysis.load import LoadedRun
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west",
             "north-west")  # fmt: skip
-_NAMED = ("seed", "simulated_s", "real_time_factor", "battery_changes", "position_source")
+_NAMED = ("ended_by", "seed", "simulated_s", "real_time_factor", "battery_changes",
+          "position_source")  # fmt: skip
 
 
 def about(run: LoadedRun) -> dict[str, object]:

@@ -57,8 +57,10 @@ class Experiment(ABC):
         self.recorder.learnt(0, untrained)
         await self._run()
 
-    def conclude(self, summary: Summary) -> None:  # noqa: B027
-        """Do nothing: the rounds are in their tables."""
+    def conclude(self, summary: Summary) -> None:
+        """Say which budget ended the run before its last round, where one did."""
+        if why := self.totals.why_over(self.budget):
+            summary.add(ended_by=why)
 
     def show(self, console: RunConsole) -> None:
         """What the rounds came to."""

@@ -62,7 +62,8 @@ class FlownExperiment(Experiment):
         except (FlightError, LinkLostError) as error:
             if not self._stage:
                 raise
-            raise error.in_words(f"{self._stage}, t {self.totals.sim_s:.1f} s: {error}") from error
+            when = f"{self._stage}, t {self.totals.sim_s:.1f} s"
+            raise error.in_words(f"{when}: {error}") from error.__cause__
 
     def flown(self) -> str:
         """How much was flown, in words."""

@@ -78,4 +78,4 @@ class Outcome:
             path = folder / "traceback.txt"
             write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
             left = f"; the whole traceback is in {path}"
-        raise self.error.in_words(f"{self.error}{left}") from self.error
+        raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__

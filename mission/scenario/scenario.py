@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fl.config import CommunityConfig
-from fl.errors import LearningInputError
+from fl.errors import FETCHED, LearningInputError
 from fl.federation import rounds as learning
 from fl.plugins import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
@@ -127,7 +127,7 @@ class Scenario:
             lines.append("learning.device = 'cuda' is experimental: nobody has flown with it yet")
         for community in self.federation.communities:
             source = community.dataset.provenance
-            if not source.official and community.config.task != "npz":  # one's own are as they are
+            if not source.official and community.config.task in FETCHED:
                 lines.append(
                     f"{community.name}: data in {source.source} are intact, but not the official "
                     "files (a subset?); used as they are"

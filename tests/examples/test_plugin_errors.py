@@ -111,6 +111,12 @@ class TrainerOther(TrainerFails):
 class TrainerIdle(TrainerFails):
     def train(self, device, model, data, rng): return LocalResult(model, 0, 0.5)
 
+class TrainerNaN(TrainerFails):
+    def train(self, device, model, data, rng): return LocalResult(model * float("nan"), 1, 0.5)
+
+class TrainerEndless(TrainerFails):
+    def train(self, device, model, data, rng): return LocalResult(model, 1, float("inf"))
+
 def nothing(anything): return object()
 def broken(anything): return undefined_name
 """
@@ -168,6 +174,13 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("trainer", "TrainerShort", "gives a model of shape (3,), not ("),
         ("trainer", "TrainerOther", "train() of device 0 gives a ndarray, not a LocalResult"),
         ("trainer", "TrainerIdle", "gives 0 steps: must be 1 or more"),
+        (
+            "trainer",
+            "TrainerNaN",
+            "learning.trainer = 'mine:TrainerNaN': train() of device 0 in round 1 left the finite "
+            "numbers (mean loss 0.5); a smaller learning rate may help",
+        ),
+        ("trainer", "TrainerEndless", "left the finite numbers (mean loss inf)"),
         ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
         ("gate", "RadioOver", "per() gives 1.5 at "),
         ("gate", "RadioShort", "per() gives shape (), not ("),
@@ -220,6 +233,7 @@ def test_what_it_raises_is_named_with_its_line(
         assert not (tmp_path / "out").exists()
     else:
         assert isinstance(error, UsersCodeError)
+        assert type(error.__cause__).__name__ == raised.partition(":")[0]
         assert slip in (tmp_path / "out" / "traceback.txt").read_text()
         assert aerofed.load("out").status == "failed"
 

@@ -161,6 +161,12 @@ def test_channels() -> None:
     assert aerofed.channel("suburban", extra_gain_db=3.0).per(100.0) < per[1]
 
 
+@pytest.mark.parametrize("distance_m", [[3.0, -5.0], [float("nan")], -5.0])
+def test_no_distance_has_no_error_rate(distance_m: list[float] | float) -> None:
+    with pytest.raises(ValueError, match=r"distance_m holds (-5\.0|nan): must be 0 or more"):
+        aerofed.channel("suburban").per(distance_m)
+
+
 def test_configurations(tmp_path: Path) -> None:
     base = aerofed.config("quickstart")
     assert aerofed.config(base, {"mission.rounds": 3}).mission.rounds == 3

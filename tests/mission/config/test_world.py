@@ -91,7 +91,7 @@ def test_degrees_become_metres_as_a_geodesy_library_has_them(load, tmp_path: Pat
 
 def test_a_table_and_geojson_of_the_same_places_are_the_same(load, tmp_path: Path) -> None:
     table = "id,LAT, lon ,community\n" + "".join(f"7,{lat},{lon},a\n" for lat, lon in TOWN)
-    first = load(from_file(tmp_path, "d.csv", table + "8,43.5,7.1,other\n"))
+    first = load(from_file(tmp_path, "d.csv", table))
     second = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
     assert first == second
 
@@ -149,7 +149,7 @@ BAD_TABLES = {
     "x,y\n0,0\n3e6,4\n": "an area has 100 km at most",
     "x,y,share\n1,2,0\n": "row 2: share = 0: must be above 0",
     "x,y,share\n1,2,1\n3,4,\n": "row 3: has no share, as other devices of the community do",
-    "x,y,community\n1,2,b\n": "holds no device of community 'a', only of 'b'",
+    "x,y,community\n1,2,a\n3,4,b\n": "row 3: community = 'b': must be one of 'a'",
     "x,y,community\n1,2,a\n3,4,\n": "row 3: names no community, as others in the file do",
 }
 
@@ -179,6 +179,21 @@ BAD_GEOJSON = {
     feature("Point", ["7", None]): "lat = null: must be a number",
     feature("Point", [4e5, 5e6]): "lat = 5e+06: must be from -85 to 85 degrees",
 }
+
+
+def test_a_community_that_the_configuration_does_not_have_is_refused(load, tmp_path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN, community=["a", "b", "bb"]))
+    both = text + BASE.replace('"a"', '"b"') + 'positions_file = "d.geojson"\n'
+    with pytest.raises(InputError) as error:
+        load(both)
+    assert str(error.value).endswith(
+        "d.geojson: features[2]: community = 'bb': must be one of 'a', 'b'"
+    )
+    (tmp_path / "d.geojson").write_text(points(*TOWN, community=["a", "b", "b"]))
+    assert [community.devices for community in load(both).communities] == [1, 2]
+    (tmp_path / "d.geojson").write_text(points(*TOWN, community=["a", "a", "a"]))
+    with pytest.raises(InputError, match="holds no device of community 'b', only of 'a'"):
+        load(both)
 
 
 @pytest.mark.parametrize("text", BAD_GEOJSON)

@@ -78,6 +78,7 @@ def test_it_says_what_the_run_was(page: str) -> None:
     assert "strategy cov" in page
     assert "seed 7" in page
     assert "4.5 m/s, no turbulence, no gusts" in page
+    assert "Slots later than planned" in page
     assert "Wall time: 8.5 s" in page
     assert re.findall(r'data-round="(\d)"', page) == ["1", "2", "3"]
     assert {row["round"] for row in rows(charts(page)["Planned and flown"], "outcome")} == {1, 2, 3}

@@ -53,6 +53,11 @@ def test_ends_when_the_time_pays_for_no_round(run: Path) -> None:
     summary = json.loads((run / "summary.json").read_text())
     assert summary["time_used_s"] == float(flown[-1]["time_used_s"])
     assert summary["status"] == "finished"
+    assert summary["ended_by"].startswith("of the time of 60 s (mission.total_deadline_s)")
+    assert summary["ended_by"].endswith("so the run ends before round 3")
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "ended by" in page
+    assert summary["ended_by"] in page
 
 
 def test_log_and_comparison_know_the_durations(run: Path) -> None:

@@ -1,10 +1,11 @@
 """How a flight ended, whatever comes after it."""
 
+import traceback
 from pathlib import Path
 
 import pytest
 
-from mission.base.errors import AerofedError, FlightError, InputError
+from mission.base.errors import AerofedError, FlightError, InputError, UsersCodeError
 from mission.planner.errors import SolverError
 from mission.run.outcome import Outcome
 
@@ -66,6 +67,23 @@ def test_an_error_in_other_words_stays_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(SolverError, match=f"OSQP.*no usable solution; .* in {tmp_path}") as raised:
         outcome.raise_error(tmp_path)
     assert (raised.value.exit_code, raised.value.status) == (3, "max_iter")
+
+
+def test_what_is_raised_keeps_its_cause_and_where_it_came_from(tmp_path: Path) -> None:
+    slip, outcome = KeyError("weights"), Outcome()
+    with outcome.flight():
+        raise UsersCodeError("theirs") from slip
+    with pytest.raises(UsersCodeError, match=r"^theirs; the whole traceback") as theirs:
+        outcome.raise_error(tmp_path)
+    assert theirs.value.__cause__ is slip
+    assert outcome.error is not None
+    ours = Outcome(error=FlightError("lost"))
+    with pytest.raises(FlightError) as lost:
+        ours.raise_error(tmp_path)
+    assert lost.value.__cause__ is None
+    assert lost.value.__context__ is None
+    frames = [frame.name for frame in traceback.extract_tb(theirs.value.__traceback__)]
+    assert frames.index("raise_error") < frames.index("flight")  # down to where it was raised
 
 
 def test_a_bug_in_the_figures_is_a_failure_too() -> None:

@@ -2,10 +2,12 @@
 
 import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fl.data.custom_dataset import Samples
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.run.setup import set_up
@@ -41,6 +43,19 @@ def test_classes_without_an_owner_are_said() -> None:
     assert orphans
     notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
     assert any(line.startswith(notice) for line in scenario.notices())
+
+
+def own_data(data_dir: Path | None) -> Samples:  # noqa: ARG001
+    """A researcher's data set: there is no official one to compare it with."""
+    images = np.random.default_rng(1).random((40, 8, 8))
+    return Samples(images, np.arange(40) % 4, images, np.arange(40) % 4)
+
+
+def test_own_data_are_not_measured_against_official_files() -> None:
+    settings = {"communities.0.task": f"{__name__}:own_data", "communities.0.partition": "iid"}
+    config = load_config(builtin_config("quickstart.toml"), settings)
+    notices = build_scenario(config, data_dir=None).notices()
+    assert not any("official" in line for line in notices)
 
 
 def test_training_on_a_gpu_is_said_to_be_experimental() -> None:
