@@ -22,7 +22,7 @@ _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its 
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What a flight will take, before it is flown: in still air, from rest to rest."""
+    """What a flight will take, before it is flown: from rest to rest, in the steady wind."""
 
     arrived_s: Floats  # (S,) at each of its stops
     duration_s: float
