@@ -70,6 +70,16 @@ def _total(items: Sequence[Measured], name: str) -> Any:
     return sum(getattr(item.record, name) for item in items)
 
 
+def _optional_sum(name: str) -> Made:
+    """Of a column that `rounds.csv` has in some runs only: NaN in the others."""
+
+    def add(items: Sequence[Measured]) -> float:
+        known = all(name in item.record.optional for item in items)
+        return sum(item.record.optional[name] for item in items) if known else math.nan
+
+    return Made(add)
+
+
 @dataclass(frozen=True)
 class Comparison:
     """The numbers of one round, or of a whole run (`round` is None, pooled over all rounds).
@@ -90,6 +100,9 @@ class Comparison:
         Label("duration planned (s)", 1),
     ]
     duration_s: Annotated[float, _sum("duration_s"), Label("duration (s)", 1)]
+    # Joules of the battery, where the run limits time or energy.
+    plan_energy_j: Annotated[float, _optional_sum("plan_energy_j"), Label("energy planned (J)", 0)]
+    energy_j: Annotated[float, _optional_sum("energy_j"), Label("energy (J)", 0)]
     # Horizontal distance of the true track to the planned polyline.
     cross_track_rms_m: Annotated[float, _of(_rms, "cross_m"), Label("cross-track rms (m)", 3)]
     cross_track_max_m: Annotated[float, _of(_max, "cross_m"), Label("cross-track max (m)", 3)]

@@ -48,6 +48,7 @@ _TIME: _Columns = (
      if c.duration_s > 0.0 else "-"),
     ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
 )  # fmt: skip
+_ENERGY: _Columns = (("energy (J)\nplan / flown", _pair("plan_energy_j", "energy_j", 0)),)
 _SLOTS: _Columns = (
     ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
     ("height (m)\nrms / max", _pair("height_rms_m", "height_max_m")),
@@ -76,10 +77,11 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     if comparison.run.data.plan_file is not None:
         return side_by_side([comparison], width=_WIDE)
     some_late = _LATE if comparison.total.unready else ()
+    energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
     return (
         _table("Path", comparison, _PATH, caption),
-        _table("Time", comparison, _TIME, None),
+        _table("Time and energy" if energy else "Time", comparison, _TIME + energy, None),
         _table("Slots, height and estimate", comparison, _SLOTS + some_late, None),
         _table("Radio", comparison, _RADIO, None),
         _devices(comparison),

@@ -10,6 +10,7 @@ from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, plain, print_json
+from mission.log.errors import DamagedLogError
 
 Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
 
@@ -99,7 +100,12 @@ def check(log: Path, *, as_json: Json = False) -> int:
     from mission.log.read.inspection import check as verify
 
     log = _file(log)
-    findings = verify(log)
+    try:
+        findings = verify(log)
+    except DamagedLogError as error:
+        if as_json:
+            print_json({"log": log, "sound": False, "findings": [str(error)]})
+        raise
     if as_json:
         print_json({"log": log, "sound": not findings, "findings": findings})
         return LIMITS_NOT_MET if findings else 0

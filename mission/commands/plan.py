@@ -1,5 +1,6 @@
 """`aerofed plan` and `aerofed link-budget`."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -8,13 +9,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mission.analysis.comparison_text import number
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
-    from mission.planner.problem import RoundPlan
     from mission.scenario.scenario import Scenario
 
 
@@ -138,34 +139,35 @@ def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "
     write_round_plan(path, flight, scenario.area)
 
 
-def _flight(plan: "RoundPlan") -> tuple[str, ...]:
-    """What its flight takes, where time or energy is limited."""
-    if plan.foreseen is None:
-        return ()
-    return (f"{plan.foreseen.duration_s:.1f}", f"{plan.foreseen.energy_j:.0f}")
+def _row(named: "NamedPlan") -> dict[str, float]:
+    """What the table shows of a plan, by heading; without what it does not have."""
+    made = named.plan
+    row = {"value": made.value, "upper\nbound": made.upper_bound, "gap\n%": 100.0 * made.gap}
+    row["path\nm"] = made.path_m
+    if made.altitude_m is not None:
+        row["height\nm"] = made.altitude_m
+    if made.foreseen is not None:  # where time or energy is limited
+        row["takes\ns"] = made.foreseen.duration_s
+        row["takes\nkJ"] = made.foreseen.energy_j / 1000.0
+    row["served"] = int(made.schedule.sum())
+    row["nodes"] = made.nodes
+    row["ms"] = 1e3 * named.time_s
+    return row
+
+
+_DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}
 
 
 def _print(plans: "tuple[NamedPlan, ...]") -> None:
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("problem")
-    chosen = any(named.plan.altitude_m is not None for named in plans)
-    foreseen = any(named.plan.foreseen is not None for named in plans)
-    more = (*(("altitude m",) if chosen else ()), *(("flight s", "flight J") if foreseen else ()))
-    for heading in ("value", "upper bound", "gap", "path m", *more, "served", "nodes", "ms"):
-        table.add_column(heading, justify="right")
-    for named in plans:
-        made = named.plan
-        proven = made.upper_bound == made.upper_bound
-        table.add_row(
-            named.id,
-            f"{made.value:.6f}",
-            f"{made.upper_bound:.6f}" if proven else "-",
-            f"{100 * made.gap:.2f} %" if proven else "-",
-            f"{made.path_m:.1f}",
-            *(["-" if made.altitude_m is None else f"{made.altitude_m:.1f}"] if chosen else ()),
-            *_flight(made),
-            str(int(made.schedule.sum())),
-            str(made.nodes),
-            f"{1e3 * named.time_s:.1f}",
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
+    table.add_column("problem", overflow="fold")
+    rows = [_row(named) for named in plans]
+    headings = max(rows, key=len)  # plans of one command have the same, or some fewer
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for named, row in zip(plans, rows, strict=True):
+        cells = (
+            number(row.get(heading, math.nan), _DIGITS.get(heading, 1)) for heading in headings
         )
+        table.add_row(named.id, *cells)
     Terminal().print(table)

@@ -42,6 +42,11 @@ class RoundProblem:
         return replace(self, channel=channel, altitudes_m=None)
 
 
+def relative_gap(value: float, upper_bound: float) -> float:
+    """(upper bound - value) / upper bound; 0 for a bound of 0, NaN without a bound."""
+    return 0.0 if upper_bound == 0.0 else (upper_bound - value) / upper_bound
+
+
 @dataclass(frozen=True)
 class RoundPlan:
     """A feasible path and schedule with its true objective (exact average PER)."""
@@ -60,9 +65,7 @@ class RoundPlan:
     @property
     def gap(self) -> float:
         """(upper bound - value) / upper bound; 0 for a bound of 0, NaN without a bound."""
-        if self.upper_bound == 0.0:
-            return 0.0
-        return (self.upper_bound - self.value) / self.upper_bound
+        return relative_gap(self.value, self.upper_bound)
 
     @property
     def route_m(self) -> Floats:

@@ -10,6 +10,7 @@ from mission.base.arrays import Ints
 from mission.config.models import MissionConfig
 from mission.log.records import ALTITUDE, SPENT, RoundRecord
 from mission.planner.performance import Foreseen
+from mission.planner.problem import relative_gap
 from mission.scenario.limits import KEYS, NOTHING, Amount, Budget, is_limited
 
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
@@ -31,6 +32,7 @@ class RunTotals:
     scheduled: int = 0
     delivered: int = 0
     battery_changes: int = 0
+    gaps: list[float] = field(default_factory=list)  # of each round's plan, NaN without a bound
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
     untrained: dict[str, float] = field(default_factory=dict)  # the same, before the first
 
@@ -57,6 +59,7 @@ class RunTotals:
         self.flown_m += record.flown_path_m
         self.scheduled += record.scheduled
         self.delivered += record.delivered
+        self.gaps.append(relative_gap(record.plan_objective, record.upper_bound))
         self.accuracy = dict(record.accuracy)
 
     def is_over(self, budget: Budget) -> bool:

@@ -20,6 +20,8 @@ from mission.run.summary import Summary
 from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
 
+_ROUNDING = 1e-9  # of a gap that the planner met
+
 
 @dataclass(kw_only=True)
 class Experiment(ABC):
@@ -70,10 +72,24 @@ class Experiment(ABC):
         totals, done = self.totals, self.totals.rounds_done
         if why := totals.why_over(self.budget):
             console.say(why)
+        if loose := self._loose():
+            console.say(loose)
         console.say(
             f"{done} round{'' if done == 1 else 's'}, {self.flown()}, "
             f"{totals.delivered}/{totals.scheduled} updates delivered; "
             f"{self.stopwatch.total_s:.1f} s ({shares})"
+        )
+
+    def _loose(self) -> str:
+        """How many plans are proven less closely than asked for, in words; empty where none is."""
+        planner = self.scenario.config.planner
+        gaps = [gap for gap in self.totals.gaps if gap > planner.gap + _ROUNDING]
+        if planner.kind != "certified" or not gaps:
+            return ""
+        return (
+            f"{len(gaps)} of {self.totals.rounds_done} plans are proven less closely than "
+            f"planner.gap = {planner.gap:g} asks, the loosest to {100.0 * max(gaps):.1f} % of the "
+            "best possible: the search ended first (docs/planner.md)"
         )
 
     @abstractmethod

@@ -11,6 +11,8 @@ from fl.errors import first_line
 from mission.base.errors import AerofedError, UsersCodeError
 from mission.base.run_folder import write_atomically
 
+TRACEBACK = "traceback.txt"  # in the folder of a run that a researcher's own code ended
+
 
 @dataclass
 class Outcome:
@@ -75,7 +77,7 @@ class Outcome:
             return
         left = f"; what was flown is in {folder}"
         if isinstance(self.error, UsersCodeError):
-            path = folder / "traceback.txt"
+            path = folder / TRACEBACK
             write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
             left = f"; the whole traceback is in {path}"
         raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Protocol, TypeAlias
 
 from mission.base.console import RunConsole
-from mission.base.errors import INTERRUPTED
+from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import one_interruption, run_flight
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
-from mission.run.outcome import Outcome
+from mission.run.outcome import TRACEBACK, Outcome
 from mission.run.summary import Summary
 
 Page: TypeAlias = Callable[[Path], object]  # makes a page of a flight's folder, in it
@@ -72,6 +72,7 @@ def fly_recorded(
                 summary.ended(outcome, totals, stopwatch)
     if outcome.status == "finished":
         InterruptedFiles(folder).discard()
+        (folder.path / TRACEBACK).unlink(missing_ok=True)  # of an attempt before
     try:
         if flight is not None:
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
@@ -86,7 +87,11 @@ def fly_recorded(
     if page is not None and outcome.status == "finished":
         # It says that the flight is finished, and so comes after the summary that does.
         with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
-            page(folder.path)
+            try:
+                page(folder.path)
+            except InputError as error:
+                again = f"aerofed report {folder.path} makes the page once that is mended"
+                raise error.in_words(f"{error}; {again}") from error.__cause__
         if outcome.status != "finished":
             summary.ended(outcome, totals, stopwatch)
     outcome.raise_error(folder.path)

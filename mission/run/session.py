@@ -157,7 +157,8 @@ def _fly(
     folder, flyers = ready.folder, ready.flyers
     write_atomically(folder.devices, ready.scenario.devices_csv())
     config = ready.scenario.config
-    _warn_of_home(ready.scenario, console)
+    for warning in _warnings(ready.scenario):
+        console.say(f"warning: {warning}")
     summary = Summary(
         folder,
         name=config.name,
@@ -179,15 +180,24 @@ def _fly(
     )
 
 
-def _warn_of_home(scenario: Scenario, console: RunConsole) -> None:
-    """It may be meant; more often a sign, a digit or the order of lat and lon is wrong."""
-    home_m, reach_m = scenario.config.area.home_m, scenario.config.mission.path_budget_m
-    away_m = float(np.linalg.norm(scenario.devices_m - home_m, axis=1).min())
-    if away_m > reach_m:
-        console.say(
-            f"warning: home lies {away_m:.0f} m from the nearest device, farther than a round's "
-            f"path may be long (mission.path_budget_m = {reach_m:g})"
+def _warnings(scenario: Scenario) -> Iterator[str]:
+    """What may be meant, but mostly is not."""
+    area, mission = scenario.config.area, scenario.config.mission
+    # A sign, a digit or the order of lat and lon is wrong.
+    away_m = float(np.linalg.norm(scenario.devices_m - area.home_m, axis=1).min())
+    if away_m > mission.path_budget_m:
+        yield (
+            f"home lies {away_m:.0f} m from the nearest device, farther than a round's path may "
+            f"be long (mission.path_budget_m = {mission.path_budget_m:g})"
         )
+    for zone in area.no_fly:
+        anywhere = zone.counts_at(*mission.heights_m)
+        if anywhere and not all(zone.counts_at(height, height) for height in mission.heights_m):
+            yield (
+                f"{zone.name} (area.no_fly) is kept out of at every altitude of "
+                f"mission.altitude_m = {list(mission.heights_m)}, also where a flight could pass "
+                "above or below it"
+            )
 
 
 @contextmanager

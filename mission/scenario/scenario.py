@@ -34,6 +34,8 @@ from mission.scenario.limits import (
 )
 from mission.scenario.strategies import Strategy, make_strategy
 
+_LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -177,6 +179,17 @@ def _check_sizes(config: RunConfig) -> None:
             )
 
 
+def _check_uploads(config: RunConfig, bits: Floats) -> None:
+    """Refuse a rate at which one update takes longer than any aircraft hovers."""
+    rate_bps = config.channel.upload_rate_bps
+    if rate_bps is not None and bits.max() / rate_bps > _LONGEST_UPLOAD_S:
+        raise InputError(
+            f"channel.upload_rate_bps = {rate_bps:g}: the largest update, {bits.max():.0f} bits, "
+            f"takes {bits.max() / rate_bps:.0f} s to send; {_LONGEST_UPLOAD_S:g} s at most are "
+            f"allowed, so at least {bits.max() / _LONGEST_UPLOAD_S:.0f} bits a second"
+        )
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -199,6 +212,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         )
     except LearningInputError as error:
         raise InputError(str(error)) from None
+    _check_uploads(config, federation.upload_bits)
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
         custom_strategy(

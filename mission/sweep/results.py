@@ -75,6 +75,7 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         "flown_m": float(summary["flown_in_rounds_m"]),
         "budget_used_m": float(summary["budget_used_m"]),
         "simulated_s": float(summary["simulated_s"]),
+        **_energy(records),
         "scheduled": scheduled,
         "delivered": delivered,
         "delivered_share": _ratio(delivered, scheduled),
@@ -208,6 +209,12 @@ def _round_rows(
         }
         rows.append(row)
     return tuple(rows)
+
+
+def _energy(records: Sequence[RoundRecord]) -> Row:
+    """Joules of the flights, of runs that limit time or energy and know what was flown."""
+    used = math.fsum(record.optional.get("energy_j", math.nan) for record in records)
+    return {"energy_j": used} if math.isfinite(used) else {}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -43,23 +43,29 @@ REST = (
     Column("true_per", "PER true", 3),
     Column("rounds", "rounds", 0),
     Column("flown_m", "km flown", 1, unit=1000.0),
+    Column("energy_j", "kJ flown", 0, unit=1000.0),
 )
 _TERMINAL = (
     Column("final_accuracy_{}", "{}\n%"),
     Column("delivered_share", "delivered\n%", 1, unit=0.01),
     Column("participation", "took part\n%", 1, unit=0.01),
     Column("flown_m", "flown\nkm", 1, unit=1000.0),
+    Column("energy_j", "energy\nkJ", 0, unit=1000.0),
 )
 
 
 def outcome(
     results: Sequence[RunResult], columns: Sequence[Column], *, seeds: Callable[[str], str]
 ) -> Cells:
-    """A row for each strategy and setting; `seeds` says how many of a group there are."""
+    """A row for each strategy and setting; `seeds` says how many of a group there are.
+
+    Without the columns that no run has.
+    """
     each = [
         (column, name)
         for column in columns
         for name in (communities_of(results) if "{}" in column.name else ("",))
+        if any(column.name.format(name) in run.summary for run in results)
     ]
     heads = ["strategy", "seeds", *(column.head.format(name) for column, name in each)]
     rows = [

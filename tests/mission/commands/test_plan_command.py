@@ -117,3 +117,18 @@ def test_link_budget_prints_and_warns(capsys: pytest.CaptureFixture[str]) -> Non
     assert printed.err == ""
     assert call(["link-budget", "--set", "channel.preset=literal"]) == 0
     assert "warning: PER straight overhead" in capsys.readouterr().err
+
+
+def test_the_table_fits_eighty_columns_with_all_that_may_be_limited(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    limits = ("mission.altitude_m=[40, 120]", "mission.round_deadline_s=40", "planner.gap=0.5")
+    assert call(["plan", *(item for limit in limits for item in ("--set", limit))]) == 0
+    text = capsys.readouterr().out
+    assert "…" not in text
+    head, _, row = text.splitlines()[-3:]
+    assert " ".join(head.split()) == "problem value bound % m m s kJ served nodes ms"
+    assert row.split()[0] == "round-1"
+    assert 40.0 <= float(row.split()[5]) <= 120.0
+    assert float(row.split()[6]) <= 40.0

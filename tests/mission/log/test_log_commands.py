@@ -1,6 +1,7 @@
 """`aerofed log ...` and `aerofed report`: what they say, write, refuse, and return."""
 
 import csv
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,12 @@ def test_check_passes_a_sound_log_and_names_gaps(
     broken.write_bytes(data)
     with pytest.raises(DamagedLogError, match="damaged at byte"):
         log.check(broken)
+    capsys.readouterr()
+    with pytest.raises(DamagedLogError):
+        log.check(broken, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told["sound"] is False
+    assert "damaged at byte" in told["findings"][0]
     assert log.recover(broken, saved) == 0
     assert log.check(saved) == LIMITS_NOT_MET
     text = capsys.readouterr().out

@@ -239,3 +239,10 @@ def test_an_autopilot_of_whole_seconds_hovers_long_enough() -> None:
     items = mission_items(plan, plan.positions(area))
     assert [i.param1 for i in as_dialect(items, PX4) if i.command == 16] == [3.5, 0.25]
     assert [i.param1 for i in as_dialect(items, ARDUPILOT) if i.command == 16] == [0.0, 4.0, 1.0]
+
+
+def test_a_rate_at_which_nobody_could_hover_long_enough_is_refused(tmp_path: Path) -> None:
+    wanted = r"channel.upload_rate_bps = 1: .* 3600 s at most are allowed, so at least \d+ bits"
+    with pytest.raises(InputError, match=wanted):
+        fly(tmp_path / "none", {"channel.upload_rate_bps": 1.0})
+    assert not (tmp_path / "none").exists()

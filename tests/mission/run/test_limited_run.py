@@ -69,13 +69,27 @@ def test_log_and_comparison_know_the_durations(run: Path) -> None:
     total = compare_run(loaded).total
     assert total.duration_s == pytest.approx(total.plan_duration_s, rel=0.05)
     assert abs(total.slot_late_mean_s) < 0.5
+    assert total.energy_j == sum(float(row["energy_j"]) for row in table)
+    assert total.plan_energy_j == sum(float(row["plan_energy_j"]) for row in table)
+
+
+def test_tables_on_the_terminal_tell_the_energy(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert call(["compare", str(run)]) == 0
+    text = capsys.readouterr().out
+    assert "energy (J)" in text
+    assert "…" not in text
 
 
 def test_a_resumed_run_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     shutil.copytree(run, again)
     (again / "summary.json").write_text('{"status": "running"}')
+    (again / "traceback.txt").write_text("of own code that has been mended since")
     assert call(["run", "--resume", str(again), "--quiet"]) == 0
+    assert not (again / "traceback.txt").exists()
     assert digests(again) == digests(run)
 
 

@@ -1,22 +1,22 @@
 """Runs without flight: what was planned is what was met, and all else stays as it is."""
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from mission.base.console import RunConsole
+from mission.base.errors import InputError
 from mission.cli import call
 from mission.config.loading import builtin_config, load_config
 from mission.log.errors import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 from mission.log.write.writer import FlightLog
-from mission.run.session import _warn_of_home
+from mission.run.session import _warnings
 from mission.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.slow
@@ -113,13 +113,51 @@ def test_a_vehicle_that_would_never_fly_is_refused(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(("home_m", "warns"), [((0.0, 0.0), False), ((0.0, -900.0), True)])
-def test_a_home_that_no_round_leads_away_from_is_said(
-    home_m: tuple[float, float], warns: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    overrides = {"area.home_m": home_m, "mission.path_budget_m": 800.0}
+MAST: dict[str, object] = {"polygon_m": [[10, 10], [40, 10], [40, 40]], "name": "mast"}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ({"area.home_m": (0.0, 0.0)}, ""),
+        ({"area.home_m": (0.0, -900.0)}, "home lies 900 m from the nearest device"),
+        ({"area.no_fly": [MAST | {"to_m": 80.0}]}, ""),
+        (
+            {"area.no_fly": [MAST | {"to_m": 80.0}], "mission.altitude_m": [40.0, 120.0]},
+            "mast (area.no_fly) is kept out of at every altitude of mission.altitude_m = [40.0, ",
+        ),
+        ({"area.no_fly": [MAST], "mission.altitude_m": [40.0, 120.0]}, ""),
+        ({"area.no_fly": [MAST | {"to_m": 9.0}], "mission.altitude_m": [40.0, 120.0]}, ""),
+    ],
+)
+def test_what_is_hardly_meant_is_said(overrides: dict[str, object], said: str) -> None:
     config = load_config(builtin_config("quickstart.toml"), overrides)
     scenario = SimpleNamespace(config=config, devices_m=np.array([[0.0, 0.0], [600.0, 0.0]]))
-    _warn_of_home(cast(Scenario, scenario), RunConsole(Console()))
+    warnings = list(_warnings(cast(Scenario, scenario)))
+    assert [said] == [warning[: len(said)] for warning in warnings] if said else not warnings
+
+
+def test_plans_that_are_proven_less_closely_than_asked_for_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ("mission.flight=none", "planner.max_nodes=1", "planner.gap=1e-4")
+    options = [item for key in few for item in ("--set", key)]
+    assert call(["run", "--out", str(tmp_path / "run"), "--rounds", "2", *options]) == 0
     said = capsys.readouterr().out
-    assert ("warning: home lies 900 m from the nearest device" in said) is warns
+    assert re.search(r"\d of 2 plans are proven less closely than planner.gap = 0.0001 asks", said)
+
+
+def test_a_page_without_room_is_made_later(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "run"
+
+    def full(folder: Path) -> None:
+        raise InputError(f"{folder / 'report.html'}: cannot write: No space left on device")
+
+    monkeypatch.setattr("mission.report.page.write_report", full)
+    assert play(out, rounds=1) == 2
+    assert f"; aerofed report {out} makes the page once that is mended" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert call(["report", str(out)]) == 0
+    assert (out / "report.html").is_file()
