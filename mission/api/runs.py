@@ -129,6 +129,19 @@ class Run:
 
         return chosen(run_pictures(self._loaded), name, of=self.path)
 
+    def report(self, target: Path | str | None = None) -> Path:
+        """Write its page, as `aerofed report` does, and say where: one HTML file.
+
+        Args:
+            target: the file; default: `report.html` in the folder, or beside the log.
+
+        Raises:
+            InputError: no round was finished, or the file cannot be written.
+        """
+        from mission.report.page import write_report
+
+        return write_report(self.path, None if target is None else Path(target))
+
     @cached_property
     def _loaded(self) -> "LoadedRun":
         from mission.analysis.load import load_run

@@ -52,6 +52,19 @@ class Sweep:
 
         return chosen(sweep_pictures(self.path.name, self._state.results), name, of=self.path)
 
+    def report(self, target: Path | str | None = None) -> Path:
+        """Write its page, as `aerofed report` does, and say where: one HTML file.
+
+        Args:
+            target: the file; default: `report.html` in the folder.
+
+        Raises:
+            InputError: no run is finished, or the file cannot be written.
+        """
+        from mission.report.sweep_page import write_sweep_report
+
+        return write_sweep_report(self.path, Path(target or self.path / "report.html"))
+
     @cached_property
     def _state(self) -> "SweepState":
         from mission.sweep.state import read_sweep

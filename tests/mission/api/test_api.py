@@ -118,6 +118,15 @@ def test_a_figure_is_shown_and_saved(run: aerofed.Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_page_is_written_where_asked(run: aerofed.Run, tmp_path: Path) -> None:
+    assert run.report() == run.path / "report.html"
+    page = run.report(str(tmp_path / "page.html"))
+    assert page.read_bytes() == (run.path / "report.html").read_bytes()
+    with pytest.raises(aerofed.InputError, match="page.html: cannot write"):
+        run.report(tmp_path / "none" / "page.html")
+
+
+@pytest.mark.slow
 def test_a_log_by_itself(run: aerofed.Run) -> None:
     log = aerofed.load(run.path / "flight.mcap")
     pd.testing.assert_frame_equal(log.rounds, run.rounds)
@@ -301,6 +310,8 @@ def test_sweeps(tmp_path: Path) -> None:
     assert len(one.rounds) == 2
     assert swept.figure("final")._repr_png_().startswith(b"\x89PNG")
     assert len(aerofed.load_sweep(tmp_path / "s").runs) == 4
+    assert aerofed.load_sweep(tmp_path / "s").report() == tmp_path / "s" / "report.html"
+    assert (tmp_path / "s" / "report.html").is_file()
 
 
 def test_overrides_may_be_arrays_and_their_scalars() -> None:

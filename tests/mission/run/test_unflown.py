@@ -161,3 +161,12 @@ def test_a_page_without_room_is_made_later(
     monkeypatch.undo()
     assert call(["report", str(out)]) == 0
     assert (out / "report.html").is_file()
+
+
+def test_ideal_knows_no_steps(tmp_path: Path) -> None:
+    """One sweep of `ideal` is the ceiling of any N."""
+    for steps in (3, 5):
+        keys = ("--set", "mission.strategy=ideal", "--set", f"mission.steps={steps}")
+        assert play(tmp_path / str(steps), *keys, rounds=2) == 0
+    for name in ("rounds.csv", "learning.csv"):
+        assert (tmp_path / "3" / name).read_bytes() == (tmp_path / "5" / name).read_bytes()
