@@ -34,12 +34,12 @@ def write(tmp_path: Path):
     return _write
 
 
-@pytest.mark.parametrize("name", ["quickstart.toml", "paper.toml"])
-def test_built_in_configurations_load(name: str) -> None:
+@pytest.mark.parametrize(("name", "steps"), [("quickstart.toml", 10), ("paper.toml", 3)])
+def test_built_in_configurations_load(name: str, steps: int) -> None:
     config = load_config(builtin_config(name))
     mission = config.mission
     assert (mission.altitude_m, mission.speed_mps, mission.path_budget_m) == (60.0, 20.0, 800.0)
-    assert (mission.steps, mission.devices_per_step) == (10, 3)
+    assert (mission.steps, mission.devices_per_step) == (steps, 3)
     assert [c.devices for c in config.communities] == [6, 6]
 
 
