@@ -7,7 +7,6 @@ from flightdyn.config import LimitsConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Controller, Setpoint
-from flightdyn.guidance.landing import LandDetector
 from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.path_plan import Corner, brake_and_go, plan_path
 from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
@@ -46,7 +45,6 @@ class Guidance:
         memory.landed = memory.contact = memory.touching = 1.0
         self._limits = limits
         self._dt = dt_s
-        self._land = LandDetector(dt_s=dt_s)
         self._corners: list[Corner] = []
         self._next = 0
         self._soon_s = math.inf  # on the trajectory's clock: from when on the next may be passed
@@ -66,7 +64,7 @@ class Guidance:
     @property
     def landed(self) -> bool:
         """Whether the aircraft stands on the ground, as far as the belief tells."""
-        return self._land.landed
+        return bool(self._memory.landed)
 
     @property
     def command(self) -> Triple | None:
@@ -163,15 +161,13 @@ class Guidance:
 
     def step(self, carried: Strapdown, state: Callable[[], NavState]) -> None:
         """One guidance step from where the aircraft is, which `state` puts into words."""
-        m, land = self._memory, self._land
+        m = self._memory
         pursuing = m.mode == TARGET
         if pursuing and m.armed:
             self._after_target(state())
-        flags = self._controller.step(carried, land)
+        flags = self._controller.step(carried)
         if pursuing:
             m.mode = TARGET
-        if land.changed:
-            m.touching, m.contact, m.landed = land.touching, land.contact, land.landed
         if flags != self._noted:
             self._note(flags)
 
@@ -228,7 +224,7 @@ class Guidance:
     def _after_target(self, nav: NavState) -> None:
         """Reference that goes after the target and draws the aircraft along."""
         m, to = self._memory, self._target
-        if self._land.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
+        if m.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
             m.mode = NOTHING  # nothing that leads up: it stays on the ground
             return
         p, v = (_triple(m.p), _triple(m.v)) if m.pointed else (nav.p, nav.v)

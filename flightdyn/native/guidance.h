@@ -5,6 +5,7 @@
 
 #include "control.h"
 #include "flight.h"
+#include "landing.h"
 #include "vectors.h"
 
 static const double LAG_FREE_M = 1.5;   /* lag along the path that the governor lets pass */
@@ -143,9 +144,11 @@ static void track(Guide *g, const Gains *k, const Trajectory *path, const State 
     finish(g, k, path, nav);
 }
 
-static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *nav,
-                 const double force[3])
+static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdown *carried,
+                 Inner *inner)
 {
+    const State *nav = &carried->state;
+    const double *force = carried->force;
     double r[3][3];
     matrix(r, nav->q);
     const double heading = arc_tangent2(r[1][0], r[0][0]);
@@ -175,6 +178,8 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *
     g->sink = nav->v[2];
     /* Against what the motors give by now, not against an order that they have yet to follow. */
     g->knock = -force[2] - g->lagged * k->full * g->effectiveness;
+    land(g, k->dt);
+    if (!order(inner, g->error, g->feed, g->collective)) return 0;
     const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
     return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
            (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0);

@@ -68,7 +68,6 @@ class _Ticks(ctypes.Structure):
     _fields_ = (
         ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
         ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
-        ("order", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
         ("fly", ctypes.PYFUNCTYPE(_OK, _OBJECT, _INT, _POINTER, _POINTER, _POINTER)),
         ("drive", _POINTER),  # called from C
     )
@@ -81,7 +80,7 @@ check_sizes(
 )  # fmt: skip
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
-_READ, _SAMPLE, _ORDER, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.order, _TICKS.fly
+_READ, _SAMPLE, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.fly
 PYTHON_AT = ctypes.addressof(_PYTHON)
 # For C: a gauge's reading, and a tick of an aircraft that another brain drives.
 READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
@@ -129,12 +128,6 @@ class Inner:
             PYTHON_AT, tuple(rates), tuple(errors), tuple(feeds), collective, dt=dt_s
         )
         self.at = ctypes.addressof(self._memory)
-
-    def order(self, orders: int) -> None:
-        """Hand on the numbers at an address: attitude error (rad), rates fed forward (rad/s),
-        collective.
-        """
-        _ORDER(self.at, orders)
 
     def correct(self, bias: Sequence[float]) -> None:
         """What to take off the rates from now on (rad/s)."""

@@ -193,10 +193,9 @@ class Estimator:
     ) -> None:
         """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
         increments = self._increments
-        increments.add(samples, dt_s=dt_s)
+        increments.add(samples, dt_s=dt_s, carried=self.to_now)
         if fix is not None:
             self._fixes.append(fix)
-        self.to_now.carry(increments, increments.count - 1, 1)
         while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
             self._advance()
             if self._correct():
@@ -207,11 +206,10 @@ class Estimator:
         """The state after a few samples more."""
         few = self._few
         few.drop(few.count)
-        few.add(samples, dt_s=dt_s)
         ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
         ahead.place(p, v, q)
         ahead.correct(b.gyro, b.accel)
-        ahead.carry(few, 0, 1)
+        few.add(samples, dt_s=dt_s, carried=ahead)
         return NavState.of(t_ns, ahead)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
@@ -239,7 +237,7 @@ class Estimator:
         gn, ge, gd = self._gained
         self._gained = (gn + n, ge + e, gd + d)
         self._steps += 1
-        for i, down in enumerate(carried.downs[:count], 1):
+        for i, down in enumerate(carried.downs(count), 1):
             self._downs[self.horizon.t_ns + i * self._increment_ns] = down
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force = (n / dt, e / dt, d / dt)
