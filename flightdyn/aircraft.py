@@ -141,7 +141,7 @@ class Aircraft:
     @property
     def on_ground(self) -> bool:
         """What the land detector believes; of a wreck there is no doubt."""
-        return self._guidance.landed or self.crashed
+        return self._guidance.landed or self.plant.crashed
 
     @property
     def crashed(self) -> bool:

@@ -11,7 +11,6 @@ Its states and matrices are those of `error_model`.
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
-from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -214,10 +213,12 @@ class Estimator:
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
-        if not self.innovations or self.innovations[-1].t_ns <= t_ns:
-            return ()
-        found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
-        return found[::-1]
+        found: list[Innovation] = []
+        for item in reversed(self.innovations):
+            if item.t_ns <= t_ns:
+                break
+            found.append(item)
+        return tuple(reversed(found))
 
     def observe_baro(self, sample: BaroSample) -> None:
         """A barometer sample of now; used when the horizon comes to it."""

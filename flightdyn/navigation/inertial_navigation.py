@@ -139,8 +139,11 @@ class InertialNavigation:
 
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
+        rates = self._believed_rates()
+        if not self._samples.count:
+            return Kinematics.of(self._clock.t_ns, *self.carried.numbers, *rates)
         t_ns, p, v, q = self.state()
-        return Kinematics.of(t_ns, *p, *v, *q, *self._believed_rates())
+        return Kinematics.of(t_ns, *p, *v, *q, *rates)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the filter was given after an instant, against what it expected."""

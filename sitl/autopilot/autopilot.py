@@ -72,6 +72,8 @@ class Autopilot:
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
+        self._health_contained = self._report.contain("the state of health")
+        self._failsafes_contained = self._report.contain("the failsafes")
         self._wire = Wire(system, COMPONENT)
         self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
         self.parameters = parameters
@@ -141,9 +143,9 @@ class Autopilot:
 
     def watch(self) -> None:
         """Look after everything but the manoeuvre."""
-        with self._report.contain("the state of health"):
+        with self._health_contained:
             self.monitor.watch()
-        with self._report.contain("the failsafes"):
+        with self._failsafes_contained:
             self.guard.watch()
 
     @property
@@ -189,7 +191,7 @@ class Autopilot:
         for server in self._servers:
             with report.contain(type(server).__name__):
                 server.poll(now)
-        with report.contain("the failsafes"):
+        with self._failsafes_contained:
             self.guard.poll(now)
         nudged = report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
