@@ -49,14 +49,18 @@ _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
 
 
+_ROOM = 8  # times as many increments, so that they are seldom moved to the front
+
+
 class Increments:
     """Sums of IMU samples, one after another: the oldest first, `most` at a time."""
 
     def __init__(self, most: int) -> None:
         self.most = most
         self.count = 0
-        self._rows = np.zeros((most, INCREMENT))
-        self._at = address(self._rows, np.float64, (most, INCREMENT), written=True)
+        self._first = 0
+        self._rows = np.zeros((_ROOM * most, INCREMENT))
+        self._at = address(self._rows, np.float64, (_ROOM * most, INCREMENT), written=True)
         self._size = self._rows.itemsize * INCREMENT
 
     def add(
@@ -72,14 +76,17 @@ class Increments:
         where, count = numbers.buffer_info()
         if count % SAMPLE or self.count >= self.most:
             raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
-        to = self._at + self.count * self._size
+        if self._first + self.count == len(self._rows):
+            self._rows[: self.count] = self._rows[self._first :]
+            self._first = 0
+        to = self._at + (self._first + self.count) * self._size
         _INTEGRATE(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
         self.count += 1
 
     def drop(self, count: int) -> None:
         """Forget the oldest ones."""
         self.count -= count
-        self._rows[: self.count] = self._rows[count : count + self.count]
+        self._first += count
 
     def rows(self, first: int, count: int) -> int:
         """Where some of them lie.
@@ -89,7 +96,7 @@ class Increments:
         """
         if not 0 <= first <= first + count <= self.count:
             raise ValueError(f"increments {first} to {first + count} of {self.count}")
-        return self._at + first * self._size
+        return self._at + (self._first + first) * self._size
 
 
 class Strapdown:
@@ -183,8 +190,10 @@ class Innovations:
         """
         self.residual = np.zeros(ROWS)  # of the measurements; to be filled in
         self._kept = measurement, noise
+        self._covariance = np.zeros((STATES, STATES))
         self._std, self._nis = np.zeros(ROWS), np.zeros(KINDS)
         self._at = (
+            address(self._covariance, np.float64, (STATES, STATES)),
             address(measurement, np.float64, (ROWS, STATES)),
             address(noise, np.float64, (ROWS, ROWS)),
             address(self.residual, np.float64, (ROWS,), written=True),
@@ -197,9 +206,12 @@ class Innovations:
         residual of GNSS position, GNSS velocity, height and heading (4).
 
         Raises:
-            ValueError: `covariance` is no contiguous array (22, 22).
+            ValueError: `covariance` has another shape than (22, 22).
         """
-        _INNOVATE(address(covariance, np.float64, (STATES, STATES)), *self._at)
+        if covariance.shape != (STATES, STATES):
+            raise ValueError(f"a covariance (22, 22) is needed, not {covariance.shape}")
+        self._covariance[:] = covariance
+        _INNOVATE(*self._at)
         return self._std.tolist(), self._nis.tolist()
 
 

@@ -166,11 +166,11 @@ class Imu:
         left = (self._end - (self._memory.errors or 0)) // row
         if left >= ticks:
             return
-        blocks = [self._errors[len(self._errors) - left :]]
+        blocks = [self._errors[len(self._errors) - left :]] if left else []
         while left < ticks:
             blocks.append(self._draw())
             left += len(blocks[-1])
-        self._errors = np.concatenate(blocks)
+        self._errors = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         at = address(self._errors, np.float64, (left, AXES))
         self._memory.errors, self._end = at, at + left * row
 

@@ -146,7 +146,8 @@ class Estimator:
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
-        self._downs: dict[int, float] = {}  # along the horizon since the last correction
+        # After each of the increments from the last correction to the horizon.
+        self._downs: list[float] = []
         self._mag: deque[MagSample] = deque()
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
@@ -238,8 +239,7 @@ class Estimator:
         gn, ge, gd = self._gained
         self._gained = (gn + n, ge + e, gd + d)
         self._steps += 1
-        for i, down in enumerate(carried.downs(count), 1):
-            self._downs[self.horizon.t_ns + i * self._increment_ns] = down
+        self._downs += carried.downs(count)
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force = (n / dt, e / dt, d / dt)
         self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
@@ -253,7 +253,7 @@ class Estimator:
         self._kf.F, self._kf.Q = model.F, model.Q
         self._kf.predict()
         b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
-        self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
+        self._biases = Biases(b.gyro, b.accel, (n * keep, e * keep, d * keep), b.mag, b.baro)
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
 
     def _model(self, steps: int) -> _Model:
@@ -331,7 +331,9 @@ class Estimator:
         total, count = 0.0, 0
         while self._baro and self._baro[0].t_ns <= t_ns:
             sample = self._baro.popleft()
-            then = self._downs.get(sample.t_ns, down)  # `down` where it fell between increments
+            back, between = divmod(t_ns - sample.t_ns, self._increment_ns)
+            # `down` where it fell between increments, or before the last correction.
+            then = down if between or back >= len(self._downs) else self._downs[-1 - back]
             total += altitude_m(sample.pressure_pa) - self._ground_m + then
             count += 1
         self._downs.clear()
