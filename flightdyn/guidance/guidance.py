@@ -69,7 +69,8 @@ class Guidance:
     @property
     def command(self) -> Triple | None:
         """Where the aircraft is wanted; None while no order holds it anywhere."""
-        return _triple(self._memory.p) if self._memory.pointed else None
+        memory = self._memory
+        return _triple(memory.p) if memory.pointed else None
 
     @property
     def setpoint(self) -> Setpoint | None:
@@ -197,9 +198,7 @@ class Guidance:
         return bool(self._memory.t >= self._soon_s - self._dt)
 
     def corner_near(self, nav: NavState) -> bool:
-        """Whether the next corner may be passed before the guidance's next step."""
-        if not self.corner_soon:
-            return False
+        """Whether that corner may be passed before the guidance's next step."""
         corner = self._corners[self._next]
         if corner.normal is None:
             return True
