@@ -94,7 +94,7 @@ class Aircraft:
         if self._near:
             self._pass_corners()
         guidance.step(navigation.carried, navigation.state)
-        self._near = guidance.corner_soon and guidance.corner_near(navigation.state())
+        self._near = guidance.corner_near
 
     def _pass_corners(self) -> None:
         here = self.navigation.state()

@@ -16,6 +16,7 @@ from flightdyn.native.library import (
     ATTITUDE,
     FINISHED,
     LIMITED,
+    NEAR,
     NOTHING,
     STALLED,
     TARGET,
@@ -47,7 +48,8 @@ class Guidance:
         self._dt = dt_s
         self._corners: list[Corner] = []
         self._next = 0
-        self._soon_s = math.inf  # on the trajectory's clock: from when on the next may be passed
+        memory.soon = math.inf
+        self.corner_near = False  # it may be passed before the next guidance step
         self._target = Target()
         self._noted = 0
         self.progress = PathProgress()
@@ -123,7 +125,7 @@ class Guidance:
 
     def _forget_corners(self) -> None:
         """What was flown is over; its progress stays with whoever asked for it."""
-        self._corners, self._soon_s, self._noted = [], math.inf, 0
+        self._corners, self._memory.soon, self._noted = [], math.inf, 0
         self.progress = PathProgress()
 
     def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
@@ -169,8 +171,9 @@ class Guidance:
         flags = self._controller.step(carried)
         if pursuing:
             m.mode = TARGET
-        if flags != self._noted:
-            self._note(flags)
+        self.corner_near = bool(flags & NEAR)
+        if flags & ~NEAR != self._noted:
+            self._note(flags & ~NEAR)
 
     def _note(self, flags: int) -> None:
         """What is new of the trajectory."""
@@ -184,33 +187,21 @@ class Guidance:
             if self._corners:
                 progress.passed = self._corners[-1].count
                 self._next = len(self._corners)
+                self._look_ahead()
 
     def _look_ahead(self) -> None:
         """When the next corner may be passed at the earliest."""
-        self._soon_s = math.inf
+        m = self._memory
+        m.soon = math.inf
         if self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
-            self._soon_s = corner.t_s - corner.half_s - _EARLY_S
-
-    @property
-    def corner_soon(self) -> bool:
-        """Whether it is time for the next corner to be passed before the guidance's next step."""
-        return bool(self._memory.t >= self._soon_s - self._dt)
-
-    def corner_near(self, nav: NavState) -> bool:
-        """Whether that corner may be passed before the guidance's next step."""
-        corner = self._corners[self._next]
-        if corner.normal is None:
-            return True
-        (x, y, z), (cx, cy, cz), (nx, ny, nz) = nav.p, corner.point, corner.normal
-        beyond = (x - cx) * nx + (y - cy) * ny + (z - cz) * nz
-        vx, vy, vz = nav.v
-        return beyond + 2 * self._dt * (abs(vx) + abs(vy) + abs(vz)) + 0.2 > 0
+            m.soon = corner.t_s - corner.half_s - _EARLY_S
+            m.corner[:], m.normal[:] = corner.point, corner.normal or (0.0, 0.0, 0.0)
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
         """Count the corner whose plane of closest approach the position has crossed."""
         t = self._memory.t
-        while t >= self._soon_s:
+        while t >= self._memory.soon:
             corner = self._corners[self._next]
             n = corner.normal or vel
             beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))

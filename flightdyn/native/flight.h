@@ -63,8 +63,8 @@ typedef struct {
         drag_lag, drag_limit, thrust_lag, motor_lag, most_thrust, yaw_rate;
 } Gains;
 
-enum { NOTHING, TRACK, TARGET, ATTITUDE };               /* what is ordered */
-enum { FINISHED = 1, STALLED = 2, LIMITED = 4 };         /* what `guide` returns */
+enum { NOTHING, TRACK, TARGET, ATTITUDE };                 /* what is ordered */
+enum { FINISHED = 1, STALLED = 2, LIMITED = 4, NEAR = 8 }; /* what `guide` returns */
 
 /* The guidance's memory, its orders and what comes of them. */
 typedef struct {
@@ -73,6 +73,7 @@ typedef struct {
     double yaw_order, spin;            /* heading to turn to (rad), which turns by itself (rad/s) */
     double course, interested, interest[3]; /* whether to look along the course, or at a place */
     double path, too_fast;             /* whether the trajectory is a path; beyond the limits */
+    double soon, corner[3], normal[3]; /* when the next corner may be passed, its plane or zeros */
     double q[4], oriented, rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
     /* The reference: */
     double p[3], v[3], a[3], pointed; /* the setpoint, and whether there is one */

@@ -15,6 +15,7 @@ static const double LEAST_ROOM = 0.2;
 static const double LIMITED_RATE = 0.9; /* a clock slower than that: the speed cannot be held */
 static const double STALL_S = 30.0;     /* it moves on by less than a second: waited for in vain */
 static const double STOPPED_MPS = 0.3, STOPPED_M = 0.5, STOPPED_S = 10.0;
+static const double NEAR_M = 0.2;       /* to a corner's plane, beyond what is flown by then */
 static const double COURSE_MPS = 1.5;   /* slower than that the course does not say where to look */
 static const double PRESSED_LIFT = 0.9; /* below it an attitude order means to come down */
 
@@ -144,6 +145,18 @@ static void track(Guide *g, const Gains *k, const Trajectory *path, const State 
     finish(g, k, path, nav);
 }
 
+/* Whether the next corner's plane may be passed before the next step. */
+static int near_corner(const Guide *g, const Gains *k, const State *nav)
+{
+    if (!(g->t >= g->soon - k->dt)) return 0;
+    double beyond = 0, speed = 0;
+    for (int i = 0; i < 3; i++) {
+        beyond += (nav->p[i] - g->corner[i]) * g->normal[i];
+        speed += nav->v[i] < 0 ? -nav->v[i] : nav->v[i];
+    }
+    return beyond + 2 * k->dt * speed + NEAR_M > 0;
+}
+
 static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdown *carried,
                  Inner *inner)
 {
@@ -182,7 +195,8 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdo
     if (!order(inner, g->error, g->feed, g->collective)) return 0;
     const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
     return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
-           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0);
+           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0) |
+           (near_corner(g, k, nav) ? NEAR : 0);
 }
 
 #endif

@@ -21,7 +21,7 @@ STATE, BIAS, EARTH, GAINED, FORCE, DOWN = 0, 10, 16, 19, 22, 25  # where they be
 STATES, ROWS, KINDS = 22, 8, 4  # of the filter
 PIECE, GAINS = 13, 16  # numbers each
 NOTHING, TRACK, TARGET, ATTITUDE = range(4)
-FINISHED, STALLED, LIMITED = 1, 2, 4
+FINISHED, STALLED, LIMITED, NEAR = 1, 2, 4, 8
 
 _Triple = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -258,6 +258,7 @@ class Memory(ctypes.Structure):
         ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
         ("course", _DOUBLE), ("interested", _DOUBLE), ("interest", _THREE),
         ("path", _DOUBLE), ("too_fast", _DOUBLE),
+        ("soon", _DOUBLE), ("corner", _THREE), ("normal", _THREE),
         ("q", _DOUBLE * 4), ("oriented", _DOUBLE), ("rates", _THREE),
         ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
         ("p", _THREE), ("v", _THREE), ("a", _THREE), ("pointed", _DOUBLE),
