@@ -283,9 +283,7 @@ class _Strapdown(ctypes.Structure):
     _fields_ = (("numbers", _DOUBLE * DOWN),)
 
 
-check_sizes(
-    _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory
-)
+check_sizes(_LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory)
 
 
 class Guide:

@@ -79,16 +79,16 @@ def test_the_rules_in_c_are_those_in_python() -> None:
     rng = np.random.default_rng(5)
     native, python, seen = standing(), InPython(), set()
     for _ in range(4000):
+        armed = bool(rng.random() < 0.8)
         now = {
-            "armed": bool(rng.random() < 0.8),
             "descend": float(rng.choice([0.0, 0.15, 0.7])),
             "sink": float(rng.choice([-0.6, -0.1, 0.0, 0.24, 0.5, 1.0, 8.0])),
             "lift": float(rng.choice([0.0, 0.9, 0.96, 1.0, 1.1])),
             "knock": float(rng.choice([0.0, 9.0], p=[0.9, 0.1])),
         }
         for _ in range(int(rng.integers(1, 40))):
-            update(native, 1, **now)
-            python.update(**now)
+            update(native, 1, armed=armed, **now)
+            python.update(armed=armed, **now)
             state = bool(native.touching), bool(native.contact), bool(native.landed)
             assert state == (python.touching, python.contact, python.landed)
             assert native.quiet == python.quiet
