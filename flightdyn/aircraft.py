@@ -94,7 +94,7 @@ class Aircraft:
         if self._near:
             self._pass_corners()
         guidance.step(navigation.carried, navigation.state)
-        self._near = guidance.corner_soon and guidance.corner_near(navigation.state())
+        self._near = guidance.corner_near
 
     def _pass_corners(self) -> None:
         here = self.navigation.state()
@@ -141,7 +141,7 @@ class Aircraft:
     @property
     def on_ground(self) -> bool:
         """What the land detector believes; of a wreck there is no doubt."""
-        return self._guidance.landed or self.crashed
+        return self._guidance.landed or self.plant.crashed
 
     @property
     def crashed(self) -> bool:

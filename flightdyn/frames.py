@@ -25,7 +25,7 @@ Matrix9 = tuple[float, float, float, float, float, float, float, float, float]
 def frozen(values: tuple[float, ...] | list[float] | Vector) -> Vector:
     """A read-only float array of `values`."""
     array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
+    array.setflags(write=False)
     return array
 
 

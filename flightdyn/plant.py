@@ -18,7 +18,7 @@ from flightdyn.physics.multirotor import Multirotor
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.physics.wind import gust_ned
 from flightdyn.random import RandomStreams
-from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Vector
+from flightdyn.state import GeodeticPoint, Kinematics, Vector
 
 _SLOW = 5  # guidance intervals between looks at battery, ground and faults
 
@@ -52,6 +52,7 @@ class Plant:
             imu=None if sensors is None else sensors.imu,
         )
         self._battery = Battery(config.battery)
+        self.battery = self._battery.state()  # voltage, current, charge
         self._gusty = bool(config.wind.gusts or config.faults)
         self._watch_ground(near=True)
         self._slow = _SLOW * self.interval  # ticks
@@ -109,6 +110,7 @@ class Plant:
             volts = self._battery.draw(
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
             )
+            self.battery = self._battery.state()
             self.vehicle.set_battery_voltage(volts)
             self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
             self._faults.update(self.clock.t_ns)
@@ -132,11 +134,6 @@ class Plant:
     def wind_ned_mps(self) -> Vector:
         """Velocity of the air around the aircraft, gusts and turbulence included."""
         return frozen(self.vehicle.wind_ned())
-
-    @property
-    def battery(self) -> BatteryState:
-        """Voltage, current, charge."""
-        return self._battery.state()
 
     @property
     def crashed(self) -> bool:
@@ -169,4 +166,5 @@ class Plant:
         if armed:
             raise FlightInputError("battery: can be exchanged on the ground only, motors off")
         self._battery.exchange()
+        self.battery = self._battery.state()
         self.vehicle.set_battery_voltage(self._battery.voltage_v)

@@ -32,7 +32,7 @@ class Kinematics(NamedTuple):
     def of(cls, t_ns: int, *numbers: float) -> "Kinematics":
         """From position, velocity, attitude and rates: thirteen numbers, in that order."""
         all_of_them = np.array(numbers)
-        all_of_them.flags.writeable = False
+        all_of_them.setflags(write=False)
         return cls(t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:])
 
     @property

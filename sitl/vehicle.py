@@ -106,9 +106,8 @@ class Vehicle:
                 moving = self.moving  # a failsafe may have begun another one
             if tick % self._sample_every == 0:
                 self._sample()
-            self._next_look = min(
-                (tick // every + 1) * every for every in (self._watch_every, self._sample_every)
-            )
+            watch, sample = self._watch_every, self._sample_every
+            self._next_look = tick + min(watch - tick % watch, sample - tick % sample)
         return moving
 
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:

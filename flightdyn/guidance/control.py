@@ -7,8 +7,7 @@ from typing import NamedTuple
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Quaternion, Triple
 from flightdyn.guidance.inner_loops import InnerLoops
-from flightdyn.guidance.landing import LandDetector
-from flightdyn.native.library import Guide, Strapdown
+from flightdyn.native.library import Guide
 from flightdyn.physics.airframe.parameters import Airframe
 
 
@@ -64,16 +63,15 @@ class Controller:
         k = gains or Gains()
         full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
         slope = math.tan(math.radians(limits.tilt_deg))
-        self._inner = inner
         self._guide = Guide((
             dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
             k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
             k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
-        ))  # fmt: skip
+        ), inner)  # fmt: skip
         self.memory = self._guide.memory
         self.memory.effectiveness = 1.0
         self.memory.thrust[2] = -1.0
-        self.track = self._guide.track
+        self.track, self.step = self._guide.track, self._guide.step
 
     @property
     def wanted_thrust(self) -> Triple:
@@ -95,15 +93,3 @@ class Controller:
     def effectiveness(self) -> float:
         """Measured thrust over ordered thrust."""
         return float(self.memory.effectiveness)
-
-    def step(self, nav: Strapdown, land: LandDetector) -> int:
-        """One step of guidance and outer loop; what is to be noted of it, see `flight.h`."""
-        flags, numbers = self._guide.step(nav)
-        self._inner.order(self._guide.orders)
-        lift, descend, sink, knock = numbers
-        armed = self.memory.armed != 0.0
-        if armed or not land.landed:
-            land.update(
-                armed=armed, descend_mps=descend, sink_mps=sink, lift=lift, knock_mps2=knock
-            )
-        return flags

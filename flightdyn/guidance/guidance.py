@@ -7,7 +7,6 @@ from flightdyn.config import LimitsConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Controller, Setpoint
-from flightdyn.guidance.landing import LandDetector
 from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.path_plan import Corner, brake_and_go, plan_path
 from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
@@ -17,6 +16,7 @@ from flightdyn.native.library import (
     ATTITUDE,
     FINISHED,
     LIMITED,
+    NEAR,
     NOTHING,
     STALLED,
     TARGET,
@@ -46,10 +46,10 @@ class Guidance:
         memory.landed = memory.contact = memory.touching = 1.0
         self._limits = limits
         self._dt = dt_s
-        self._land = LandDetector(dt_s=dt_s)
         self._corners: list[Corner] = []
         self._next = 0
-        self._soon_s = math.inf  # on the trajectory's clock: from when on the next may be passed
+        memory.soon = math.inf
+        self.corner_near = False  # it may be passed before the next guidance step
         self._target = Target()
         self._noted = 0
         self.progress = PathProgress()
@@ -66,12 +66,13 @@ class Guidance:
     @property
     def landed(self) -> bool:
         """Whether the aircraft stands on the ground, as far as the belief tells."""
-        return self._land.landed
+        return bool(self._memory.landed)
 
     @property
     def command(self) -> Triple | None:
         """Where the aircraft is wanted; None while no order holds it anywhere."""
-        return _triple(self._memory.p) if self._memory.pointed else None
+        memory = self._memory
+        return _triple(memory.p) if memory.pointed else None
 
     @property
     def setpoint(self) -> Setpoint | None:
@@ -124,7 +125,7 @@ class Guidance:
 
     def _forget_corners(self) -> None:
         """What was flown is over; its progress stays with whoever asked for it."""
-        self._corners, self._soon_s, self._noted = [], math.inf, 0
+        self._corners, self._memory.soon, self._noted = [], math.inf, 0
         self.progress = PathProgress()
 
     def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
@@ -163,17 +164,16 @@ class Guidance:
 
     def step(self, carried: Strapdown, state: Callable[[], NavState]) -> None:
         """One guidance step from where the aircraft is, which `state` puts into words."""
-        m, land = self._memory, self._land
+        m = self._memory
         pursuing = m.mode == TARGET
         if pursuing and m.armed:
             self._after_target(state())
-        flags = self._controller.step(carried, land)
+        flags = self._controller.step(carried)
         if pursuing:
             m.mode = TARGET
-        if land.changed:
-            m.touching, m.contact, m.landed = land.touching, land.contact, land.landed
-        if flags != self._noted:
-            self._note(flags)
+        self.corner_near = bool(flags & NEAR)
+        if flags & ~NEAR != self._noted:
+            self._note(flags & ~NEAR)
 
     def _note(self, flags: int) -> None:
         """What is new of the trajectory."""
@@ -187,35 +187,21 @@ class Guidance:
             if self._corners:
                 progress.passed = self._corners[-1].count
                 self._next = len(self._corners)
+                self._look_ahead()
 
     def _look_ahead(self) -> None:
         """When the next corner may be passed at the earliest."""
-        self._soon_s = math.inf
+        m = self._memory
+        m.soon = math.inf
         if self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
-            self._soon_s = corner.t_s - corner.half_s - _EARLY_S
-
-    @property
-    def corner_soon(self) -> bool:
-        """Whether it is time for the next corner to be passed before the guidance's next step."""
-        return bool(self._memory.t >= self._soon_s - self._dt)
-
-    def corner_near(self, nav: NavState) -> bool:
-        """Whether the next corner may be passed before the guidance's next step."""
-        if not self.corner_soon:
-            return False
-        corner = self._corners[self._next]
-        if corner.normal is None:
-            return True
-        (x, y, z), (cx, cy, cz), (nx, ny, nz) = nav.p, corner.point, corner.normal
-        beyond = (x - cx) * nx + (y - cy) * ny + (z - cz) * nz
-        vx, vy, vz = nav.v
-        return beyond + 2 * self._dt * (abs(vx) + abs(vy) + abs(vz)) + 0.2 > 0
+            m.soon = corner.t_s - corner.half_s - _EARLY_S
+            m.corner[:], m.normal[:] = corner.point, corner.normal or (0.0, 0.0, 0.0)
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
         """Count the corner whose plane of closest approach the position has crossed."""
         t = self._memory.t
-        while t >= self._soon_s:
+        while t >= self._memory.soon:
             corner = self._corners[self._next]
             n = corner.normal or vel
             beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
@@ -228,7 +214,7 @@ class Guidance:
     def _after_target(self, nav: NavState) -> None:
         """Reference that goes after the target and draws the aircraft along."""
         m, to = self._memory, self._target
-        if self._land.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
+        if m.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
             m.mode = NOTHING  # nothing that leads up: it stays on the ground
             return
         p, v = (_triple(m.p), _triple(m.v)) if m.pointed else (nav.p, nav.v)

@@ -2,7 +2,7 @@
 
 The FCS takes the rotation from the believed to the wanted attitude, in body axes. The guidance
 gives it at its own rate; between its steps the rotation is carried on with the believed body
-rates, so that the attitude loop closes at every tick (`feed` in `flightdyn/native/ticks.h`).
+rates, so that the attitude loop closes at every tick (`feed` in `flightdyn/native/inner.h`).
 """
 
 from flightdyn.native.ticks import Inner

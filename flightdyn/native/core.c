@@ -3,7 +3,8 @@
 #include "control.h"
 #include "error_state.h"
 #include "guidance.h"
+#include "landing.h"
 #include "levelled.h"
 #include "strapdown.h"
 
-const Flight NAMED(flight) = {integrate, carry, transition, innovate, reference, guide};
+const Flight NAMED(flight) = {integrate, carry, transition, innovate, reference, guide, land};

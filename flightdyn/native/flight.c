@@ -6,6 +6,7 @@
 #include "ticks.h"
 
 SIZE_OF(Flight);
+SIZE_OF(Strapdown);
 SIZE_OF(Trajectory);
 SIZE_OF(Guide);
 SIZE_OF(Interpreter);
@@ -17,7 +18,7 @@ SIZE_OF(Ticks);
 
 EXPORTED const Ticks *ticks(void)
 {
-    static const Ticks TICKS = {read_gauges, sample, order, fly_ticks, drive_tick};
+    static const Ticks TICKS = {read_gauges, sample, fly_ticks, drive_tick};
     return &TICKS;
 }
 

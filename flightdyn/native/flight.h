@@ -3,6 +3,7 @@
 #ifndef FLIGHT_H
 #define FLIGHT_H
 
+#include "inner.h"
 #include <stdint.h>
 
 /* Error state, by `flightdyn.navigation.error_model`: where its parts begin. */
@@ -39,6 +40,16 @@ typedef struct {
     double t0, p[3], v[3], a[3], area[3];
 } Piece;
 
+/* A state that is carried on by increments. */
+typedef struct {
+    State state;
+    ImuBias bias; /* to be taken off the increments */
+    Earth earth;
+    double gained[3]; /* velocity (NED), without gravity, by the increments carried last */
+    double force[3];  /* mean specific force (body) of the last of them */
+    double down[];    /* p[2] after each of them */
+} Strapdown;
+
 /* Pieces (count,) averaged over twice `half`. */
 typedef struct {
     const Piece *pieces;
@@ -52,16 +63,17 @@ typedef struct {
         drag_lag, drag_limit, thrust_lag, motor_lag, most_thrust, yaw_rate;
 } Gains;
 
-enum { NOTHING, TRACK, TARGET, ATTITUDE };               /* what is ordered */
-enum { FINISHED = 1, STALLED = 2, LIMITED = 4 };         /* what `guide` returns */
+enum { NOTHING, TRACK, TARGET, ATTITUDE };                 /* what is ordered */
+enum { FINISHED = 1, STALLED = 2, LIMITED = 4, NEAR = 8 }; /* what `guide` returns */
 
 /* The guidance's memory, its orders and what comes of them. */
 typedef struct {
     /* By Python: */
-    double mode, armed, touching, contact, landed;
+    double mode, armed;
     double yaw_order, spin;            /* heading to turn to (rad), which turns by itself (rad/s) */
     double course, interested, interest[3]; /* whether to look along the course, or at a place */
     double path, too_fast;             /* whether the trajectory is a path; beyond the limits */
+    double soon, corner[3], normal[3]; /* when the next corner may be passed, its plane or zeros */
     double q[4], oriented, rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
     /* The reference: */
     double p[3], v[3], a[3], pointed; /* the setpoint, and whether there is one */
@@ -72,15 +84,16 @@ typedef struct {
     double integral[3], drag[2], lagged, effectiveness, saturated, thrust[3], wanted_yaw;
     /* To the inner loops and the land detector: */
     double error[3], feed[3], collective, lift, descend, sink, knock;
+    /* The land detector: seconds of quiet, and what it believes. */
+    double quiet, touching, contact, landed;
 } Guide;
 
 typedef struct {
-    /* Sum samples (count,), each held for `dt`; biases are left in. */
-    void (*integrate)(const Sample *, int64_t count, double dt, Increment *);
-    /* Carry a state over increments (count,). Writes the velocity (NED) gained without gravity,
-       the mean specific force of the last one, and p[2] after each of them (count,). */
-    void (*carry)(State *, const Increment *, int64_t count, const ImuBias *, const Earth *,
-                  double gained[3], double force[3], double *down);
+    /* Sum samples (count,), each held for `dt`; biases are left in. Carry a state by the sum, if
+       there is one. */
+    void (*integrate)(const Sample *, int64_t count, double dt, Increment *, Strapdown *);
+    /* Carry a state over increments (count,). */
+    void (*carry)(Strapdown *, const Increment *, int64_t count);
     /* Write what of the transition `f` depends on the flight: over `dt` from the attitude `q` on,
        with the velocity gained. */
     void (*transition)(double f[STATES][STATES], const double q[4], const double gained[3],
@@ -93,9 +106,11 @@ typedef struct {
     /* Position, velocity and acceleration (9) of a trajectory at `t`, the acceleration of `lead`
        later. */
     void (*reference)(const Trajectory *, double t, double lead, double *pva);
-    /* A guidance step from a state and a specific force (body); the trajectory may be missing
-       where none is tracked. */
-    int (*guide)(Guide *, const Gains *, const Trajectory *, const State *, const double force[3]);
+    /* A guidance step from where a state was carried to, handed on to the inner loops; the
+       trajectory may be missing where none is tracked. */
+    int (*guide)(Guide *, const Gains *, const Trajectory *, const Strapdown *, Inner *);
+    /* The land detector's part of it, `dt` after the last. */
+    void (*land)(Guide *, double dt);
 } Flight;
 
 extern const Flight flight_baseline, flight_avx2, flight_avx512;

@@ -5,6 +5,7 @@
 
 #include "control.h"
 #include "flight.h"
+#include "landing.h"
 #include "vectors.h"
 
 static const double LAG_FREE_M = 1.5;   /* lag along the path that the governor lets pass */
@@ -14,6 +15,7 @@ static const double LEAST_ROOM = 0.2;
 static const double LIMITED_RATE = 0.9; /* a clock slower than that: the speed cannot be held */
 static const double STALL_S = 30.0;     /* it moves on by less than a second: waited for in vain */
 static const double STOPPED_MPS = 0.3, STOPPED_M = 0.5, STOPPED_S = 10.0;
+static const double NEAR_M = 0.2;       /* to a corner's plane, beyond what is flown by then */
 static const double COURSE_MPS = 1.5;   /* slower than that the course does not say where to look */
 static const double PRESSED_LIFT = 0.9; /* below it an attitude order means to come down */
 
@@ -143,9 +145,23 @@ static void track(Guide *g, const Gains *k, const Trajectory *path, const State 
     finish(g, k, path, nav);
 }
 
-static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *nav,
-                 const double force[3])
+/* Whether the next corner's plane may be passed before the next step. */
+static int near_corner(const Guide *g, const Gains *k, const State *nav)
 {
+    if (!(g->t >= g->soon - k->dt)) return 0;
+    double beyond = 0, speed = 0;
+    for (int i = 0; i < 3; i++) {
+        beyond += (nav->p[i] - g->corner[i]) * g->normal[i];
+        speed += nav->v[i] < 0 ? -nav->v[i] : nav->v[i];
+    }
+    return beyond + 2 * k->dt * speed + NEAR_M > 0;
+}
+
+static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdown *carried,
+                 Inner *inner)
+{
+    const State *nav = &carried->state;
+    const double *force = carried->force;
     double r[3][3];
     matrix(r, nav->q);
     const double heading = arc_tangent2(r[1][0], r[0][0]);
@@ -175,9 +191,12 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const State *
     g->sink = nav->v[2];
     /* Against what the motors give by now, not against an order that they have yet to follow. */
     g->knock = -force[2] - g->lagged * k->full * g->effectiveness;
+    land(g, k->dt);
+    if (!order(inner, g->error, g->feed, g->collective)) return 0;
     const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
     return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
-           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0);
+           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0) |
+           (near_corner(g, k, nav) ? NEAR : 0);
 }
 
 #endif

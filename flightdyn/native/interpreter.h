@@ -22,14 +22,14 @@ typedef struct {
 
 /* Each of these returns whether it went well; where not, Python has an error set. */
 
-static int call(const Interpreter *python, void *callable)
+static inline int call(const Interpreter *python, void *callable)
 {
     void *answer = python->call(callable, NULL, 0, NULL);
     if (answer) python->release(answer);
     return answer != NULL;
 }
 
-static int set(const Interpreter *python, void *setter, double value)
+static inline int set(const Interpreter *python, void *setter, double value)
 {
     void *number = python->number(value);
     if (!number) return 0;
@@ -39,7 +39,7 @@ static int set(const Interpreter *python, void *setter, double value)
     return answer != NULL;
 }
 
-static int read_gauges(const Interpreter *python, const Gauge *gauges, int64_t count,
+static inline int read_gauges(const Interpreter *python, const Gauge *gauges, int64_t count,
                        double *values)
 {
     for (int64_t i = 0; i < count; i++) {

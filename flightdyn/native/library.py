@@ -10,17 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdyn.native.ticks import Inner
 from native.building import library
 from native.loading import address, check_sizes, functions, load
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-SAMPLE, INCREMENT, STATE, BIAS, EARTH = 6, 7, 10, 6, 3  # numbers each
+SAMPLE, INCREMENT = 6, 7  # numbers each
+STATE, BIAS, EARTH, GAINED, FORCE, DOWN = 0, 10, 16, 19, 22, 25  # where they begin in `Strapdown`
 
 STATES, ROWS, KINDS = 22, 8, 4  # of the filter
-PIECE, GAINS, OUT = 13, 16, 11  # numbers each
-_ORDERS = 7  # of the last: error, feed, collective
+PIECE, GAINS = 13, 16  # numbers each
 NOTHING, TRACK, TARGET, ATTITUDE = range(4)
-FINISHED, STALLED, LIMITED = 1, 2, 4
+FINISHED, STALLED, LIMITED, NEAR = 1, 2, 4, 8
 
 _Triple = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -29,15 +30,15 @@ _Floats = NDArray[np.float64]
 
 class _Functions(ctypes.Structure):
     _fields_ = (
-        ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER)),
-        ("carry", ctypes.PYFUNCTYPE(
-            None, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER)),
+        ("carry", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _INT)),
         ("transition", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("innovate", ctypes.PYFUNCTYPE(
             None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
         ("guide", ctypes.PYFUNCTYPE(
             ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
     )  # fmt: skip
 
 
@@ -45,7 +46,10 @@ _LIBRARY = load(library("flight"))
 _FUNCTIONS = functions(_LIBRARY, _Functions)
 _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
-_REFERENCE, _GUIDE = _FUNCTIONS.reference, _FUNCTIONS.guide
+_REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
+
+
+_ROOM = 8  # times as many increments, so that they are seldom moved to the front
 
 
 class Increments:
@@ -54,13 +58,16 @@ class Increments:
     def __init__(self, most: int) -> None:
         self.most = most
         self.count = 0
-        self._rows = np.zeros((most, INCREMENT))
-        self._at = address(self._rows, np.float64, (most, INCREMENT), written=True)
+        self._first = 0
+        self._rows = np.zeros((_ROOM * most, INCREMENT))
+        self._at = address(self._rows, np.float64, (_ROOM * most, INCREMENT), written=True)
         self._size = self._rows.itemsize * INCREMENT
 
-    def add(self, samples: Sequence[float], *, dt_s: float) -> None:
+    def add(
+        self, samples: Sequence[float], *, dt_s: float, carried: "Strapdown | None" = None
+    ) -> None:
         """Sum samples, each held for `dt_s`: rates (rad/s) and specific force (m/s2), six numbers
-        each, end to end. Biases are left in.
+        each, end to end; biases are left in. Carry `carried` by the sum.
 
         Raises:
             ValueError: not six numbers each, or too many increments.
@@ -69,13 +76,17 @@ class Increments:
         where, count = numbers.buffer_info()
         if count % SAMPLE or self.count >= self.most:
             raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
-        _INTEGRATE(where, count // SAMPLE, dt_s, self._at + self.count * self._size)
+        if self._first + self.count == len(self._rows):
+            self._rows[: self.count] = self._rows[self._first :]
+            self._first = 0
+        to = self._at + (self._first + self.count) * self._size
+        _INTEGRATE(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
         self.count += 1
 
     def drop(self, count: int) -> None:
         """Forget the oldest ones."""
         self.count -= count
-        self._rows[: self.count] = self._rows[count : count + self.count]
+        self._first += count
 
     def rows(self, first: int, count: int) -> int:
         """Where some of them lie.
@@ -85,7 +96,7 @@ class Increments:
         """
         if not 0 <= first <= first + count <= self.count:
             raise ValueError(f"increments {first} to {first + count} of {self.count}")
-        return self._at + first * self._size
+        return self._at + (self._first + first) * self._size
 
 
 class Strapdown:
@@ -93,20 +104,12 @@ class Strapdown:
 
     def __init__(self, earth: Sequence[float], *, most: int) -> None:
         """`earth`: gravity (m/s2), its rate north and down (rad/s); `most` increments at a time."""
-        self._state = np.zeros(STATE)
-        self._bias = np.zeros(BIAS)
-        self._earth = np.array(earth, dtype=np.float64)
-        self._gained, self._force = np.zeros(3), np.zeros(3)
-        self._downs = np.zeros(most)
-        self._at = address(self._state, np.float64, (STATE,), written=True)
-        self._rest = (
-            address(self._bias, np.float64, (BIAS,)),
-            address(self._earth, np.float64, (EARTH,)),
-            address(self._gained, np.float64, (3,), written=True),
-            address(self._force, np.float64, (3,), written=True),
-            address(self._downs, np.float64, (most,), written=True),
-        )
-        self.places = self._at, self._rest[3]  # of the state and the force, for `Guide`
+        self._most = most
+        self._memory = memory = np.zeros(DOWN + most)
+        self.at = address(memory, np.float64, (DOWN + most,), written=True)
+        memory[EARTH:GAINED] = earth
+        self._state, self._bias = memory[STATE:BIAS], memory[BIAS:EARTH]
+        self._gained, self._force = memory[GAINED:FORCE], memory[FORCE:DOWN]
 
     def place(self, p: _Triple, v: _Triple, q: _Quaternion) -> None:
         """Begin there."""
@@ -126,9 +129,9 @@ class Strapdown:
         Raises:
             ValueError: there are no such, or they are too many.
         """
-        if count > len(self._downs):
-            raise ValueError(f"{count} increments at once, {len(self._downs)} at most")
-        _CARRY(self._at, increments.rows(first, count), count, *self._rest)
+        if count > self._most:
+            raise ValueError(f"{count} increments at once, {self._most} at most")
+        _CARRY(self.at, increments.rows(first, count), count)
 
     @property
     def numbers(self) -> list[float]:
@@ -148,10 +151,9 @@ class Strapdown:
         gained: list[float] = self._gained.tolist()
         return gained
 
-    @property
-    def downs(self) -> list[float]:
-        """Position down after each of the increments by which it was carried last."""
-        downs: list[float] = self._downs.tolist()
+    def downs(self, count: int) -> list[float]:
+        """Position down after each of the increments, so many, by which it was carried last."""
+        downs: list[float] = self._memory[DOWN : DOWN + count].tolist()
         return downs
 
 
@@ -188,8 +190,10 @@ class Innovations:
         """
         self.residual = np.zeros(ROWS)  # of the measurements; to be filled in
         self._kept = measurement, noise
+        self._covariance = np.zeros((STATES, STATES))
         self._std, self._nis = np.zeros(ROWS), np.zeros(KINDS)
         self._at = (
+            address(self._covariance, np.float64, (STATES, STATES)),
             address(measurement, np.float64, (ROWS, STATES)),
             address(noise, np.float64, (ROWS, ROWS)),
             address(self.residual, np.float64, (ROWS,), written=True),
@@ -202,9 +206,12 @@ class Innovations:
         residual of GNSS position, GNSS velocity, height and heading (4).
 
         Raises:
-            ValueError: `covariance` is no contiguous array (22, 22).
+            ValueError: `covariance` has another shape than (22, 22).
         """
-        _INNOVATE(address(covariance, np.float64, (STATES, STATES)), *self._at)
+        if covariance.shape != (STATES, STATES):
+            raise ValueError(f"a covariance (22, 22) is needed, not {covariance.shape}")
+        self._covariance[:] = covariance
+        _INNOVATE(*self._at)
         return self._std.tolist(), self._nis.tolist()
 
 
@@ -248,10 +255,10 @@ class Memory(ctypes.Structure):
 
     _fields_ = (
         ("mode", _DOUBLE), ("armed", _DOUBLE),
-        ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
         ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
         ("course", _DOUBLE), ("interested", _DOUBLE), ("interest", _THREE),
         ("path", _DOUBLE), ("too_fast", _DOUBLE),
+        ("soon", _DOUBLE), ("corner", _THREE), ("normal", _THREE),
         ("q", _DOUBLE * 4), ("oriented", _DOUBLE), ("rates", _THREE),
         ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
         ("p", _THREE), ("v", _THREE), ("a", _THREE), ("pointed", _DOUBLE),
@@ -264,26 +271,34 @@ class Memory(ctypes.Structure):
         ("wanted_yaw", _DOUBLE),
         ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
         ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
+        ("quiet", _DOUBLE), ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
     )  # fmt: skip
 
+    def land(self, dt_s: float) -> None:
+        """The land detector's part of a guidance step, by itself."""
+        _LAND(ctypes.addressof(self), dt_s)
 
-check_sizes(_LIBRARY, Flight=_Functions, Trajectory=_Trajectory, Guide=Memory)
+
+class _Strapdown(ctypes.Structure):
+    _fields_ = (("numbers", _DOUBLE * DOWN),)
+
+
+check_sizes(_LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory)
 
 
 class Guide:
     """Guidance and outer loop, a step at a time."""
 
-    def __init__(self, gains: Sequence[float]) -> None:
-        """`gains`: those of `Gains` in `flight.h`, in its order.
+    def __init__(self, gains: Sequence[float], inner: Inner) -> None:
+        """`gains`: those of `Gains` in `flight.h`, in its order; `inner` takes the orders.
 
         Raises:
             ValueError: another number of them.
         """
         self.memory = Memory()
         self._gains = np.array(gains, dtype=np.float64)
+        self._inner = inner
         self._pieces: Pieces | None = None
-        out = np.frombuffer(memoryview(self.memory), dtype=np.float64)[-OUT:]
-        self.orders, self._land = int(out.ctypes.data), out[_ORDERS:]
         self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
         self._path: int | None = None
 
@@ -292,15 +307,13 @@ class Guide:
         self._pieces = pieces
         self._path = None if pieces is None else pieces.at
 
-    def step(self, nav: Strapdown) -> tuple[int, list[float]]:
-        """One guidance step from where the aircraft is: flags, and what the land detector looks at,
-        the last four numbers of the memory. The seven before lie at `orders`.
+    def step(self, nav: Strapdown) -> int:
+        """One guidance step from where the aircraft is; what is to be noted of it.
 
         Raises:
             ValueError: a trajectory is to be tracked, and there is none.
         """
         if self._path is None and self.memory.mode == TRACK:
             raise ValueError("there is no trajectory to track")
-        flags = _GUIDE(*self._at, self._path, *nav.places)
-        land: list[float] = self._land.tolist()
-        return flags, land
+        flags: int = _GUIDE(*self._at, self._path, nav.at, self._inner.at)
+        return flags

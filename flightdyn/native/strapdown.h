@@ -11,25 +11,6 @@
 #include "flight.h"
 #include "vectors.h"
 
-static void integrate(const Sample *sample, int64_t count, double dt, Increment *sum)
-{
-    double angle[3] = {0}, velocity[3] = {0}, half[3], sculling[3], coning[3];
-    for (const Sample *end = sample + count; sample < end; sample++) {
-        cross(sculling, angle, sample->force);
-        for (int i = 0; i < 3; i++) {
-            velocity[i] += sample->force[i] + sculling[i];
-            half[i] = sample->rate[i] * (dt / 2);
-        }
-        cross(coning, angle, half);
-        for (int i = 0; i < 3; i++) angle[i] += 2 * half[i] + coning[i];
-    }
-    sum->dt = (double)count * dt;
-    for (int i = 0; i < 3; i++) {
-        sum->angle[i] = angle[i];
-        sum->velocity[i] = velocity[i] * dt;
-    }
-}
-
 /* The quaternion of a rotation vector (rad): cosine and sine of half of it by their series, which
    are exact to the last digits up to a whole turn. */
 static inline void rotation(double q[4], const double r[3])
@@ -44,10 +25,12 @@ static inline void rotation(double q[4], const double r[3])
     for (int i = 0; i < 3; i++) q[1 + i] = r[i] * (sine / 2);
 }
 
-static void carry(State *state, const Increment *step, int64_t count, const ImuBias *bias,
-                  const Earth *earth, double gained[3], double force[3], double *down)
+static void carry(Strapdown *carried, const Increment *step, int64_t count)
 {
-    double *p = state->p, *v = state->v, *q = state->q;
+    const ImuBias *bias = &carried->bias;
+    const Earth *earth = &carried->earth;
+    double *p = carried->state.p, *v = carried->state.v, *q = carried->state.q;
+    double *gained = carried->gained, *force = carried->force, *down = carried->down;
     gained[0] = gained[1] = gained[2] = 0;
     for (const Increment *end = step + count; step < end; step++) {
         const double dt = step->dt;
@@ -83,6 +66,27 @@ static void carry(State *state, const Increment *step, int64_t count, const ImuB
         for (int i = 0; i < 4; i++) q[i] = turned[i] * (1.5 - size / 2); /* unit, first order */
         *down++ = p[2];
     }
+}
+
+static void integrate(const Sample *sample, int64_t count, double dt, Increment *sum,
+                      Strapdown *carried)
+{
+    double angle[3] = {0}, velocity[3] = {0}, half[3], sculling[3], coning[3];
+    for (const Sample *end = sample + count; sample < end; sample++) {
+        cross(sculling, angle, sample->force);
+        for (int i = 0; i < 3; i++) {
+            velocity[i] += sample->force[i] + sculling[i];
+            half[i] = sample->rate[i] * (dt / 2);
+        }
+        cross(coning, angle, half);
+        for (int i = 0; i < 3; i++) angle[i] += 2 * half[i] + coning[i];
+    }
+    sum->dt = (double)count * dt;
+    for (int i = 0; i < 3; i++) {
+        sum->angle[i] = angle[i];
+        sum->velocity[i] = velocity[i] * dt;
+    }
+    if (carried) carry(carried, sum, 1);
 }
 
 #endif

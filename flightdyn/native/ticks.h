@@ -3,6 +3,7 @@
 #ifndef TICKS_H
 #define TICKS_H
 
+#include "inner.h"
 #include "interpreter.h"
 
 enum { AXES = 6 }; /* body rates (rad/s), specific force (m/s2) */
@@ -15,15 +16,6 @@ typedef struct {
     double rates[3];             /* gyroscopes, as read last */
 } Imu;
 
-typedef struct { /* the inner loops' end, `flightdyn.guidance.inner_loops` */
-    const Interpreter *python;
-    void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
-    double bias[3];            /* to be taken off the rates */
-    double error[3], feed[3];  /* rotation still to be made (rad), rate fed forward (rad/s) */
-    double collective;         /* thrust per rotor (1 = full) */
-    double dt;
-} Inner;
-
 typedef struct { /* motors that a brain other than ours drives */
     Imu *imu;
     void *run;
@@ -35,8 +27,6 @@ typedef struct { /* motors that a brain other than ours drives */
 typedef struct {
     int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
     int (*sample)(Imu *, double values[AXES]);
-    /* Hand on what the outer loop orders: error, feed, collective. */
-    int (*order)(Inner *, const double orders[7]);
     /* Ticks of our own brain's: samples (count, 6). */
     int (*fly)(void *run, int64_t count, Imu *, Inner *, double *samples);
     /* A tick of another brain's. */
@@ -57,33 +47,6 @@ static int sample(Imu *imu, double *values)
         imu->rates[i] = now[i];
     }
     return 1;
-}
-
-/* Believed rates of this tick to the inner loops; the wanted rotation is carried on with them. */
-static int feed(Inner *inner, const double rates[3])
-{
-    const Interpreter *python = inner->python;
-    for (int i = 0; i < 3; i++) {
-        const double rate = rates[i] - inner->bias[i];
-        inner->error[i] -= (rate - inner->feed[i]) * inner->dt;
-        if (!set(python, inner->set_rates[i], rate)) return 0;
-        if (!set(python, inner->set_errors[i], inner->error[i])) return 0;
-    }
-    return 1;
-}
-
-static int order(Inner *inner, const double orders[7])
-{
-    const Interpreter *python = inner->python;
-    for (int i = 0; i < 3; i++) {
-        inner->error[i] = orders[i];
-        inner->feed[i] = orders[3 + i];
-        if (!set(python, inner->set_errors[i], inner->error[i]) ||
-            !set(python, inner->set_feeds[i], inner->feed[i]))
-            return 0;
-    }
-    inner->collective = orders[6];
-    return set(python, inner->set_collective, inner->collective);
 }
 
 static int fly_ticks(void *run, int64_t count, Imu *imu, Inner *inner, double *samples)

@@ -16,6 +16,7 @@ from native.building import library
 from native.loading import address, check_sizes, load
 
 AXES = 6  # of a sample: body rates (rad/s), specific force (m/s2)
+_ROW = 8 * AXES  # bytes
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 _OBJECT, _OK = ctypes.py_object, ctypes.c_int
@@ -68,7 +69,6 @@ class _Ticks(ctypes.Structure):
     _fields_ = (
         ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
         ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
-        ("order", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
         ("fly", ctypes.PYFUNCTYPE(_OK, _OBJECT, _INT, _POINTER, _POINTER, _POINTER)),
         ("drive", _POINTER),  # called from C
     )
@@ -81,7 +81,7 @@ check_sizes(
 )  # fmt: skip
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
-_READ, _SAMPLE, _ORDER, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.order, _TICKS.fly
+_READ, _SAMPLE, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.fly
 PYTHON_AT = ctypes.addressof(_PYTHON)
 # For C: a gauge's reading, and a tick of an aircraft that another brain drives.
 READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
@@ -130,12 +130,6 @@ class Inner:
         )
         self.at = ctypes.addressof(self._memory)
 
-    def order(self, orders: int) -> None:
-        """Hand on the numbers at an address: attitude error (rad), rates fed forward (rad/s),
-        collective.
-        """
-        _ORDER(self.at, orders)
-
     def correct(self, bias: Sequence[float]) -> None:
         """What to take off the rates from now on (rad/s)."""
         self._memory.bias[:] = bias
@@ -153,8 +147,9 @@ class Imu:
         self._gauges, self._draw = gauges, draw
         self._memory = _Imu(PYTHON_AT, gauges.at)
         self.at = ctypes.addressof(self._memory)
-        self._errors = np.zeros((0, AXES))
-        self._end = 0  # address behind the errors
+        self._errors = np.zeros((1, AXES))
+        self._end = address(self._errors, np.float64, (1, AXES))  # behind the errors left
+        self._memory.errors = self._end
         self._sample = (_DOUBLE * AXES)()
 
     @property
@@ -169,17 +164,16 @@ class Imu:
 
     def draw(self, ticks: int) -> None:
         """Have errors for so many ticks."""
-        row = AXES * self._errors.itemsize
-        left = (self._end - (self._memory.errors or 0)) // row
+        left = (self._end - self._memory.errors) // _ROW
         if left >= ticks:
             return
-        blocks = [self._errors[len(self._errors) - left :]]
+        blocks = [self._errors[len(self._errors) - left :]] if left else []
         while left < ticks:
             blocks.append(self._draw())
             left += len(blocks[-1])
-        self._errors = np.concatenate(blocks)
+        self._errors = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         at = address(self._errors, np.float64, (left, AXES))
-        self._memory.errors, self._end = at, at + left * row
+        self._memory.errors, self._end = at, at + left * _ROW
 
     def sample(self) -> list[float]:
         """Of this tick."""
@@ -189,7 +183,8 @@ class Imu:
 
     def fly(self, run: Callable[[], object], ticks: int, inner: Inner, samples: "Samples") -> None:
         """Run ticks; sample each, and hand its rates to the inner loops."""
-        self.draw(ticks)
+        if self._end - self._memory.errors < ticks * _ROW:
+            self.draw(ticks)
         _FLY(run, ticks, self.at, inner.at, samples.room(ticks))
 
 
@@ -210,11 +205,12 @@ class Samples:
         before, self.count = self.count, self.count + count
         if self.count > self._most:
             raise ValueError(f"{self.count} samples, {self._most} at most")
-        return self._at + 8 * AXES * before
+        return self._at + _ROW * before
 
-    def clear(self) -> None:
-        """Forget them."""
-        self.count = 0
+    def take(self) -> "array[float]":
+        """All of them, six numbers a tick, end to end; none is left."""
+        count, self.count = self.count, 0
+        return self._numbers[: AXES * count]
 
     @property
     def at(self) -> int:

@@ -11,7 +11,6 @@ Its states and matrices are those of `error_model`.
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
-from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -147,7 +146,8 @@ class Estimator:
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
-        self._downs: dict[int, float] = {}  # along the horizon since the last correction
+        # After each of the increments from the last correction to the horizon.
+        self._downs: list[float] = []
         self._mag: deque[MagSample] = deque()
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
@@ -193,10 +193,9 @@ class Estimator:
     ) -> None:
         """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
         increments = self._increments
-        increments.add(samples, dt_s=dt_s)
+        increments.add(samples, dt_s=dt_s, carried=self.to_now)
         if fix is not None:
             self._fixes.append(fix)
-        self.to_now.carry(increments, increments.count - 1, 1)
         while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
             self._advance()
             if self._correct():
@@ -207,19 +206,20 @@ class Estimator:
         """The state after a few samples more."""
         few = self._few
         few.drop(few.count)
-        few.add(samples, dt_s=dt_s)
         ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
         ahead.place(p, v, q)
         ahead.correct(b.gyro, b.accel)
-        ahead.carry(few, 0, 1)
+        few.add(samples, dt_s=dt_s, carried=ahead)
         return NavState.of(t_ns, ahead)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Those of later instants, the oldest first, as far back as the filter keeps them."""
-        if not self.innovations or self.innovations[-1].t_ns <= t_ns:
-            return ()
-        found = tuple(takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations)))
-        return found[::-1]
+        found: list[Innovation] = []
+        for item in reversed(self.innovations):
+            if item.t_ns <= t_ns:
+                break
+            found.append(item)
+        return tuple(reversed(found))
 
     def observe_baro(self, sample: BaroSample) -> None:
         """A barometer sample of now; used when the horizon comes to it."""
@@ -239,8 +239,7 @@ class Estimator:
         gn, ge, gd = self._gained
         self._gained = (gn + n, ge + e, gd + d)
         self._steps += 1
-        for i, down in enumerate(carried.downs[:count], 1):
-            self._downs[self.horizon.t_ns + i * self._increment_ns] = down
+        self._downs += carried.downs(count)
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force = (n / dt, e / dt, d / dt)
         self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
@@ -254,7 +253,7 @@ class Estimator:
         self._kf.F, self._kf.Q = model.F, model.Q
         self._kf.predict()
         b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
-        self._biases = b._replace(gnss=(n * keep, e * keep, d * keep))
+        self._biases = Biases(b.gyro, b.accel, (n * keep, e * keep, d * keep), b.mag, b.baro)
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
 
     def _model(self, steps: int) -> _Model:
@@ -332,7 +331,9 @@ class Estimator:
         total, count = 0.0, 0
         while self._baro and self._baro[0].t_ns <= t_ns:
             sample = self._baro.popleft()
-            then = self._downs.get(sample.t_ns, down)  # `down` where it fell between increments
+            back, between = divmod(t_ns - sample.t_ns, self._increment_ns)
+            # `down` where it fell between increments, or before the last correction.
+            then = down if between or back >= len(self._downs) else self._downs[-1 - back]
             total += altitude_m(sample.pressure_pa) - self._ground_m + then
             count += 1
         self._downs.clear()

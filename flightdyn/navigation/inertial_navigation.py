@@ -47,6 +47,7 @@ class InertialNavigation:
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
+        self._dt_s = clock.dt_s
         self._samples = Samples(plant.interval)
         self._interval: Sequence[float] = ()  # samples of the guidance interval before
         self._increments = filter_ticks // plant.interval
@@ -119,10 +120,9 @@ class InertialNavigation:
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
-        estimator, samples = self.estimator, self._samples.numbers
-        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._clock.dt_s)
-        self._interval = samples
-        self._samples.clear()
+        estimator = self.estimator
+        self._interval = samples = self._samples.take()
+        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._dt_s)
         if estimator.biases is not self._corrected:
             self._corrected = estimator.biases
             self._inner.correct(self._corrected.gyro)
@@ -131,7 +131,7 @@ class InertialNavigation:
         """Believed state of this tick."""
         if not self._samples.count:
             return self.estimator.now
-        return self.estimator.ahead(self._samples.numbers, self._clock.t_ns, dt_s=self._clock.dt_s)
+        return self.estimator.ahead(self._samples.numbers, self._clock.t_ns, dt_s=self._dt_s)
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -139,8 +139,11 @@ class InertialNavigation:
 
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
+        rates = self._believed_rates()
+        if not self._samples.count:
+            return Kinematics.of(self._clock.t_ns, *self.carried.numbers, *rates)
         t_ns, p, v, q = self.state()
-        return Kinematics.of(t_ns, *p, *v, *q, *self._believed_rates())
+        return Kinematics.of(t_ns, *p, *v, *q, *rates)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the filter was given after an instant, against what it expected."""

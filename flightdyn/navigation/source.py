@@ -65,7 +65,7 @@ class TrueNavigation:
     def run(self, ticks: int) -> None:
         """Ticks of physics; true body rates to the inner loops."""
         self._imu.fly(self._plant.run, ticks, self._inner, self._samples)
-        self._samples.clear()
+        self._samples.take()
 
     def sense(self) -> None:
         """An exact fix."""

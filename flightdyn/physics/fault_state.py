@@ -35,7 +35,7 @@ class FaultState:
     @property
     def active(self) -> tuple[Fault, ...]:
         """The faults in force."""
-        return tuple(fault for fault, _ in self._active)
+        return tuple(fault for fault, _ in self._active) if self._active else ()
 
     def begin(self, fault: Fault, t_ns: int) -> None:
         """Put `fault` in force from now on, whatever its `at_s`."""
@@ -53,7 +53,7 @@ class FaultState:
         """Begin what is scheduled and end what is over."""
         while self._waiting and self._waiting[-1].at_s * 1e9 <= t_ns:
             self.begin(self._waiting.pop(), t_ns)
-        if any(end is not None and end <= t_ns for _, end in self._active):
+        if self._active and any(end is not None and end <= t_ns for _, end in self._active):
             self._active = [(f, end) for f, end in self._active if end is None or end > t_ns]
             self._apply()
 

@@ -278,12 +278,10 @@ class Multirotor:
 
     def electrical_power_w(self) -> float:
         """What the four motors take, winding losses included; braking gives nothing back."""
-        volts = self.airframe.motor_full_voltage_v
-        power = sum(
-            current() * throttle() * volts
-            for current, throttle in zip(self._current, self._throttle, strict=True)
-        )
-        return float(max(0.0, power))
+        volts, power = self.airframe.motor_full_voltage_v, 0.0
+        for current, throttle in zip(self._current, self._throttle, strict=True):
+            power += current() * throttle() * volts
+        return max(0.0, power)
 
     def position_ned(self) -> Triple:
         """Position (m) from where the aircraft stood at rest."""

@@ -41,9 +41,8 @@ class SensorSuite:
             pressure = self.pressure = self._baro.measure(clock.t_ns, vehicle.pressure_pa())
         if tick % self._mag_ticks == 0:
             field = self.field = self._mag.measure(clock.t_ns, vehicle.attitude())
-        self.due = min(
-            (tick // n + 1) * n for n in (self._gnss_ticks, self._baro_ticks, self._mag_ticks)
-        )
+        gnss, baro, mag = self._gnss_ticks, self._baro_ticks, self._mag_ticks
+        self.due = tick + min(gnss - tick % gnss, baro - tick % baro, mag - tick % mag)
         return pressure, field
 
     def fix(self) -> GnssFix | None:

@@ -47,10 +47,14 @@ class ImuErrors:
 
     def draw(self) -> Vector:
         """The errors (n, 6) of the next second of ticks: three of rates, three of force."""
-        noise = self._rng.standard_normal((2, self._block, 6))
-        bias = self.bias + np.cumsum(noise[1] * self._walk, axis=0)
-        self.bias = bias[-1]
-        drawn: Vector = bias + noise[0] * self._white
+        white, bias = self._rng.standard_normal((2, self._block, 6))
+        bias *= self._walk
+        np.add.accumulate(bias, out=bias)
+        bias += self.bias
+        self.bias = bias[-1].copy()
+        white *= self._white
+        white += bias
+        drawn: Vector = white
         return drawn
 
 

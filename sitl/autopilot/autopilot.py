@@ -72,6 +72,9 @@ class Autopilot:
     ) -> None:
         self._outbox: m.Outbox = []
         self._report = Reporter(self._outbox, sink)
+        self._health_contained = self._report.contain("the state of health")
+        self._telemetry_contained = self._report.contain("telemetry")
+        self._failsafes_contained = self._report.contain("the failsafes")
         self._wire = Wire(system, COMPONENT)
         self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
         self.parameters = parameters
@@ -118,6 +121,9 @@ class Autopilot:
             self._pilots,
             Absent(self._outbox, self._report),
         )
+        self._polled = [
+            (server, self._report.contain(type(server).__name__)) for server in self._servers
+        ]
         self._flight_commands = FlightCommands(aircraft, self.flight, pilots=self._pilots.modes())
         self._message_commands = MessageCommands(self._outbox, self._streams)
         self._commands = CommandServer(self._outbox, self._report)
@@ -141,9 +147,9 @@ class Autopilot:
 
     def watch(self) -> None:
         """Look after everything but the manoeuvre."""
-        with self._report.contain("the state of health"):
+        with self._health_contained:
             self.monitor.watch()
-        with self._report.contain("the failsafes"):
+        with self._failsafes_contained:
             self.guard.watch()
 
     @property
@@ -186,10 +192,10 @@ class Autopilot:
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
         report = self._report
-        for server in self._servers:
-            with report.contain(type(server).__name__):
+        for server, contained in self._polled:
+            with contained:
                 server.poll(now)
-        with report.contain("the failsafes"):
+        with self._failsafes_contained:
             self.guard.poll(now)
         nudged = report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
@@ -197,7 +203,7 @@ class Autopilot:
         self._message_commands.asked.clear()
         frames: list[bytes] = []
         # State first: whoever reads an answer already knows the state that it led to.
-        with report.contain("telemetry"):
+        with self._telemetry_contained:
             frames += self._telemetry(kinds)
         answers, self._outbox[:] = list(self._outbox), ()
         for envelope in answers:

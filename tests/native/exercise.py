@@ -28,6 +28,7 @@ from flightdyn.native.library import (
     Strapdown,
     Transition,
 )
+from flightdyn.native.ticks import Inner
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 from sitl.firmware.native import library as bridge
@@ -108,7 +109,9 @@ def fly():
     path = FlightPath(corners, np.full(3, 12.0), np.full(4, 5.0))
     trajectory, _ = plan_path(path, LimitsConfig())
     gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
-    guide = Guide(gains)
+    told: list[float] = []
+    axes = [told.append] * 3
+    guide = Guide(gains, Inner(axes, axes, axes, told.append, dt_s=dt))
     guide.track(trajectory.pieces)
     memory = guide.memory
     memory.armed = memory.effectiveness = memory.course = memory.path = 1.0
@@ -126,9 +129,10 @@ def fly():
             carried.place(
                 (place[0], place[1], place[2]), (speed[0], speed[1], speed[2]), (w, x, y, z)
             )
-        flags, _ = guide.step(carried)
+        flags = guide.step(carried)
         digest.update(np.array([flags, *carried.numbers, *carried.gained]).tobytes())
         digest.update(bytes(memory))
+    digest.update(np.array(told).tobytes())
     matrix, noise = rng.normal(size=(8, 22)), np.eye(8)
     innovations, root = Innovations(matrix, noise), rng.normal(size=(22, 22))
     innovations.residual[:] = rng.normal(size=8)

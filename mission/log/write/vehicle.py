@@ -1,6 +1,7 @@
 """The vehicle's samples and events as log messages."""
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 
@@ -36,6 +37,7 @@ class VehicleTopics:
         self._frame = area.frame
         self._write = write
         self._taken: list[VehicleSample] = []
+        self._events: deque[tuple[int, VehicleEvent]] = deque()  # and the samples before each
         self._flown = FlownPath()
         self._mode: tuple[str, bool] | None = None
         self._tf_due = Every.of(rates.tf_hz)
@@ -50,11 +52,18 @@ class VehicleTopics:
         """Keep a sample for the next `write_taken`."""
         self._taken.append(sample)
 
+    def take_event(self, event: VehicleEvent) -> None:
+        """Keep an event for the next `write_taken`."""
+        self._events.append((len(self._taken), event))
+
     def write_taken(self) -> None:
         """Write what was taken, in order."""
         taken, self._taken = self._taken, []
-        if not taken:
-            return
+        if taken:
+            self._write_samples(taken)
+        self._write_events(len(taken))
+
+    def _write_samples(self, taken: Sequence[VehicleSample]) -> None:
         count = len(taken)
         t_ns = np.array([sample.t_ns for sample in taken] * 2)
         states = [sample.truth for sample in taken] + [sample.belief for sample in taken]
@@ -64,10 +73,16 @@ class VehicleTopics:
         fixes = [sample.gnss for sample in taken if sample.gnss is not None]
         gnss = iter(messages.gnss(self._frame, fixes) if fixes else ())
         for i, sample in enumerate(taken):
+            self._write_events(i)
             self._write_poses(sample.t_ns, transforms[i], poses[i], poses[count + i])
             self._write_sample(sample, gnss)
 
-    def event(self, event: VehicleEvent) -> None:
+    def _write_events(self, samples: int) -> None:
+        """Write those that came before there were more than so many samples."""
+        while self._events and self._events[0][0] <= samples:
+            self._write_event(self._events.popleft()[1])
+
+    def _write_event(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
         severity = event.severity if event.kind == "status" else _SEVERITY.get(event.kind, NOTICE)
         line = messages.log_line(event.t_ns, event.text, severity=severity, source=event.kind)

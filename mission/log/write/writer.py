@@ -86,10 +86,11 @@ class FlightLog:
             self._show()
 
     def happened(self, event: VehicleEvent) -> None:
-        """Write one event: a line for people, a record for programs."""
+        """Take one event: a line for people, a record for programs; viewers see it at once."""
         self._now_ns = event.t_ns
-        self._vehicle.write_taken()
-        self._vehicle.event(event)
+        self._vehicle.take_event(event)
+        if self._mirrored:
+            self._vehicle.write_taken()
 
     def plan(
         self,

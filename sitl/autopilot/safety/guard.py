@@ -72,7 +72,7 @@ class Guard:
         age_s = self._monitor.gnss_age_s()
         lost = self._parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
         self._failsafes.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
-        fenced = self._flight.airborne and self.fenced()
+        fenced = self.fenced() and self._flight.airborne
         breach = self.breach(self._aircraft.belief.pos_ned_m) if fenced else ""
         self._failsafes.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 

@@ -1,17 +1,25 @@
 """The land detector's rules, each by itself."""
 
-from flightdyn.guidance.landing import LandDetector
+import numpy as np
+
+from flightdyn.native.library import Memory
+
+DT_S = 0.02
 
 
-def airborne() -> LandDetector:
-    detector = LandDetector(dt_s=0.02)
+def standing() -> Memory:
+    return Memory(touching=1.0, contact=1.0, landed=1.0)
+
+
+def airborne() -> Memory:
+    detector = standing()
     update(detector, 1, descend=0.0, sink=-1.0, lift=1.2)
     assert not detector.landed
     return detector
 
 
 def update(
-    detector: LandDetector,
+    detector: Memory,
     steps: int,
     *,
     armed: bool = True,
@@ -20,10 +28,72 @@ def update(
     lift: float = 0.9,
     knock: float = 0.0,
 ) -> None:
+    detector.armed, detector.descend, detector.sink = armed, descend, sink
+    detector.lift, detector.knock = lift, knock
     for _ in range(steps):
-        detector.update(
-            armed=armed, descend_mps=descend, sink_mps=sink, lift=lift, knock_mps2=knock
-        )
+        detector.land(DT_S)
+
+
+class InPython:
+    """The same rules in other words."""
+
+    def __init__(self) -> None:
+        self.quiet, self.contact, self.landed = 0.0, True, True
+
+    @property
+    def touching(self) -> bool:
+        return self.contact or self.quiet >= 0.08
+
+    def update(
+        self, *, armed: bool, descend: float, sink: float, lift: float, knock: float
+    ) -> None:
+        still = abs(sink) < 0.25
+        if self.landed:
+            if armed and (lift > 1.02 or sink < -0.5):
+                self.contact = self.landed = False
+                self.quiet = 0.0
+            return
+        if not armed:
+            self._count(still)
+            self.contact = self.landed = self.quiet >= 0.4
+            return
+        ordered = descend > 0.15
+        if self.contact:
+            self._count(still)
+            if sink > 0.9 or not ordered:
+                self.contact = False
+                self.quiet = 0.0
+            self.landed = self.contact and self.quiet >= 0.3
+            return
+        self._count(ordered and still and lift < 0.95)
+        if self.quiet >= 0.4 or (ordered and knock > 8.0):
+            self.contact = True
+            self.quiet = 0.0
+
+    def _count(self, quiet: bool) -> None:
+        self.quiet = self.quiet + DT_S if quiet else 0.0
+
+
+def test_the_rules_in_c_are_those_in_python() -> None:
+    """Over long random stretches of what descents, touches, knocks and climbs look like."""
+    rng = np.random.default_rng(5)
+    native, python, seen = standing(), InPython(), set()
+    for _ in range(4000):
+        armed = bool(rng.random() < 0.8)
+        now = {
+            "descend": float(rng.choice([0.0, 0.15, 0.7])),
+            "sink": float(rng.choice([-0.6, -0.1, 0.0, 0.24, 0.5, 1.0, 8.0])),
+            "lift": float(rng.choice([0.0, 0.9, 0.96, 1.0, 1.1])),
+            "knock": float(rng.choice([0.0, 9.0], p=[0.9, 0.1])),
+        }
+        for _ in range(int(rng.integers(1, 40))):
+            update(native, 1, armed=armed, **now)
+            python.update(armed=armed, **now)
+            state = bool(native.touching), bool(native.contact), bool(native.landed)
+            assert state == (python.touching, python.contact, python.landed)
+            assert native.quiet == python.quiet
+            seen.add(state)
+    assert len(seen) == 4  # all that are possible
 
 
 def test_a_knock_while_descending_is_the_ground_at_once() -> None:
@@ -82,7 +152,7 @@ def test_disarmed_and_still_is_landed() -> None:
 
 
 def test_lift_leaves_the_ground() -> None:
-    detector = LandDetector(dt_s=0.02)
+    detector = standing()
     update(detector, 50, descend=0.0, lift=0.8)
     assert detector.landed
     update(detector, 1, descend=0.0, lift=1.1)
