@@ -11,6 +11,7 @@ from native.building import library
 from native.loading import address, check_sizes, functions, load
 
 MOST_DEVICES = 40  # of a search
+MOST_MESHES = 3  # of potentials
 
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -44,7 +45,7 @@ class _Functions(ctypes.Structure):
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
+            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -226,7 +227,7 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
 
 
 def lower_potentials(
-    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
+    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int, meshes: int = 2
 ) -> Found:
     """The plan with a bound from potentials, for any number of devices.
 
@@ -234,16 +235,20 @@ def lower_potentials(
         plan: of a value above 0.
         gap: relative gap to the plan that is enough.
         turns: in which the bound is lowered, at most.
+        meshes: that potentials live on, one after the other, each twice as fine.
 
     Raises:
-        ValueError: arrays that do not fit together.
+        ValueError: arrays that do not fit together, or no such number of meshes.
         MemoryError: there is too little memory.
     """
     _check_range("assigned", plan.assigned + 1, limits.steps + 1)
+    if not 1 <= meshes <= MOST_MESHES:
+        raise ValueError(f"{meshes} meshes: there are 1 to {MOST_MESHES}")
     shared = devices.as_c(), limits.as_c()
     bound = _DOUBLE()
     taken = _FUNCTIONS.lower_potentials(
         *map(ctypes.addressof, shared),
+        meshes,
         turns,
         plan.value,
         address(plan.way, np.float64, (limits.steps, 2)),

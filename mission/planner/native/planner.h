@@ -59,11 +59,12 @@ typedef struct {
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound);
 
-    /* A bound from potentials, lowered by so many turns or until it is `enough`, from what a plan
-       uses. For any number of devices; it says most where the path is what is scarce. Returns the
-       turns. */
-    int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t turns, double value,
-                                Point *way, int64_t *assigned, double enough, double *bound);
+    /* A bound from potentials on 1 to 3 meshes, lowered by so many turns or until it is `enough`,
+       from what a plan uses. For any number of devices; it says most where the path is what is
+       scarce. Returns the turns. */
+    int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t meshes, int64_t turns,
+                                double value, Point *way, int64_t *assigned, double enough,
+                                double *bound);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
