@@ -16,6 +16,7 @@ from mission.planner.evaluate import (
 )
 from mission.planner.native.library import (
     MOST_DEVICES,
+    MOST_MESHES,
     Devices,
     Effort,
     Found,
@@ -40,7 +41,7 @@ MIN_TRIES, MAX_TRIES = 40, 450
 # settles it soon or never; with fewer places than devices, a stop being one place matters longer.
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
-TURNS = 400  # in which potentials are lowered, at most
+TURNS, MANY_TURNS = 400, 600  # in which potentials are lowered, at most, on two meshes and on three
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -158,8 +159,12 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
             found = search_places(devices, limits, plan=found, effort=effort)
     thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
     if thorough and found.value > 0.0 and found.gap > goal.gap:
-        turns = min(TURNS, goal.max_nodes)
-        found = lower_potentials(devices, limits, plan=found, gap=goal.gap, turns=turns)
+        alone = goal.thorough and count > MOST_DEVICES  # nothing else will lower the bound
+        most_turns, meshes = (MANY_TURNS, MOST_MESHES) if alone else (TURNS, MOST_MESHES - 1)
+        turns = min(most_turns, goal.max_nodes)
+        found = lower_potentials(
+            devices, limits, plan=found, gap=goal.gap, turns=turns, meshes=meshes
+        )
     return found
 
 

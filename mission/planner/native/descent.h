@@ -7,17 +7,25 @@
 #include "lists.h"
 #include "potentials.h"
 
-/* Steps of all devices together, as shares of the best reward. */
-static const double RATE = 6.0, LAST_RATE[] = {0.045, 0.02}; /* with two meshes, with three */
-static const double SLOWER[] = {1.0, 0.5, 0.1}; /* on each mesh */
+/* How a descent goes, on up to two meshes and on three. */
+typedef struct {
+    double rate, last_rate; /* steps, as shares of the best reward */
+    double slower[3];       /* on each mesh */
+    double last_heat;       /* smoothness of mu at the end, as a share of mu L */
+    int shared;             /* whether steps are those of all devices together, or of each */
+} Course;
+
+static const Course SHORT = {6.0, 0.045, {1.0, 0.5}, 0.005, 1};
+static const Course LONG = {0.015, 1e-4, {1.0, 0.5, 0.2}, 0.002, 0};
 static const double FEW_DEVICES = 50.0; /* fewer do not each take larger steps */
-static const double HEAT = 0.1, LAST_HEAT[] = {0.005, 0.002}; /* smoothness of mu, shares of mu L */
+static const double HEAT = 0.1; /* the smoothness at first */
 static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.1; /* of peaks and of the least psi */
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
 static const double DEAR = 0.9; /* of the price of a place: whose devices take part */
 enum { MOST_MESHES = 3 };
 enum { DEVICE_TURNS = 120000 }; /* devices by turns, at most, on two meshes */
 static const double VALUE_TURNS = 4e8; /* values on the last mesh by turns, on three */
+enum { MOST_VALUES = 3000000 };        /* on the last of three: there is memory for */
 static const double SPACINGS = 3.0;    /* mean distances of devices, around a potential */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
 
@@ -461,7 +469,6 @@ static void turn_down(Descent *all, double heat, Pace pace)
     const int64_t v = all->now.mesh.vertices;
     const double steepest = work_out(all, &all->coarse);
     double served = 0.0;
-    pace.rate /= FEW_DEVICES + (double)all->cells.devices.count;
     soften(all, most(steepest, 1e-9 * all->unit), heat);
     find_low(all);
     for (int64_t i = 0; i < v; i++) all->gradient[i] = -all->low[i];
@@ -569,7 +576,7 @@ static int64_t most_turns(const Descent *all)
 static int64_t turn_of_mesh(int64_t turns, int meshes, int after)
 {
     if (after == meshes) return turns;
-    return meshes == MOST_MESHES ? turns * after * 7 / 20 : turns * after / meshes;
+    return meshes == MOST_MESHES ? turns * (after == 1 ? 3 : 8) / 10 : turns * after / meshes;
 }
 
 /* Lower the bound by so many turns, the later ones on finer meshes, or until it is `enough`;
@@ -578,7 +585,8 @@ static int64_t descend(
     Descent *all, int64_t turns, double price, double value, double enough, double *bound)
 {
     const Devices *devices = &all->cells.devices;
-    const int three = all->meshes == MOST_MESHES;
+    const Course *course = all->meshes == MOST_MESHES ? &LONG : &SHORT;
+    const double among = course->shared ? FEW_DEVICES + (double)devices->count : 1.0;
     double mean_left = 1.0, square_left = 1.0;
     int mesh = 1;
     fill_rises(&all->cells);
@@ -603,10 +611,10 @@ static int64_t descend(
         }
         mean_left *= MEAN_KEPT;
         square_left *= SQUARE_KEPT;
-        const Pace pace = {
-            between_rates(RATE, LAST_RATE[three], done) * SLOWER[mesh - 1], 1.0 - mean_left,
-            1.0 - square_left};
-        turn_down(all, between_rates(HEAT, LAST_HEAT[three], done), pace);
+        const double rate =
+            between_rates(course->rate, course->last_rate, done) * course->slower[mesh - 1];
+        const Pace pace = {rate / among, 1.0 - mean_left, 1.0 - square_left};
+        turn_down(all, between_rates(HEAT, course->last_heat, done), pace);
         if (turn + 1 == turn_of_mesh(turns, all->meshes, mesh)) {
             *bound = least(*bound, bound_by_potentials(all));
             if (*bound <= enough) return turn + 1;

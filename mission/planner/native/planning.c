@@ -83,6 +83,8 @@ static int64_t lower_potentials(
         at = claim(&kept, devices->count, sizeof(Point));
         delta = claim(&kept, devices->count, sizeof(double));
         const Devices dear = dear_devices(devices, price, at, delta, &left_out);
+        const Mesh first = mesh_of(&dear, limits->length);
+        if (meshes == MOST_MESHES && count_values(&dear, &first, MOST_MESHES) > MOST_VALUES) meshes--;
         const int64_t samples = count_samples(&dear, limits, (int)meshes);
         *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
         if (provide(&arena)) {
