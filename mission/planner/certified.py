@@ -16,7 +16,6 @@ from mission.planner.evaluate import (
 )
 from mission.planner.native.library import (
     MOST_DEVICES,
-    MOST_MESHES,
     Devices,
     Effort,
     Found,
@@ -41,7 +40,7 @@ MIN_TRIES, MAX_TRIES = 40, 450
 # settles it soon or never; with fewer places than devices, a stop being one place matters longer.
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
-TURNS, MANY_TURNS = 400, 600  # in which potentials are lowered, at most, on two meshes and on three
+TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -159,13 +158,25 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
             found = search_places(devices, limits, plan=found, effort=effort)
     thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
     if thorough and found.value > 0.0 and found.gap > goal.gap:
-        alone = goal.thorough and count > MOST_DEVICES  # nothing else will lower the bound
-        most_turns, meshes = (MANY_TURNS, MOST_MESHES) if alone else (TURNS, MOST_MESHES - 1)
-        turns = min(most_turns, goal.max_nodes)
-        found = lower_potentials(
-            devices, limits, plan=found, gap=goal.gap, turns=turns, meshes=meshes
-        )
+        found = by_potentials(case, found, goal, searched=by_place or count <= MOST_DEVICES)
     return found
+
+
+def by_potentials(case: Case, found: Found, goal: Goal, *, searched: bool) -> Found:
+    """The plan with a bound from potentials: on two meshes where it has been searched for, and on
+    three where these prove more than the search did, or there was none."""
+
+    def lowered(plan: Found, meshes: int) -> Found:
+        turns = min(TURNS[meshes], goal.max_nodes)
+        return lower_potentials(
+            case.devices, case.limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
+        )
+
+    if searched or not goal.thorough:
+        before, found = found.bound, lowered(found, 2)
+        if found.bound >= before or found.gap <= goal.gap or not goal.thorough:
+            return found
+    return lowered(found, 3)
 
 
 def tries(devices: int) -> int:
