@@ -41,6 +41,7 @@ MIN_TRIES, MAX_TRIES = 40, 450
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
 TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
+NEARLY = 0.02  # a gap that a third mesh is not worth its time for
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -158,13 +159,13 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
             found = search_places(devices, limits, plan=found, effort=effort)
     thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
     if thorough and found.value > 0.0 and found.gap > goal.gap:
-        found = by_potentials(case, found, goal, searched=by_place or count <= MOST_DEVICES)
+        found = by_potentials(case, found, goal)
     return found
 
 
-def by_potentials(case: Case, found: Found, goal: Goal, *, searched: bool) -> Found:
-    """The plan with a bound from potentials: on two meshes where it has been searched for, and on
-    three where these prove more than the search did, or there was none."""
+def by_potentials(case: Case, found: Found, goal: Goal) -> Found:
+    """The plan with a bound from potentials: on two meshes, and on a third where these prove more
+    than was known, but not nearly enough."""
 
     def lowered(plan: Found, meshes: int) -> Found:
         turns = min(TURNS[meshes], goal.max_nodes)
@@ -172,11 +173,10 @@ def by_potentials(case: Case, found: Found, goal: Goal, *, searched: bool) -> Fo
             case.devices, case.limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
         )
 
-    if searched or not goal.thorough:
-        before, found = found.bound, lowered(found, 2)
-        if found.bound >= before or found.gap <= goal.gap or not goal.thorough:
-            return found
-    return lowered(found, 3)
+    before, found = found.bound, lowered(found, 2)
+    if goal.thorough and found.bound < before and found.gap > max(goal.gap, NEARLY):
+        return lowered(found, 3)
+    return found
 
 
 def tries(devices: int) -> int:

@@ -182,10 +182,9 @@ static void fill_samples(Descent *all)
 }
 
 /* Set where each potential lives on the first mesh. */
-static void open_windows(Descent *all)
+static void open_windows(Descent *all, double radius)
 {
     const Devices *devices = &all->cells.devices;
-    const double radius = radius_of(devices, &all->now.mesh, all->meshes);
     int64_t values = 0;
     for (int64_t k = 0; k < devices->count; k++) {
         Window *window = all->now.window + k;
@@ -198,6 +197,16 @@ static void open_windows(Descent *all)
 static double *phi_of(const Descent *all, int64_t k)
 {
     return all->now.phi + all->now.window[k].values;
+}
+
+/* Take the potential of device k from the whole mesh. */
+static void gather(Descent *all, int64_t k, const double *whole)
+{
+    const Window *window = all->now.window + k;
+    const Stretches rows = stretches_of(window, &all->now.mesh, 0);
+    for (int64_t j = 0; j < rows.count; j++)
+        memcpy(phi_of(all, k) + j * rows.step, whole + window->corner + j * rows.whole_step,
+               (size_t)rows.length * sizeof(double));
 }
 
 /* The potential of device k on the whole mesh, into `gradient`. */
@@ -594,7 +603,7 @@ static int64_t descend(
     all->unit = 0.0;
     for (int64_t k = 0; k < devices->count; k++)
         all->unit = most(all->unit, devices->delta[k] * all->cells.upper[0]);
-    open_windows(all);
+    open_windows(all, radius_of(devices, &all->now.mesh, all->meshes));
     fill_samples(all);
     all->now.nu = most(price, all->least_nu);
     begin_potentials(all, value);

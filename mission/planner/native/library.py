@@ -53,7 +53,7 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -357,8 +357,18 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
-def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
+def potential_bound(
+    devices: Devices,
+    limits: Limits,
+    phi: Floats,
+    chi: Floats,
+    nu: float,
+    *,
+    radius_m: float = np.inf,
+) -> float:
     """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
+
+    Those of devices count in the cells within `radius_m` of them only, and must be 0 beyond.
 
     Raises:
         ValueError: the mesh has another number of vertices.
@@ -371,6 +381,7 @@ def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, 
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         nu,
+        radius_m,
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

@@ -81,10 +81,10 @@ typedef struct {
                           const int64_t *interval, const int64_t *merged, double eps);
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh; -1 if that
-       has another number of vertices. */
+    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh, those of
+       devices read within `radius` of them only; -1 if it has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, double nu);
+                              const double *chi, double nu, double radius);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

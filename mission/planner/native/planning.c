@@ -168,7 +168,7 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, double nu)
+    const double *chi, double nu, double radius)
 {
     Arena arena = {0};
     Descent *all = malloc(sizeof *all);
@@ -179,8 +179,8 @@ static double potential_bound(
         bound = -1.0;
     } else if (provide(&arena)) {
         *all = lay_out_descent(&arena, devices, limits, 1, 0);
-        open_windows(all);
-        memcpy(all->now.phi, phi, (size_t)(devices->count * vertices) * sizeof(double));
+        open_windows(all, radius);
+        for (int64_t k = 0; k < devices->count; k++) gather(all, k, phi + k * vertices);
         memcpy(all->now.chi, chi, (size_t)vertices * sizeof(double));
         all->now.nu = nu;
         fill_rises(&all->cells);

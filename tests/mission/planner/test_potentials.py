@@ -111,6 +111,22 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.03
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_potentials_in_windows_have_the_bound_that_they_have_on_the_whole_mesh(seed):
+    problem = random_problem(seed, devices=9, steps=4, budget=700.0)
+    rng = np.random.default_rng(seed)
+    places, _, start = mesh_of(problem)
+    radius_m = rng.uniform(40.0, 400.0)
+    away = np.abs(places - (problem.devices_m - problem.start_m)[:, None, None]).max(axis=-1)
+    phi = np.where(away < radius_m, rng.uniform(0.0, 0.3, away.shape), 0.0)
+    phi[:, start[0], start[1]] = 0.0
+    devices, limits = instance(problem)
+    flat = np.ascontiguousarray(phi.reshape(9, -1)), np.zeros(away[0].size)
+    whole = potential_bound(devices, limits, *flat, 0.02)
+    parts = potential_bound(devices, limits, *flat, 0.02, radius_m=radius_m)
+    assert parts == pytest.approx(whole, rel=1e-12)
+
+
 def test_potentials_that_are_no_numbers_prove_nothing():
     problem = random_problem(0, devices=3)
     vertices = mesh_of(problem)[0][..., 0].size
