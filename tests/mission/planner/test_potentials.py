@@ -174,8 +174,8 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
     devices_c, limits = instance(problem)
     known = Found(*explore(devices_c, limits, starts=8, tries=20), np.inf)
     for turns, meshes in itertools.product((1, 7, 40), (1, 2, 3)):
-        for plan in (None, known):
-            bound = bound_of(problem, turns, plan=plan, meshes=meshes)
+        for given_plan in (None, known):
+            bound = bound_of(problem, turns, plan=given_plan, meshes=meshes)
             assert max(others) <= bound * (1.0 + 1e-9)
 
 
