@@ -40,7 +40,8 @@ MIN_TRIES, MAX_TRIES = 40, 450
 # settles it soon or never; with fewer places than devices, a stop being one place matters longer.
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
-TURNS = 400  # in which potentials are lowered, at most
+TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
+NEARLY = 0.02  # a gap that a third mesh is not worth its time for
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -158,8 +159,23 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
             found = search_places(devices, limits, plan=found, effort=effort)
     thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
     if thorough and found.value > 0.0 and found.gap > goal.gap:
-        turns = min(TURNS, goal.max_nodes)
-        found = lower_potentials(devices, limits, plan=found, gap=goal.gap, turns=turns)
+        found = by_potentials(case, found, goal)
+    return found
+
+
+def by_potentials(case: Case, found: Found, goal: Goal) -> Found:
+    """The plan with a bound from potentials: on two meshes, and on a third where these prove more
+    than was known, but not nearly enough."""
+
+    def lowered(plan: Found, meshes: int) -> Found:
+        turns = min(TURNS[meshes], goal.max_nodes)
+        return lower_potentials(
+            case.devices, case.limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
+        )
+
+    before, found = found.bound, lowered(found, 2)
+    if goal.thorough and found.bound < before and found.gap > max(goal.gap, NEARLY):
+        return lowered(found, 3)
     return found
 
 

@@ -11,6 +11,7 @@ from native.building import library
 from native.loading import address, check_sizes, functions, load
 
 MOST_DEVICES = 40  # of a search
+MOST_MESHES = 3  # of potentials
 
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -44,7 +45,7 @@ class _Functions(ctypes.Structure):
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
+            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -52,7 +53,7 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -226,7 +227,7 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
 
 
 def lower_potentials(
-    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
+    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int, meshes: int = 2
 ) -> Found:
     """The plan with a bound from potentials, for any number of devices.
 
@@ -234,16 +235,20 @@ def lower_potentials(
         plan: of a value above 0.
         gap: relative gap to the plan that is enough.
         turns: in which the bound is lowered, at most.
+        meshes: that potentials live on, one after the other, each twice as fine.
 
     Raises:
-        ValueError: arrays that do not fit together.
+        ValueError: arrays that do not fit together, or no such number of meshes.
         MemoryError: there is too little memory.
     """
     _check_range("assigned", plan.assigned + 1, limits.steps + 1)
+    if not 1 <= meshes <= MOST_MESHES:
+        raise ValueError(f"{meshes} meshes: there are 1 to {MOST_MESHES}")
     shared = devices.as_c(), limits.as_c()
     bound = _DOUBLE()
     taken = _FUNCTIONS.lower_potentials(
         *map(ctypes.addressof, shared),
+        meshes,
         turns,
         plan.value,
         address(plan.way, np.float64, (limits.steps, 2)),
@@ -352,8 +357,18 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
-def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
+def potential_bound(
+    devices: Devices,
+    limits: Limits,
+    phi: Floats,
+    chi: Floats,
+    nu: float,
+    *,
+    radius_m: float = np.inf,
+) -> float:
     """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
+
+    Those of devices count in the cells within `radius_m` of them only, and must be 0 beyond.
 
     Raises:
         ValueError: the mesh has another number of vertices.
@@ -366,6 +381,7 @@ def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, 
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         nu,
+        radius_m,
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

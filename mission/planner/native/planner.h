@@ -59,11 +59,12 @@ typedef struct {
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound);
 
-    /* A bound from potentials, lowered by so many turns or until it is `enough`, from what a plan
-       uses. For any number of devices; it says most where the path is what is scarce. Returns the
-       turns. */
-    int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t turns, double value,
-                                Point *way, int64_t *assigned, double enough, double *bound);
+    /* A bound from potentials on 1 to 3 meshes, lowered by so many turns or until it is `enough`,
+       from what a plan uses. For any number of devices; it says most where the path is what is
+       scarce. Returns the turns. */
+    int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t meshes, int64_t turns,
+                                double value, Point *way, int64_t *assigned, double enough,
+                                double *bound);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
@@ -80,10 +81,10 @@ typedef struct {
                           const int64_t *interval, const int64_t *merged, double eps);
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh; -1 if that
-       has another number of vertices. */
+    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh, those of
+       devices read within `radius` of them only; -1 if it has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, double nu);
+                              const double *chi, double nu, double radius);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

@@ -69,8 +69,8 @@ static int64_t search_places(
 }
 
 static int64_t lower_potentials(
-    const Devices *devices, const Limits *limits, int64_t turns, double value, Point *way,
-    int64_t *assigned, double enough, double *bound)
+    const Devices *devices, const Limits *limits, int64_t meshes, int64_t turns, double value,
+    Point *way, int64_t *assigned, double enough, double *bound)
 {
     const Plan plan = {way, assigned, value};
     const double price = price_of_place(devices, limits, &plan);
@@ -83,13 +83,14 @@ static int64_t lower_potentials(
         at = claim(&kept, devices->count, sizeof(Point));
         delta = claim(&kept, devices->count, sizeof(double));
         const Devices dear = dear_devices(devices, price, at, delta, &left_out);
-        const int64_t samples = count_samples(&dear, limits);
-        *all = lay_out_descent(&arena, &dear, limits, samples);
+        const Mesh first = mesh_of(&dear, limits->length);
+        if (meshes == MOST_MESHES && count_values(&dear, &first, MOST_MESHES) > MOST_VALUES) meshes--;
+        const int64_t samples = count_samples(&dear, limits, (int)meshes);
+        *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
         if (provide(&arena)) {
-            *all = lay_out_descent(&arena, &dear, limits, samples);
+            *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
             all->least_nu = left_out;
-            const int64_t most_turns = dear.count ? DEVICE_TURNS / dear.count : 0;
-            taken = descend(all, fewer(turns, most_turns), price, value, enough, bound);
+            taken = descend(all, fewer(turns, most_turns(all)), price, value, enough, bound);
             release(&arena);
         }
         release(&kept);
@@ -167,18 +168,19 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, double nu)
+    const double *chi, double nu, double radius)
 {
     Arena arena = {0};
     Descent *all = malloc(sizeof *all);
     double bound = NAN;
     if (!all) return bound;
-    *all = lay_out_descent(&arena, devices, limits, 0);
+    *all = lay_out_descent(&arena, devices, limits, 1, 0);
     if (all->now.mesh.vertices != vertices) {
         bound = -1.0;
     } else if (provide(&arena)) {
-        *all = lay_out_descent(&arena, devices, limits, 0);
-        memcpy(all->now.phi, phi, (size_t)(devices->count * vertices) * sizeof(double));
+        *all = lay_out_descent(&arena, devices, limits, 1, 0);
+        open_windows(all, radius);
+        for (int64_t k = 0; k < devices->count; k++) gather(all, k, phi + k * vertices);
         memcpy(all->now.chi, chi, (size_t)vertices * sizeof(double));
         all->now.nu = nu;
         fill_rises(&all->cells);

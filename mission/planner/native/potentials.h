@@ -26,6 +26,7 @@
 enum {
     ACROSS_CELLS = 16, /* on the longer side of the first mesh */
     AXES = 8,          /* lines on which directions lie while the bound is lowered */
+    MORE_AXES = 16,    /* the same on the last of three meshes */
     FINE_AXES = 32,    /* and when it is worked out */
     SPLITS = 3,        /* of a cell's side, where f bends */
     SHAPES = 2,        /* of triangles: below and above the diagonal of a cell */
@@ -38,10 +39,17 @@ static const double FAINT = 0.02; /* share of the best f that is not sampled */
 /* Square cells, each of two triangles along its diagonal to the north-east. */
 typedef struct {
     int64_t across, up, vertices;
-    int64_t start; /* the vertex at the start */
+    int64_t start; /* the vertex at the start; below 0 where that is elsewhere */
     double side;   /* metres */
     Point low;     /* vertex 0 */
 } Mesh;
+
+/* The part of a mesh on which the potential of a device is not 0: a mesh itself. */
+typedef struct {
+    Mesh mesh;
+    int64_t corner; /* the whole mesh's vertex at its vertex 0 */
+    int64_t values; /* where its values begin among those of all devices */
+} Window;
 
 /* A place in a triangle, and what a device earns there. */
 typedef struct {
@@ -70,8 +78,9 @@ static double cosine(int step) /* of step pi / FINE_AXES */
 
 static Directions directions(int count)
 {
-    static const double HALF_STEP[] = {0.98078528040323043, 0.99879545620517241}; /* cosines */
-    const double out = 1.0 / HALF_STEP[count == FINE_AXES];
+    static const double HALF_STEP[] = { /* cosines */
+        0.98078528040323043, 0.99518472667219689, 0.99879545620517241};
+    const double out = 1.0 / HALF_STEP[(count >= MORE_AXES) + (count >= FINE_AXES)];
     Directions all = {count, {{0.0, 0.0}}};
     for (int i = 0; i < count; i++) {
         const int step = i * (FINE_AXES / count);
@@ -82,8 +91,9 @@ static Directions directions(int count)
 
 typedef struct {
     Mesh mesh;
-    double *phi; /* (K, vertices) */
-    double *chi; /* (vertices,) */
+    Window *window; /* (K,) */
+    double *phi;    /* by window */
+    double *chi;    /* (vertices,) */
     double nu;
 } Potentials;
 
@@ -110,6 +120,16 @@ static Mesh mesh_of(const Devices *devices, double length)
     return mesh;
 }
 
+/* Cells by the vertex at their south-west. Those at the eastern edge, which are none, are passed
+   over as if the next row followed there, so that loops are long: their numbers mean nothing. */
+static int64_t cells_of(const Mesh *mesh) { return mesh->vertices - mesh->across - 1; }
+
+/* The vertex of a mesh of quarters that lies at vertex i. */
+static int64_t finer_vertex(const Mesh *mesh, const Mesh *fine, int64_t i)
+{
+    return 2 * (i / mesh->across * fine->across + i % mesh->across);
+}
+
 /* The mesh with every cell in quarters: what is linear on triangles of the one is on the other's. */
 static Mesh finer_mesh(const Mesh *mesh)
 {
@@ -117,9 +137,45 @@ static Mesh finer_mesh(const Mesh *mesh)
     fine.across = 2 * mesh->across - 1;
     fine.up = 2 * mesh->up - 1;
     fine.vertices = fine.across * fine.up;
-    fine.start = 2 * (mesh->start / mesh->across * fine.across + mesh->start % mesh->across);
+    fine.start = finer_vertex(mesh, &fine, mesh->start);
     fine.side = 0.5 * mesh->side;
     return fine;
+}
+
+/* The cells within `radius` of a place, in x or y: at least one. */
+static Window window_of(const Mesh *mesh, Point place, double radius)
+{
+    const int64_t columns = mesh->across - 1, rows = mesh->up - 1;
+    const double x = (place.x - mesh->low.x) / mesh->side, y = (place.y - mesh->low.y) / mesh->side;
+    const double half = radius / mesh->side;
+    Mesh part = *mesh;
+    const int64_t west = fewer((int64_t)most(0.0, floor(x - half)), columns - 1);
+    const int64_t south = fewer((int64_t)most(0.0, floor(y - half)), rows - 1);
+    const int64_t east = (int64_t)least((double)columns, ceil(most(x + half, (double)west + 1.0)));
+    const int64_t north = (int64_t)least((double)rows, ceil(most(y + half, (double)south + 1.0)));
+    part.across = east - west + 1;
+    part.up = north - south + 1;
+    part.vertices = part.across * part.up;
+    part.low.x += mesh->side * (double)west;
+    part.low.y += mesh->side * (double)south;
+    const int64_t column = mesh->start % mesh->across - west, row = mesh->start / mesh->across - south;
+    const int inside = column >= 0 && column < part.across && row >= 0 && row < part.up;
+    part.start = inside ? row * part.across + column : -1;
+    return (Window){part, south * mesh->across + west, 0};
+}
+
+/* Stretches of the whole mesh that a window consists of: rows, or one for all of them. */
+typedef struct {
+    int64_t count, length, step, whole_step; /* from one to the next, in the window and the mesh */
+} Stretches;
+
+/* Those of its vertices, or without the last row and column, of its cells. */
+static Stretches stretches_of(const Window *window, const Mesh *whole, int cells)
+{
+    const Mesh *mesh = &window->mesh;
+    if (mesh->across == whole->across)
+        return (Stretches){1, cells ? cells_of(mesh) : mesh->vertices, 0, 0};
+    return (Stretches){mesh->up - cells, mesh->across - cells, mesh->across, whole->across};
 }
 
 /* The same function on the finer mesh. */
@@ -141,10 +197,6 @@ static Point vertex_at(const Mesh *mesh, int64_t i)
         mesh->low.y + mesh->side * (double)(i / mesh->across)};
 }
 
-/* Cells by the vertex at their south-west. Those at the eastern edge, which are none, are passed
-   over as if the next row followed there, so that loops are long: their numbers mean nothing. */
-static int64_t cells_of(const Mesh *mesh) { return mesh->vertices - mesh->across - 1; }
-
 static int is_cell(const Mesh *mesh, int64_t i)
 {
     return i % mesh->across + 1 < mesh->across && i + mesh->across < mesh->vertices;
@@ -163,16 +215,19 @@ static void rise_along(
     }
 }
 
-/* Add half of |grad phi . t| of all triangles, by the side of a cell, to `slopes` (SHAPES, axes,
+/* Add half of |grad phi . t| of all triangles of a window, by the side of a cell, to `slopes` (axes,
    cells), from the rises of phi. */
 static void add_slopes(
-    int64_t cells, const double *restrict east, const double *restrict north,
-    const Directions *all, double *slopes)
+    Stretches rows, int64_t cells, const double *east, const double *north, const Directions *all,
+    double *slopes)
 {
     for (int i = 0; i < all->count; i++) {
         const double x = 0.5 * all->towards[i].x, y = 0.5 * all->towards[i].y;
-        double *restrict sum = slopes + i * cells;
-        for (int64_t c = 0; c < cells; c++) sum[c] += fabs(x * east[c] + y * north[c]);
+        for (int64_t j = 0; j < rows.count; j++) {
+            double *restrict sum = slopes + i * cells + j * rows.whole_step;
+            const double *restrict e = east + j * rows.step, *restrict n = north + j * rows.step;
+            for (int64_t c = 0; c < rows.length; c++) sum[c] += fabs(x * e[c] + y * n[c]);
+        }
     }
 }
 
