@@ -19,7 +19,7 @@ from fl.federation.algorithms import AlgorithmState, StaleStart, Update, mean_st
 from fl.federation.community import Community, Federation, build
 from fl.plugins import PluginError
 from fl.training.custom_trainer import TrainingDevice
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Vector, in_parallel
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Vector, in_parallel
 
 __all__ = [
     "Community",
@@ -328,7 +328,7 @@ def _train(
     start, split = _start(federation, state, index, devices[0]), community.dataset.train
     if federation.trainer is None:
         results = community.network.train(
-            split, start, tasks, scaling=community.scaling, settings=settings
+            LocalWork(split, start, tasks, community.scaling, settings)
         )
     else:
         results = [

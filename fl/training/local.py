@@ -43,6 +43,17 @@ class LocalTask:
     correction: Vector | None = None  # added to every gradient (control variates)
 
 
+@dataclass(frozen=True, eq=False)
+class LocalWork:
+    """What devices of one community are to do."""
+
+    split: Split
+    model: Vector  # (P,) the global one, from which they all begin
+    tasks: Sequence[LocalTask]
+    scaling: Scaling
+    settings: LocalSettings
+
+
 @dataclass(frozen=True)
 class LocalResult:
     """What one device sends up."""
@@ -74,16 +85,8 @@ class Network(Protocol):
         """Initial parameters (P,), a function of the stream alone."""
         ...
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
-        """Local training of each task from the global `model` (P,).
+    def train(self, work: LocalWork) -> list[LocalResult]:
+        """Local training of each of the tasks.
 
         SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
         the batches of `batch_order`.

@@ -15,7 +15,7 @@ from flwr.clientapp import ClientApp
 from examples.flower_client import FlowerTrainer
 from fl.config import LearningConfig
 from fl.training.custom_trainer import CustomTrainer, TrainingDevice
-from fl.training.local import LocalResult, LocalSettings, LocalTask
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork
 from mission import api as aerofed
 from mission.base.errors import FlightError
 from mission.config.loading import load_config
@@ -49,7 +49,7 @@ def both(trainer: FlowerTrainer) -> tuple[LocalResult, LocalResult]:
 
     device = TrainingDevice("digits", 2, 1, community.network.shapes, 10, settings, None)
     theirs = CustomTrainer("x:y", trainer).train(device, model, split, task(), scaling)
-    (ours,) = community.network.train(split, model, [task()], scaling=scaling, settings=settings)
+    (ours,) = community.network.train(LocalWork(split, model, [task()], scaling, settings))
     return theirs, ours
 
 

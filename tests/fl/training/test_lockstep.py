@@ -18,7 +18,15 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
 from fl.federation import rounds as fed
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Network, Vector, scaling_of
+from fl.training.local import (
+    LocalResult,
+    LocalSettings,
+    LocalTask,
+    LocalWork,
+    Network,
+    Vector,
+    scaling_of,
+)
 from fl.training.models import make_network
 from fl.training.modules.builtin import BuiltInNetwork, PlainNet
 from fl.training.modules.lockstep import Step
@@ -76,7 +84,7 @@ def train(
 ) -> list[LocalResult]:
     tasks = [LocalTask(SHARES[k], rng(50 + k), (corrections or {}).get(k)) for k in devices]
     model = network.initial(rng(3))
-    return network.train(split, model, tasks, scaling=scaling_of(split), settings=settings)
+    return network.train(LocalWork(split, model, tasks, scaling_of(split), settings))
 
 
 @pytest.mark.slow
