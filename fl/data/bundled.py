@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Floats
 from fl.data.dataset import Dataset, Labels, Provenance, Split, checked, hold_out
-
-Floats = NDArray[np.float64]
 
 _DIGITS = Path(__file__).with_name("digits.npz")
 SHAPES = ("disc", "ring", "square", "triangle", "cross")

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fl.arrays import Ints
 from fl.plugins import PluginError, find, guarded
-
-Indices = NDArray[np.int64]
 
 KEY = "communities.partition"
 
@@ -18,8 +17,8 @@ KEY = "communities.partition"
 class PartitionTask:
     """What a partition is made of."""
 
-    labels: Indices  # (n,) class of each training sample, 0 to classes - 1
-    owners: Indices | None  # (n,) whose each sample is, where the data set tells
+    labels: Ints  # (n,) class of each training sample, 0 to classes - 1
+    owners: Ints | None  # (n,) whose each sample is, where the data set tells
     devices: int  # K_c, of the community
     classes: int
     rng: np.random.Generator  # the community's own stream: draw from nothing else
@@ -33,7 +32,7 @@ class Partition(Protocol):
         ...
 
 
-def custom_partition(name: str, task: PartitionTask) -> list[Indices]:
+def custom_partition(name: str, task: PartitionTask) -> list[Ints]:
     """The shares that the function of that name deals out, sorted.
 
     Raises:

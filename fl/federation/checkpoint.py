@@ -12,7 +12,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from fl.errors import CheckpointError
-from fl.federation.rounds import Federation, FederationState, Pending
+from fl.federation.community import Federation
+from fl.federation.state import FederationState, Pending
 from fl.training.local import LocalResult
 
 FORMAT = 2

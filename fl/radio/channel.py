@@ -12,14 +12,13 @@ from types import MappingProxyType
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, create_model
 from pydantic.fields import FieldInfo
 
+from fl.arrays import Floats
 from fl.errors import SettingError
 from fl.native.library import normal_shares
-
-Floats = NDArray[np.float64]
 
 NEPERS_PER_DB = math.log(10.0) / 10.0
 # The path-loss law is a far-field law; nearer than this it would promise more power than sent.

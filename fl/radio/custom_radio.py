@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fl.arrays import Floats
 from fl.plugins import PluginError, guarded, make
 from fl.radio.channel import Channel
-
-Floats = NDArray[np.float64]
 
 KEY = "channel.gate"
 MODES = ("average", "instantaneous")

@@ -245,9 +245,8 @@ def test_rounds_in_lockstep_are_those_of_the_native_network(
         state = fed.init(federation)
         for arrived in rounds:
             delivered = np.isin(np.arange(4), arrived)
-            state, _ = fed.play_round(
-                federation, state, scheduled=np.ones(4, bool), delivered=delivered, workers=2
-            )
+            who = fed.Participation(np.ones(4, bool), delivered)
+            state, _ = fed.play_round(federation, state, who, workers=2)
         return state
 
     def in_torch(name: str, *, device: str, **sizes: Any) -> Network:
