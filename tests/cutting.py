@@ -3,8 +3,7 @@
 import pytest
 
 from mission.base.errors import FlightError
-from mission.run.recorder import FolderRecorder
-from mission.run.round_result import RoundResult
+from mission.run.recorder import FolderRecorder, RoundResult
 
 
 def cut_after(patch: pytest.MonkeyPatch, number: int) -> None:

@@ -71,10 +71,7 @@ class TimedUplinkRecord(UplinkRecord):
 
     @property
     def outcome(self) -> str:
-        """What became of the update, in a word: one of `OUTCOMES`."""
-        if self.late:
-            return LATE
-        return "delivered" if self.delivered else "lost"
+        return LATE if self.late else "delivered" if self.delivered else "lost"
 
 
 # Of a round's table where time or energy is limited: the columns, and what people read of them.

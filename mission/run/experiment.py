@@ -15,7 +15,7 @@ from mission.base.user_code import plugins_of_learning, users_code
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
-from mission.run.round_result import Recorder, RoundResult
+from mission.run.recorder import FolderRecorder, RoundResult
 from mission.run.summary import Summary
 from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
@@ -28,7 +28,7 @@ class Experiment(ABC):
     """One run's state between rounds."""
 
     scenario: Scenario
-    recorder: Recorder
+    recorder: FolderRecorder
     stopwatch: Stopwatch
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to go through again as they were

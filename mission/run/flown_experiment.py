@@ -66,7 +66,6 @@ class FlownExperiment(Experiment):
             raise error.in_words(f"{when}: {error}") from error.__cause__
 
     def flown(self) -> str:
-        """How much was flown, in words."""
         if self.scenario.config.mission.strategy == "barycenter":
             return f"hovering, {self.totals.used.metres:.0f} m of the path budget spent"
         none = self.scenario.config.mission.flight == "none"

@@ -23,7 +23,6 @@ class IdealExperiment(Experiment):
             await self._round()
 
     def flown(self) -> str:
-        """How much was flown, in words."""
         return "nothing flown"
 
     async def _round(self) -> None:

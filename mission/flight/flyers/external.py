@@ -68,11 +68,9 @@ class ExternalFlyer(Flyer):
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self.feed.battery_remaining
 
     def here(self) -> Passage:
-        """The newest position."""
         here = self.feed.here
         if here is None:
             raise LinkLostError("the vehicle has not said yet where it is")
@@ -112,7 +110,6 @@ class ExternalFlyer(Flyer):
             await self.pilot.upload(plan, plan.positions(self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             here = self.here()
             return Flight.standing(here, self.battery_remaining)
@@ -156,7 +153,6 @@ class ExternalFlyer(Flyer):
         return found
 
     async def land(self) -> None:
-        """Return to home and land."""
         await self.go_home()
         await self.pilot.land()
         await self.seen_down()

@@ -48,16 +48,13 @@ class FirmwareFlyer(ExternalFlyer):
 
     @property
     def t_ns(self) -> int:
-        """Simulated time."""
         return self.vehicle.plant.t_ns
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Give the firmware a fence."""
         with self.vehicle.clock.going():
             await super().set_fence(items)
 
     async def take_off(self) -> None:
-        """Climb from the ground to the hover above home."""
         with self.vehicle.clock.going():
             await super().take_off()
 
@@ -67,18 +64,15 @@ class FirmwareFlyer(ExternalFlyer):
             await super().upload(plan)
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         with self.vehicle.clock.going():
             return await super().fly(plan)
 
     async def land(self) -> None:
-        """Return to home and land."""
         with self.vehicle.clock.going():
             await super().land()
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the aircraft's own battery, 0..1."""
         return self.vehicle.clock.now.battery.remaining
 
     async def refresh(self, reserve: float) -> bool:

@@ -69,11 +69,9 @@ class SimulatedFlyer(Flyer):
 
     @property
     def t_ns(self) -> int:
-        """Simulated time."""
         return self.vehicle.t_ns
 
     def here(self) -> Passage:
-        """Truth and belief at this instant."""
         aircraft = self.vehicle.aircraft
         return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
@@ -83,7 +81,6 @@ class SimulatedFlyer(Flyer):
         await self.pilot.upload_fence(raw_items(items))
 
     async def take_off(self) -> None:
-        """Climb from the ground to the hover above home."""
         await self.pilot.ready()
         await self.pilot.take_off(self.altitude_m)
 
@@ -93,7 +90,6 @@ class SimulatedFlyer(Flyer):
             await self.pilot.upload(plan, plan.positions(self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             return Flight.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here())
@@ -101,13 +97,11 @@ class SimulatedFlyer(Flyer):
         return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
 
     async def land(self) -> None:
-        """Return to home and land."""
         await self.go_home()
         await self.pilot.land()
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the battery, 0..1."""
         return self.vehicle.aircraft.battery.remaining
 
     async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002

@@ -24,9 +24,9 @@ from mission.flight.plan_file import read_plan_file
 from mission.log.live.view import LiveView, live_views
 from mission.log.values import Devices, FlightData, PlanFileRecord
 from mission.log.write.writer import FlightLog
-from mission.planflight.carrier import PlanCarrier, area_xyz, make_carrier
-from mission.planflight.prepare import PreparedPlan, prepare_plan
 from mission.run.budget import RunTotals
+from mission.run.planflight.carrier import PlanCarrier, area_xyz, make_carrier
+from mission.run.planflight.prepare import PreparedPlan, prepare_plan
 from mission.run.recorded import fly_recorded
 from mission.run.summary import Summary
 
