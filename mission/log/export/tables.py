@@ -1,4 +1,4 @@
-"""A log as tables, written as CSV, and the files inside it."""
+"""A log as tables, written as CSV or Parquet, and the files inside it."""
 
 import math
 import shutil
@@ -94,6 +94,21 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
             text = csv_text.lines([columns, *rows])
             (partial / f"{name}.csv").write_text(text, encoding="utf-8", newline="")
     return tuple(folder / f"{name}.csv" for name in found)
+
+
+def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
+    """Write every table with a row to `folder` as Parquet (zstd); returns the files.
+
+    Raises:
+        LogError: the log cannot be read. InputError: the folder is used or cannot be written.
+    """
+    from mission.base.parquet import parquet  # with it pyarrow
+
+    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
+    with new_folder(folder) as partial:
+        for name, columns in found.items():
+            (partial / f"{name}.parquet").write_bytes(parquet(columns))
+    return tuple(folder / f"{name}.parquet" for name in found)
 
 
 def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
