@@ -1,7 +1,7 @@
 """A researcher's own packet error rates, held to what every radio must keep."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +33,7 @@ class CustomRadio:
     """Checks the rates that the researcher's radio gives."""
 
     name: str
-    inner: Any = field(repr=False)
+    inner: Radio = field(repr=False)
 
     def per(self, distance_m: Floats, height_m: Floats) -> Floats:
         """The researcher's rates.

@@ -1,7 +1,7 @@
 """A researcher's own local training, held to what every device sends up."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class CustomTrainer:
     """Checks what the researcher's trainer answers: an error is found where it is made."""
 
     name: str
-    inner: Any = field(repr=False)  # a fingerprint is made of the rest
+    inner: Trainer = field(repr=False)  # a fingerprint is made of the rest
 
     def train(
         self, device: TrainingDevice, model: Vector, split: Split, task: LocalTask, scaling: Scaling

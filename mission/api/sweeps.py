@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
@@ -77,8 +77,8 @@ def sweep(
     *,
     strategies: Sequence[str] = STRATEGIES,
     seeds: int = 3,
-    settings: Mapping[str, Sequence[Any]] | None = None,
-    overrides: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Sequence[object]] | None = None,
+    overrides: Mapping[str, object] | None = None,
     out: Path | str | None = None,
     data_dir: Path | str | None = None,
     jobs: int | None = None,

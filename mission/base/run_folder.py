@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Self, TypedDict
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
@@ -135,7 +135,7 @@ class RunFolder:
             return None
         return str(values.get("status")) if isinstance(values, dict) else None
 
-    def write_summary(self, values: Mapping[str, Any]) -> None:
+    def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
 
@@ -168,7 +168,16 @@ def free_folder(name: str) -> Path:
     return candidate
 
 
-def environment() -> dict[str, Any]:
+class Environment(TypedDict):
+    """Versions and machine."""
+
+    python: str
+    platform: str
+    cpus: int | None
+    libraries: dict[str, str]
+
+
+def environment() -> Environment:
     """Versions and machine, for the summary."""
     return {
         "python": platform.python_version(),

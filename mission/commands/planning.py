@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -90,7 +89,7 @@ class BudgetReport:
     """The link budget as lines of text, and a warning where there is one."""
 
     lines: tuple[str, ...]
-    numbers: Mapping[str, Any]  # the same for programs
+    numbers: Mapping[str, object]  # the same for programs
     warning: str | None
 
 

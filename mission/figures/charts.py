@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import altair as alt
 import numpy as np
 
+from mission.base.arrays import Floats
 from mission.figures.style import (
     BAD,
     HEIGHT,
@@ -20,7 +21,7 @@ from mission.figures.style import (
     table,
 )
 
-Values: TypeAlias = Sequence[float] | np.ndarray[Any, np.dtype[np.float64]]
+Values: TypeAlias = Sequence[float] | Floats
 
 LayerChart: TypeAlias = alt.LayerChart
 _MARKED = 25  # points of a line that are few enough to be marked
@@ -215,11 +216,11 @@ def _labels(series: Sequence[Series], name: str) -> list[str]:
     return [item.label for item in series for _ in getattr(item, name)]
 
 
-def _joined(series: Sequence[Series], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _joined(series: Sequence[Series], name: str) -> Floats:
     return np.concatenate([np.asarray(getattr(item, name), dtype=np.float64) for item in series])
 
 
-def _reach(values: np.ndarray[Any, np.dtype[np.float64]], most: float) -> list[float]:
+def _reach(values: Floats, most: float) -> list[float]:
     """A range with a little air, from zero where no value is negative."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)

@@ -1,7 +1,6 @@
 """How a flight went: distance from its plan, battery, wind, and the estimator's sensors."""
 
 from collections.abc import Callable
-from typing import Any
 
 import altair as alt
 import numpy as np
@@ -153,7 +152,7 @@ def _innovations(sensor: str, index: int, track: InnovationTrack) -> alt.LayerCh
 
 
 def _thinned(
-    t_ns: Ints, values: Floats, what: Callable[[Floats], Any]
+    t_ns: Ints, values: Floats, what: Callable[[Floats], float]
 ) -> tuple[list[float], list[float]]:
     """At most `_POINTS` points: one of each stretch of time, at its middle sample."""
     parts = np.array_split(np.arange(len(t_ns)), min(_POINTS, len(t_ns)))

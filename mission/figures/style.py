@@ -58,7 +58,7 @@ def table(**columns: ArrayLike) -> pa.Table:
     return pa.table({name: _column(np.asarray(values)) for name, values in columns.items()})
 
 
-def _column(values: NDArray[Any]) -> pa.Array:
+def _column(values: NDArray[np.generic]) -> pa.Array:
     if values.dtype.kind == "f":
         values = np.array([float(f"{value:.6g}") for value in values.tolist()])
     return pa.array(values, from_pandas=True)
@@ -78,7 +78,7 @@ def line_keys(names: Sequence[str]) -> alt.Legend:
     )
 
 
-def named(names: Sequence[str], values: Sequence[Any]) -> alt.Scale:
+def named(names: Sequence[str], values: Sequence[str | float | Sequence[float]]) -> alt.Scale:
     """A look for each name."""
     return alt.Scale(type="ordinal", domain=list(names), range=list(values))
 

@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
@@ -27,7 +26,7 @@ class Missing:
 class SweepState:
     """A sweep as its folder shows it, at work or not."""
 
-    config: Mapping[str, Any]  # what its runs have in common
+    config: Mapping[str, object]  # what its runs have in common
     results: tuple[RunResult, ...]  # of the runs that are done
     missing: tuple[Missing, ...]
 

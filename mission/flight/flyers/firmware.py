@@ -12,7 +12,6 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from flightdyn.errors import FlightDynamicsError
 from flightdyn.plant import Plant
@@ -28,6 +27,7 @@ from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
+from sitl.autopilot.codec.message import Fields
 from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
@@ -87,16 +87,16 @@ class FirmwareFlyer(ExternalFlyer):
 class RelayedMessages:
     """The messages that the relay hears, whoever asks for them."""
 
-    _asked: dict[str, list[asyncio.Queue[dict[str, Any]]]] = field(default_factory=dict)
+    _asked: dict[str, list[asyncio.Queue[Fields]]] = field(default_factory=dict)
 
-    def hear(self, name: str, fields: dict[str, Any]) -> None:
+    def hear(self, name: str, fields: Fields) -> None:
         """Hand a message on."""
         for queue in self._asked.get(name, ()):
             queue.put_nowait(fields)
 
-    async def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+    async def of(self, name: str) -> AsyncIterator[Fields]:
         """The fields of every message of that name from now on."""
-        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        queue: asyncio.Queue[Fields] = asyncio.Queue()
         self._asked.setdefault(name, []).append(queue)
         while True:
             yield await queue.get()

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
-from typing import Any
 
+from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
 
@@ -18,7 +18,7 @@ _CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") 
 class Watch:
     """The newest telemetry of one vehicle, while `run` runs."""
 
-    def __init__(self, system: Any) -> None:
+    def __init__(self, system: System) -> None:
         self._telemetry = TelemetryAsync(system)
         self._changed_at = asyncio.get_running_loop().time()
         self._position: tuple[float, ...] = ()

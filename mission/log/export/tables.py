@@ -2,10 +2,10 @@
 
 import math
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from mission.log.values import (
     PlanRecord,
 )
 
-Column: TypeAlias = Sequence[Any] | NDArray[Any]
+Column: TypeAlias = Sequence[object] | NDArray[np.generic]
 Tables: TypeAlias = dict[str, dict[str, Column]]
 
 
@@ -149,7 +149,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Any]:
+def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Column]:
     """Its fields, with seconds in place of nanoseconds."""
     fields = {**vars(record), "t_ns": record.t_ns / 1e9}
     return {"t_s" if name == "t_ns" else name: value for name, value in fields.items()}
@@ -184,7 +184,7 @@ def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, ob
             }
 
 
-def _columns(rows: Iterable[dict[str, object]]) -> dict[str, Column]:
+def _columns(rows: Iterable[Mapping[str, object]]) -> dict[str, Column]:
     rows = list(rows)
     return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
 
