@@ -25,7 +25,7 @@ NEPERS_PER_DB = math.log(10.0) / 10.0
 REFERENCE_DISTANCE_M = 1.0
 
 
-def _shadowing(segment: str) -> Any:
+def _shadowing(segment: str) -> object:
     words = f"standard deviation of the natural log of the {segment} shadowing"
     return Field(gt=0.0, le=10.0, description=words)
 

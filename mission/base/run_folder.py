@@ -177,6 +177,21 @@ class Environment(TypedDict):
     libraries: dict[str, str]
 
 
+class RunSummary(TypedDict, total=False):
+    """What `summary.json` says that is read again; an older one may lack some of it."""
+
+    name: str
+    status: str
+    error: str
+    resumable: bool
+    flown_in_rounds_m: float
+    budget_used_m: float
+    simulated_s: float
+    real_time_factor: float
+    untrained_accuracy: dict[str, float]
+    wall_s: dict[str, float]  # by phase
+
+
 def environment() -> Environment:
     """Versions and machine, for the summary."""
     return {

@@ -89,7 +89,7 @@ def _nearer(area: AreaConfig) -> str:
 
 def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
     """The area with the polygons of its files."""
-    known: dict[str, Any] = {}
+    known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
         zones = tuple(_zone(area, ring, blame) for ring in rings)

@@ -1,6 +1,7 @@
 """The end of a report: where the time went, in what conditions, with which versions."""
 
 import tomllib
+from collections.abc import Mapping
 
 from mission.analysis.load import LoadedRun
 
@@ -12,7 +13,7 @@ _NAMED = ("ended_by", "seed", "simulated_s", "real_time_factor", "battery_change
 
 def about(run: LoadedRun) -> dict[str, object]:
     """Wall time, conditions, versions, configuration: what is known of them."""
-    summary = run.summary
+    summary: Mapping[str, object] = run.summary
     config = run.data.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
     wind = _wind(config)
     wall_s = summary.get("wall_s")

@@ -1,9 +1,7 @@
 """Puts a run's report together."""
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +9,7 @@ from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.comparison_text import labelled, number
 from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
-from mission.base.run_folder import write_atomically
+from mission.base.run_folder import RunSummary, write_atomically
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
@@ -52,7 +50,7 @@ def report_html(loaded: LoadedRun) -> str:
     run, summary = loaded.data, loaded.summary
     comparison = compare_run(loaded) if run.plans else None
     status = str(summary.get("status", ""))
-    flown: dict[str, Any] = dict.fromkeys(("map", "table"))
+    flown: dict[str, object] = dict.fromkeys(("map", "table"))
     flown |= {"rounds": [], "details": [], "flight": [], "radio": []}
     if comparison is not None:
         numbers = [item.round for item in comparison.rounds]
@@ -98,7 +96,7 @@ def report_html(loaded: LoadedRun) -> str:
 
 
 def _tiles(
-    run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]
+    run: FlightData, comparison: RunComparison | None, summary: RunSummary
 ) -> list[tuple[str, str]]:
     last = run.rounds[-1]
     if run.plan_file is None:

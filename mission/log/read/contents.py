@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
@@ -20,6 +20,7 @@ from mission.log.read.salvage import Salvaged, salvage
 from mission.log.topics import Topic
 from mission.log.values import area_from_text
 
+Json: TypeAlias = dict[str, Any]  # an object, as it is parsed
 Row = tuple[int, Any]
 
 
