@@ -243,10 +243,11 @@ def _community(
         held_out = dataset.held_out
         if held_out.sum() == held_out_of_each(held_out, test_share).sum():
             raise SettingError(
-                "learning.report_on", "test",
+                "learning.report_on",
+                "test",
                 f"must be 'validation' for community {config.name}: of the {held_out.sum()} "
                 f"images of {config.task} that do not train, none would be left to validate",
-            )  # fmt: skip
+            )
     return community
 
 

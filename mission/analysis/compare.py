@@ -216,8 +216,9 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
             uplinks=tuple(item for item in run.uplinks if item.round <= rounds),
         )
     plans = {plan.round: plan for plan in run.plans}
-    measured = [measure(run, record, plans[record.round]) for record in run.rounds
-                if record.round in plans]  # fmt: skip
+    measured = [
+        measure(run, record, plans[record.round]) for record in run.rounds if record.round in plans
+    ]
     if not measured:
         why = f": {loaded.notice}" if loaded.notice else ""
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")

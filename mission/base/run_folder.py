@@ -17,9 +17,9 @@ from mission.base.folder_lock import alone_in
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
-    "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
-    "osqp", "torch", "mcap", "foxglove-sdk",
-)  # fmt: skip
+    *("aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy"),
+    *("cvxpy", "clarabel", "osqp", "torch", "mcap", "foxglove-sdk"),
+)
 
 
 RUNS = Path("runs")  # of folders that nobody named

@@ -14,10 +14,22 @@ from pydantic.fields import FieldInfo
 
 # A key's last word is its unit; the longest ending that fits counts.
 UNITS = {
-    "_m": "m", "_s": "s", "_mps": "m/s", "_mps2": "m/s2", "_deg": "degrees",
-    "_degps": "degrees/s", "_radps": "rad/s", "_per_rad": "1/rad", "_db": "dB", "_hz": "Hz",
-    "_mah": "mAh", "_ohm": "ohm", "_pa": "Pa", "_gauss": "gauss", "_rounds": "rounds",
-}  # fmt: skip
+    "_m": "m",
+    "_s": "s",
+    "_mps": "m/s",
+    "_mps2": "m/s2",
+    "_deg": "degrees",
+    "_degps": "degrees/s",
+    "_radps": "rad/s",
+    "_per_rad": "1/rad",
+    "_db": "dB",
+    "_hz": "Hz",
+    "_mah": "mAh",
+    "_ohm": "ohm",
+    "_pa": "Pa",
+    "_gauss": "gauss",
+    "_rounds": "rounds",
+}
 _NOUNS: dict[object, tuple[str, str]] = {
     float: ("a number", "numbers"),
     int: ("a whole number", "whole numbers"),

@@ -105,11 +105,12 @@ def budget_report(channel: Channel) -> BudgetReport:
     radius = served_radius(channel)
     lines += [
         "",
-        f"served radius (PER 0.5): {radius:.0f} m" if radius > 0.0 else
-        "served radius (PER 0.5): none, not even straight overhead",
+        f"served radius (PER 0.5): {radius:.0f} m"
+        if radius > 0.0
+        else "served radius (PER 0.5): none, not even straight overhead",
         f"logistic stand-in 1 / (1 + exp(b1 theta + b2)): b1 = {fit.b1_per_rad:.2f} per rad, "
         f"b2 = {fit.b2:.2f}, worst error {fit.worst_error:.3f}",
-    ]  # fmt: skip
+    ]
     warning = None
     if overhead.per > BAD_OVERHEAD_PER:
         warning = (

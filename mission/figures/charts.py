@@ -173,9 +173,8 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
         low, high = min(low, 0.0), max(high, 0.0)
     air = 0.05 * (high - low)
     scale = alt.Scale(domain=[low - air, high + air], nice=False, clamp=True)
-    y = alt.Y("row:N", title=None, sort=order, axis=alt.Axis(
-        labelLimit=0, domain=False, ticks=False, labelColor=INK,
-    ))  # fmt: skip
+    plain = alt.Axis(labelLimit=0, domain=False, ticks=False, labelColor=INK)
+    y = alt.Y("row:N", title=None, sort=order, axis=plain)
     x_axis = alt.X("x:Q", title=x, scale=scale, axis=alt.Axis(grid=True))
     colour = alt.Color("row:N", scale=named(order, [row.colour for row in rows]), legend=None)
     tip = [alt.Tooltip("row:N", title=" "), alt.Tooltip("x:Q", title=x, format=".4~g")]
@@ -183,18 +182,21 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
     means = table(row=order, x=[row.mean for row in rows])
     layers = [
         alt.Chart(seeds).mark_point(filled=False, size=45).encode(x_axis, y, colour, tooltip=tip),
-        alt.Chart(means).mark_point(filled=True, size=60, opacity=1).encode(
-            x_axis, y, colour, tooltip=tip
-        ),
-    ]  # fmt: skip
+        alt.Chart(means)
+        .mark_point(filled=True, size=60, opacity=1)
+        .encode(x_axis, y, colour, tooltip=tip),
+    ]
     bar = ""
     if ends:
         labels, lows, highs = zip(*ends, strict=True)
         data = table(row=labels, x=lows, high=highs)
         bar = ", bar: its 95 % interval"
-        layers.insert(0, alt.Chart(data).mark_rule(strokeWidth=5, opacity=0.35).encode(
-            x_axis, y, colour, x2="high"
-        ))  # fmt: skip
+        layers.insert(
+            0,
+            alt.Chart(data)
+            .mark_rule(strokeWidth=5, opacity=0.35)
+            .encode(x_axis, y, colour, x2="high"),
+        )
     if zero:
         layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
     note = f"dot: mean{bar}, rings: seeds"

@@ -1,6 +1,7 @@
 """Puts a run's report together."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,6 @@ from mission.log.values import NS_PER_S, FlightData, PlanFileRecord
 from mission.report.about import about
 from mission.report.html import page
 
-_HEADS = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
-          "PER planned", "PER true", "objective planned", "true", "lost %", "arrived")  # fmt: skip
 _PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
 REPORT_NAME = "report.html"
 
@@ -63,8 +62,11 @@ def report_html(loaded: LoadedRun) -> str:
                 "radio": [card(chart) for chart in radio_charts(run, comparison)],
                 "table": (
                     "Every round",
-                    _HEADS,
-                    [_row(item) for item in (*comparison.rounds, comparison.total)],
+                    [head for head, _ in _COLUMNS],
+                    [
+                        [cell(item) for _, cell in _COLUMNS]
+                        for item in (*comparison.rounds, comparison.total)
+                    ],
                 ),
             }
         else:
@@ -164,17 +166,26 @@ def _facts(item: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def _row(item: Comparison) -> list[str]:
-    return [
-        "all" if item.round is None else str(item.round), f"{item.flown_path_m:.0f}",
-        number(item.cross_track_rms_m), number(item.cross_track_max_m),
-        number(item.corner_cut_max_m), number(item.slot_late_mean_s),
-        number(item.plan_per_mean, 4), number(item.true_per_mean, 4),
-        number(item.plan_objective, 3), number(item.true_objective, 3),
-        number(100 * (1 - item.true_objective / item.plan_objective), 2)
-        if item.plan_objective > 0 else "-",
-        f"{item.delivered}/{item.scheduled}",
-    ]  # fmt: skip
+def _share_lost(item: Comparison) -> str:
+    if not item.plan_objective > 0:
+        return "-"
+    return number(100 * (1 - item.true_objective / item.plan_objective), 2)
+
+
+_COLUMNS: tuple[tuple[str, Callable[[Comparison], str]], ...] = (
+    ("round", lambda item: "all" if item.round is None else str(item.round)),
+    ("flown m", lambda item: f"{item.flown_path_m:.0f}"),
+    ("cross-track rms m", lambda item: number(item.cross_track_rms_m)),
+    ("max m", lambda item: number(item.cross_track_max_m)),
+    ("corner cut m", lambda item: number(item.corner_cut_max_m)),
+    ("slot late s", lambda item: number(item.slot_late_mean_s)),
+    ("PER planned", lambda item: number(item.plan_per_mean, 4)),
+    ("PER true", lambda item: number(item.true_per_mean, 4)),
+    ("objective planned", lambda item: number(item.plan_objective, 3)),
+    ("true", lambda item: number(item.true_objective, 3)),
+    ("lost %", _share_lost),
+    ("arrived", lambda item: f"{item.delivered}/{item.scheduled}"),
+)
 
 
 def _pair(first: float, second: float, unit: str) -> str:

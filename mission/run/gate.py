@@ -91,17 +91,17 @@ def uplinks(
     ]
     count = len(problem.devices_m)
     horizontal, height = np.zeros(count), np.zeros(count)
-    late, transmitted = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     for _, device, passage in served:
         if passage is not None:
             x, y, height[device] = _place(area, passage.true_ned_m)
             horizontal[device] = math.dist((x, y), problem.devices_m[device])
             late[device] = work is not None and passage.t_ns < work.ready_ns[device]
-            transmitted[device] = not late[device]
+            sends[device] = not late[device]
+    channel = problem.channel
     arrivals = deliver(
-        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng,
-        radio=radio, gate=gate,
-    )  # fmt: skip
+        channel, horizontal, height_m=height, transmitted=sends, rng=rng, radio=radio, gate=gate
+    )
 
     records = []
     for step, device, passage in served:
@@ -111,7 +111,7 @@ def uplinks(
         if passage is not None:
             t_s = passage.t_ns / 1e9
             est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per = 1.0 if late[device] else _per(radio or problem.channel, ground, est)
+            est_per = 1.0 if late[device] else _per(radio or channel, ground, est)
         record = UplinkRecord(
             round=round_number,
             device=device,
@@ -126,7 +126,7 @@ def uplinks(
             true_x_m=true[0],
             true_y_m=true[1],
             true_alt_m=true[2],
-            plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
+            plan_per=_per(channel, ground, (*where, channel.altitude_m)),
             est_per=est_per,
             true_per=float(arrivals.per[device]),
             importance=float(problem.importance[device]),

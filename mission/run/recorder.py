@@ -186,10 +186,10 @@ def recording(
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
+        tables = rounds, uplinks, learnt
         recorder = FolderRecorder(
-            scenario, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch,
-            callbacks,
-        )  # fmt: skip
+            scenario, folder, log, *tables, checkpoint, progress, stopwatch, callbacks
+        )
         for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

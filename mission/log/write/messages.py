@@ -99,15 +99,17 @@ def places(area: Area, states: Sequence[Kinematics]) -> Floats:
     there = np.array([[*s.pos_ned_m.tolist(), *s.q_frd_to_ned.tolist()] for s in states]).T
     north, east, down, w, x, y, z = there
     half = math.sqrt(0.5) * QUATERNION_GRID
-    numbers = np.array((
-        (east + area.home_m[0]) * POSITION_GRID,
-        (north + area.home_m[1]) * POSITION_GRID,
-        -down * POSITION_GRID,
-        (x + y) * half,
-        (x - y) * half,
-        (w - z) * half,
-        (w + z) * half,
-    ))  # fmt: skip
+    numbers = np.array(
+        (
+            (east + area.home_m[0]) * POSITION_GRID,
+            (north + area.home_m[1]) * POSITION_GRID,
+            -down * POSITION_GRID,
+            (x + y) * half,
+            (x - y) * half,
+            (w - z) * half,
+            (w + z) * half,
+        )
+    )
     return np.asarray(np.rint(numbers).T / _PLACE_GRID)
 
 
