@@ -208,10 +208,7 @@ class Scaffold:
             controls[update.device] = controls[update.device] + change
             drift += update.p * change
         moved = _moved(model, self.server_learning_rate * mean_step(model, updates))
-        return moved, {
-            "control": (control + drift).astype(np.float32),
-            "device_controls": controls,
-        }
+        return moved, {"control": (control + drift).astype(np.float32), "device_controls": controls}
 
 
 def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:

@@ -150,8 +150,7 @@ def play_round(
         for each in (delivered, kept)
     )
     learnt = in_parallel(
-        [partial(_learn, federation, state, *each) for each in enumerate(arrived)],
-        workers=workers,
+        [partial(_learn, federation, state, *each) for each in enumerate(arrived)], workers=workers
     )
     correct = [each.measured.validation for each in learnt]
     losses = np.concatenate([each.losses for each in learnt])

@@ -56,11 +56,7 @@ class Channel:
     ]
     snr_threshold: Annotated[
         float,
-        Field(
-            gt=0.0,
-            le=1e6,
-            description="SNR under which a packet is lost, linear (10 = 10 dB)",
-        ),
+        Field(gt=0.0, le=1e6, description="SNR under which a packet is lost, linear (10 = 10 dB)"),
     ]
 
     def __post_init__(self) -> None:

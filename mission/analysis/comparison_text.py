@@ -169,10 +169,7 @@ def _change(value: float, digits: int) -> str:
 
 
 def _table(
-    title: str,
-    comparison: RunComparison,
-    columns: Sequence[tuple[str, _Cell]],
-    caption: str | None,
+    title: str, comparison: RunComparison, columns: Sequence[tuple[str, _Cell]], caption: str | None
 ) -> Table:
     table = Table(
         box=box.SIMPLE_HEAD,

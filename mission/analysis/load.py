@@ -50,10 +50,7 @@ class LoadedRun:
     def state(self) -> str:
         """Why the run is not finished; empty for one that is."""
         status = str(self.summary.get("status", _FINISHED))
-        words = {
-            _FINISHED: "",
-            "running": "not finished: it was killed, or is still under way",
-        }
+        words = {_FINISHED: "", "running": "not finished: it was killed, or is still under way"}
         error = f" ({self.summary['error']})" if "error" in self.summary else ""
         return words.get(status, status) + error
 

@@ -9,17 +9,7 @@ import altair as alt
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.figures.style import (
-    BAD,
-    HEIGHT,
-    INK,
-    SOFT,
-    WIDTH,
-    keys,
-    line_keys,
-    named,
-    table,
-)
+from mission.figures.style import BAD, HEIGHT, INK, SOFT, WIDTH, keys, line_keys, named, table
 
 Values: TypeAlias = Sequence[float] | Floats
 
@@ -68,12 +58,7 @@ def line_chart(
     values = [edge for item in drawn for edge in (item.y, item.low, item.high) if edge is not None]
     shown = np.concatenate([[1.0] if gate else [], *values])
     scale_x = alt.Scale(zero=False, nice=False, padding=8)
-    across = alt.X(
-        "x:Q",
-        title=x,
-        scale=scale_x,
-        axis=_whole(series) if whole_x else alt.Axis(),
-    )
+    across = alt.X("x:Q", title=x, scale=scale_x, axis=_whole(series) if whole_x else alt.Axis())
     up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
     dashes = named(names, [_LOOKS[item.dashed][item.again] for item in series])
     key = line_keys(names)

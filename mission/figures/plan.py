@@ -54,12 +54,7 @@ def plan_picture(
 def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[alt.Chart]:
     per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
     slots, devices = np.nonzero(plan.schedule)
-    colour = alt.Color(
-        "per:Q",
-        title="link: PER",
-        scale=per_scale(),
-        legend=per_key(),
-    )
+    colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
     links = table(
         x=plan.waypoints_m[slots, 0],
         y=plan.waypoints_m[slots, 1],
@@ -91,11 +86,7 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
         start.mark_text(text="start", dy=-13, fontSize=10, color=SOFT),
         device.mark_point(stroke=PLANNED, fill=PLANNED, opacity=1).encode(
             size=importance_size(float(problem.importance.max(initial=0.0)), count),
-            fillOpacity=alt.FillOpacity(
-                "state:O",
-                scale=named(_SERVED, [1.0, 0.0]),
-                legend=None,
-            ),
+            fillOpacity=alt.FillOpacity("state:O", scale=named(_SERVED, [1.0, 0.0]), legend=None),
         ),
         device.mark_text(align="left", dx=8, dy=-7, fontSize=9, color=INK).encode(text="device:Q"),
     ]

@@ -166,12 +166,7 @@ LEARNING = _json(
     "Accuracy and fairness of one community after a round",
     **_declared(LearningRecord),
 )
-BATTERY = _json(
-    "/battery",
-    "aerofed.Battery",
-    "The battery",
-    **_declared(BatteryTrack),
-)
+BATTERY = _json("/battery", "aerofed.Battery", "The battery", **_declared(BatteryTrack))
 MODE = _json(
     "/mode",
     "aerofed.Mode",

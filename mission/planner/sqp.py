@@ -19,12 +19,7 @@ from mission.base.arrays import Floats, Ints
 from mission.planner.arrays import instance
 from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
-from mission.planner.evaluate import (
-    check_problem,
-    finish,
-    fit_budget,
-    plan_without_moving,
-)
+from mission.planner.evaluate import check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import Devices, Limits, explore
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
@@ -198,13 +193,7 @@ class StepProgram:
         )
 
     def solve(
-        self,
-        way: Floats,
-        gradient: Floats,
-        hessian: Floats,
-        *,
-        budget_m: float,
-        trust_m: float,
+        self, way: Floats, gradient: Floats, hessian: Floats, *, budget_m: float, trust_m: float
     ) -> Floats:
         """(N - 1, 2) the best step of the free waypoints.
 

@@ -81,10 +81,7 @@ def report_html(loaded: LoadedRun) -> str:
         title=str(summary.get("name", loaded.path.stem)),
         badge=status,
         good=status == "finished",
-        facts=[
-            *loaded.about.split(" · ")[1:],
-            *_devices(run),
-        ],
+        facts=[*loaded.about.split(" · ")[1:], *_devices(run)],
         notice=loaded.notice,
         plan_file=run.plan_file is not None,
         tiles=_tiles(run, comparison, summary),

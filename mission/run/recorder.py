@@ -156,10 +156,7 @@ def recording(
     with ExitStack() as stack:
         mission = scenario.config.mission
         progress = make_progress(
-            console.out,
-            rounds=mission.rounds,
-            flown=mission.flight != "none",
-            quiet=console.quiet,
+            console.out, rounds=mission.rounds, flown=mission.flight != "none", quiet=console.quiet
         )
         stack.callback(progress.close)
         log = stack.enter_context(

@@ -134,12 +134,7 @@ class ExternalFlyer(Flyer):
         return self._recorder.finish(self.here(), self.battery_remaining)
 
     def find_passages(
-        self,
-        flight: Flight,
-        places_ned_m: Floats,
-        *,
-        items: Sequence[int],
-        hold_s: Sequence[float],
+        self, flight: Flight, places_ned_m: Floats, *, items: Sequence[int], hold_s: Sequence[float]
     ) -> tuple[Passage, ...]:
         """When a flight passed the places (S, 3) of the mission `items`; told to the observers."""
         found = passages(
@@ -259,10 +254,7 @@ async def open_external(
         InputError: it is somewhere else than the area.
     """
     recorder = FlightRecorder()
-    async with located(link, area=area, observers=(recorder, *observers), say=say) as (
-        pilot,
-        feed,
-    ):
+    async with located(link, area=area, observers=(recorder, *observers), say=say) as (pilot, feed):
         limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
         changes = limits.adjustments(demand) if link.set_parameters else {}
         for name, (before, during) in changes.items():

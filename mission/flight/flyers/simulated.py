@@ -144,12 +144,7 @@ async def open_simulated(
             ) as pilot,
         ):
             flyer = SimulatedFlyer(
-                pilot,
-                vehicle,
-                recorder,
-                area,
-                config.mission,
-                guidance_of(config.vehicle),
+                pilot, vehicle, recorder, area, config.mission, guidance_of(config.vehicle)
             )
             flyer.wind = config.vehicle.aircraft.wind
             try:

@@ -50,10 +50,7 @@ class Parameters:
 
 @asynccontextmanager
 async def adjusted(
-    parameters: Parameters,
-    values: Mapping[str, tuple[float, float]],
-    *,
-    say: Callable[[str], None],
+    parameters: Parameters, values: Mapping[str, tuple[float, float]], *, say: Callable[[str], None]
 ) -> AsyncIterator[None]:
     """Set each parameter to the second of its values, and back to the first when the block ends.
 

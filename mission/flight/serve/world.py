@@ -23,13 +23,7 @@ Say = Callable[[str], None]
 
 
 def serve_world(
-    config: RunConfig,
-    autopilot: str,
-    *,
-    port: int,
-    speed: float,
-    say: Say,
-    stop: threading.Event,
+    config: RunConfig, autopilot: str, *, port: int, speed: float, say: Say, stop: threading.Event
 ) -> None:
     """Serve the configured aircraft to the `autopilot`, "px4" or "ardupilot", that comes to `port`.
 

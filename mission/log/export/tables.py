@@ -16,13 +16,7 @@ from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
 from mission.log.records import flat
-from mission.log.values import (
-    BatteryTrack,
-    FlightData,
-    InnovationTrack,
-    LearningRecord,
-    PlanRecord,
-)
+from mission.log.values import BatteryTrack, FlightData, InnovationTrack, LearningRecord, PlanRecord
 
 Column: TypeAlias = Sequence[object] | NDArray[np.generic]
 Tables: TypeAlias = dict[str, dict[str, Column]]

@@ -15,11 +15,7 @@ from mission.config.models import RunConfig
 from mission.run.resume import read_checkpoint
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
-ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
+ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
