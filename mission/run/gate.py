@@ -9,9 +9,9 @@ import numpy as np
 from fl.federation.device_work import DeviceWork
 from fl.radio.channel import Channel
 from fl.radio.custom_radio import CustomRadio
-from fl.radio.uplink import Gate, deliver
+from fl.radio.uplink import Arrivals, Gate, deliver
 from mission.base.area import Area
-from mission.base.arrays import Floats
+from mission.base.arrays import Bools, Floats
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import TimedUplinkRecord, UplinkRecord
@@ -89,19 +89,8 @@ def uplinks(
         (int(step), int(device), passages.get(int(device)))
         for step, device in np.argwhere(plan.schedule)
     ]
-    count = len(problem.devices_m)
-    horizontal, height = np.zeros(count), np.zeros(count)
-    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for _, device, passage in served:
-        if passage is not None:
-            x, y, height[device] = _place(area, passage.true_ned_m)
-            horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
-            sends[device] = not late[device]
+    late, arrivals = _arrivals(problem, served, area, rng, gate=gate, radio=radio, work=work)
     channel = problem.channel
-    arrivals = deliver(
-        channel, horizontal, height_m=height, transmitted=sends, rng=rng, radio=radio, gate=gate
-    )
 
     records = []
     for step, device, passage in served:
@@ -142,6 +131,31 @@ def uplinks(
             )
         records.append(record)
     return tuple(records)
+
+
+def _arrivals(
+    problem: RoundProblem,
+    served: Sequence[tuple[int, int, Passage | None]],
+    area: Area,
+    rng: np.random.Generator,
+    *,
+    gate: Gate,
+    radio: Channel | CustomRadio | None,
+    work: DeviceWork | None,
+) -> tuple[Bools, Arrivals]:
+    """Who of the served (step, device, passage) is late, (K,), and who gets through."""
+    count = len(problem.devices_m)
+    horizontal, height = np.zeros(count), np.zeros(count)
+    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    for _, device, passage in served:
+        if passage is not None:
+            x, y, height[device] = _place(area, passage.true_ned_m)
+            horizontal[device] = math.dist((x, y), problem.devices_m[device])
+            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
+            sends[device] = not late[device]
+    where = problem.channel, horizontal
+    found = deliver(*where, height_m=height, transmitted=sends, rng=rng, radio=radio, gate=gate)
+    return late, found
 
 
 def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:

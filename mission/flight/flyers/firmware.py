@@ -8,16 +8,16 @@ takes orders, whose answers take it some of its own time.
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flightdyn.errors import FlightDynamicsError
 from flightdyn.plant import Plant
 from mission.base.area import Area
 from mission.base.errors import FlightError, LinkLostError
 from mission.config.models import RunConfig
+from mission.flight.failures import of_a_vehicle
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import Say, located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
@@ -29,7 +29,6 @@ from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
 from sitl.autopilot.codec.message import Fields
 from sitl.autopilot.values.messages import MissionItem
-from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle
 from sitl.links import RawLink
@@ -134,7 +133,7 @@ async def open_firmware(
         hear=messages.hear,
         heard=_HEARD,
     )
-    try:
+    with _in_words(name), of_a_vehicle():
         async with vehicle:
             vehicle.clock.run()
             known = Known(messages, vehicle.clock.at, boot_ms=0)
@@ -168,14 +167,16 @@ async def open_firmware(
                 flyer.wind = config.vehicle.aircraft.wind
                 vehicle.clock.rest()
                 yield flyer
+
+
+@contextmanager
+def _in_words(name: str) -> Iterator[None]:
+    try:
+        yield
     except FirmwareSilentError as error:
         raise LinkLostError(f"{name}: {error}") from None
     except FirmwareError as error:
         raise FlightError(f"{name}: {error}") from None
-    except LinkError as error:
-        raise LinkLostError(str(error)) from None
-    except FlightDynamicsError as error:
-        raise FlightError(f"the simulated aircraft failed: {error}") from error
 
 
 async def _check_parameters(pilot: Pilot, config: RunConfig) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from flightdyn.errors import FlightInputError
 from flightdyn.plant import Plant
-from mission.base.errors import InputError, LinkLostError
+from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
 from mission.config.models import RunConfig
+from mission.flight.failures import of_settings
 from mission.flight.fence_zones import airspace_zones, fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
@@ -29,7 +29,6 @@ from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Scenario, build_scenario
-from sitl.errors import SitlInputError
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
 from sitl.firmware.vehicle import plant_for
@@ -209,10 +208,9 @@ def flyers_for(scenario: Scenario) -> Flyers:
         return BuiltInFlyers(
             scenario, simulated_vehicle(config.vehicle, home=home, streams=streams)
         )
-    try:
-        return FirmwareFlyers(scenario, plant_for(config.vehicle, home=home, streams=streams))
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
+    with of_settings():
+        plant = plant_for(config.vehicle, home=home, streams=streams)
+    return FirmwareFlyers(scenario, plant)
 
 
 def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyers]:
