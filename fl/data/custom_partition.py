@@ -29,7 +29,6 @@ class Partition(Protocol):
 
     def __call__(self, task: PartitionTask) -> Sequence[ArrayLike]:
         """For each device the indices of its samples, from 0; none empty, none given twice."""
-        ...
 
 
 def custom_partition(name: str, task: PartitionTask) -> list[Ints]:

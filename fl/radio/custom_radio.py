@@ -25,7 +25,6 @@ class Radio(Protocol):
         device sent nothing, both are anything, and its rate is not looked at. The answer may
         depend on the arguments alone, so that a run can be resumed.
         """
-        ...
 
 
 @dataclass(frozen=True)

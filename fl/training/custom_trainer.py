@@ -48,7 +48,6 @@ class Trainer(Protocol):
         `model` (P,) is read-only. `rng` is the device's own stream of this round: all that is
         random must come from it. One call at a time.
         """
-        ...
 
 
 @dataclass(frozen=True)

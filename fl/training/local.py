@@ -69,21 +69,17 @@ class Network(Protocol):
     @property
     def shapes(self) -> Shapes:
         """Shapes of parameters, then buffers, in the order in which they lie in the flat vector."""
-        ...
 
     @property
     def buffers(self) -> int:
         """How many of its numbers are buffers: the last of the flat vector; training sets them."""
-        ...
 
     @property
     def parallel(self) -> bool:
         """Whether several threads may call it at a time; else it is given all tasks at once."""
-        ...
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """Initial parameters (P,), a function of the stream alone."""
-        ...
 
     def train(self, work: LocalWork) -> list[LocalResult]:
         """Local training of each of the tasks.
@@ -91,13 +87,11 @@ class Network(Protocol):
         SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
         the batches of `batch_order`.
         """
-        ...
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
     ) -> NDArray[np.int64]:
         """How many images of each class one model gets right, (classes,)."""
-        ...
 
 
 def scaling_of(split: Split) -> Scaling:

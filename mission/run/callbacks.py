@@ -38,11 +38,9 @@ class Callback(Protocol):
 
     def round_finished(self, report: RoundReport) -> None:
         """A round is over, and in the tables and the checkpoint."""
-        ...
 
     def close(self) -> None:
         """No round follows: the run has ended, however it did."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,6 @@ class ImportanceStrategy(Protocol):
 
     def importance(self, info: RoundInfo) -> Floats:
         """(K,) finite, not negative; a function of `info` alone, so that runs can be resumed."""
-        ...
 
 
 @dataclass(frozen=True)

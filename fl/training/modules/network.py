@@ -38,7 +38,6 @@ class Training(Protocol):
 
     def train(self, work: LocalWork) -> list[LocalResult]:
         """As `fl.training.local.Network.train`, with the module in training mode."""
-        ...
 
 
 class ModuleNetwork:
