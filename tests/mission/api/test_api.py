@@ -122,7 +122,7 @@ def test_a_page_is_written_where_asked(run: aerofed.Run, tmp_path: Path) -> None
     assert run.report() == run.path / "report.html"
     page = run.report(str(tmp_path / "page.html"))
     assert page.read_bytes() == (run.path / "report.html").read_bytes()
-    with pytest.raises(aerofed.InputError, match="page.html: cannot write"):
+    with pytest.raises(aerofed.InputError, match=r"page\.html: cannot write"):
         run.report(tmp_path / "none" / "page.html")
 
 
