@@ -8,17 +8,12 @@ from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.measure import CORNER_M
-from mission.base.columns import told
+from mission.base.columns import number, told
 
 _Cell = Callable[[Comparison], str]
 
 _WIDE = 80
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
-
-
-def number(value: float, digits: int = 2) -> str:
-    """As tables show it, also those of pages; a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _pair(first: str, second: str, digits: int = 2) -> _Cell:

@@ -6,6 +6,7 @@ What stands beside a field's type is found again by its own type, so that header
 and tables on the terminal all follow from the one declaration.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cache
@@ -44,6 +45,11 @@ def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
         found = column.find(kind)
         if found is not None:
             yield column.name, found
+
+
+def number(value: float, digits: int = 2) -> str:
+    """As tables show it, also those of pages; a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _column(name: str, hint: object) -> Column:
