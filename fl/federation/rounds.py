@@ -154,14 +154,7 @@ def play_round(
     )
     correct = [each.measured.validation for each in learnt]
     losses = np.concatenate([each.losses for each in learnt])
-    cov = state.cov.copy()
-    if number % period == 0:
-        for index, community in enumerate(federation.communities):
-            cov[index] = fair.coefficient_of_variation(
-                community.p,
-                eps_received[federation.members(index)],
-                unheard=federation.learning.cov_unheard,
-            )
+    cov = _cov(federation, eps_received) if number % period == 0 else state.cov.copy()
     eps = _device_accuracy(federation, correct)
     after = FederationState(
         rounds=number,
@@ -177,6 +170,20 @@ def play_round(
         pending=tuple(pending),
     )
     return after, _round_learning(federation, after, losses)
+
+
+def _cov(federation: Federation, eps_received: Floats) -> Floats:
+    """(C,) of each community, by what was received of its devices' accuracies."""
+    return np.array(
+        [
+            fair.coefficient_of_variation(
+                community.p,
+                eps_received[federation.members(index)],
+                unheard=federation.learning.cov_unheard,
+            )
+            for index, community in enumerate(federation.communities)
+        ]
+    )
 
 
 def _of(made: Mapping[int, Pending], devices: Bools) -> dict[int, Pending]:

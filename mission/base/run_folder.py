@@ -129,11 +129,16 @@ class RunFolder:
 
     def status(self) -> str | None:
         """How the run ended as its summary says; None without a readable summary."""
+        told = self.told()
+        return str(told.get("status")) if told else None
+
+    def told(self) -> "RunSummary":
+        """The summary so far; empty without a readable one."""
         try:
-            values = json.loads(self.summary.read_text(encoding="utf-8"))
+            told: RunSummary = json.loads(self.summary.read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            return None
-        return str(values.get("status")) if isinstance(values, dict) else None
+            return {}
+        return told if isinstance(told, dict) else {}
 
     def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""

@@ -81,13 +81,7 @@ def line_chart(
         ),
     ]
     if gate:
-        at = alt.Chart(table(y=[1.0], name=[gate]))
-        layers += [
-            at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
-            at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11).encode(
-                x=alt.value("width"), y="y:Q", text="name:N"
-            ),
-        ]
+        layers += _gate(gate)
     if marks is not None and len(marks.x):
         found = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
         layers.append(
@@ -96,6 +90,16 @@ def line_chart(
             )
         )
     return finished(layers, title=title, note=note, height=height)
+
+
+def _gate(name: str) -> list[alt.Chart]:
+    """A line at 1 that is named."""
+    at = alt.Chart(table(y=[1.0], name=[name]))
+    text = at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11)
+    return [
+        at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
+        text.encode(x=alt.value("width"), y="y:Q", text="name:N"),
+    ]
 
 
 def finished(

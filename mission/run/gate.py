@@ -122,15 +122,21 @@ def uplinks(
             delivered=bool(arrivals.delivered[device]),
         )
         if work is not None:
-            record = TimedUplinkRecord(
-                **asdict(record),
-                ready_t_s=int(work.ready_ns[device]) / 1e9,
-                late=bool(late[device]),
-                staleness=round_number - int(work.begun[device]),
-                upload_s=_upload_s(problem, device),
-            )
+            record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
         records.append(record)
     return tuple(records)
+
+
+def _timed(
+    record: UplinkRecord, work: DeviceWork, *, late: Bools, upload_s: float
+) -> TimedUplinkRecord:
+    return TimedUplinkRecord(
+        **asdict(record),
+        ready_t_s=int(work.ready_ns[record.device]) / 1e9,
+        late=bool(late[record.device]),
+        staleness=record.round - int(work.begun[record.device]),
+        upload_s=upload_s,
+    )
 
 
 def _arrivals(

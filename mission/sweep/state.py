@@ -1,6 +1,5 @@
 """How far a sweep is: the runs that are done, with their results, and what became of the others."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,9 +74,7 @@ def read_sweep(path: Path) -> SweepState:
 
 
 def _why(run: RunFolder) -> str:
-    try:
-        summary = json.loads(run.summary.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    if not (summary := run.told()):
         return "not begun"
     if "error" in summary:
         return f"failed: {summary['error']}"

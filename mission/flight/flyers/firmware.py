@@ -122,7 +122,6 @@ async def open_firmware(
             configuration that it does not know.
     """
     recorder, messages, raw_link = FlightRecorder(), RelayedMessages(), RawLink()
-    name = NAMES[config.vehicle.autopilot]
     vehicle = FirmwareVehicle(
         config.vehicle,
         plant,
@@ -133,7 +132,7 @@ async def open_firmware(
         hear=messages.hear,
         heard=_HEARD,
     )
-    with _in_words(name), of_a_vehicle():
+    with _in_words(NAMES[config.vehicle.autopilot]), of_a_vehicle():
         async with vehicle:
             vehicle.clock.run()
             known = Known(messages, vehicle.clock.at, boot_ms=0)
@@ -145,12 +144,7 @@ async def open_firmware(
                 raw_link=raw_link,
                 known=known,
             ) as (pilot, feed):
-                if pilot.dialect.name != name:
-                    raise FlightError(
-                        f"vehicle.firmware.path = {config.vehicle.firmware.path}: this is "
-                        f"{pilot.dialect.name}, vehicle.autopilot asks for {name}"
-                    )
-                await _check_parameters(pilot, config)
+                await _check_program(pilot, config)
                 limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
                 speed_mps = min(config.mission.speed_mps, limits.speed_mps)
                 flyer = FirmwareFlyer(
@@ -179,8 +173,14 @@ def _in_words(name: str) -> Iterator[None]:
         raise FlightError(f"{name}: {error}") from None
 
 
-async def _check_parameters(pilot: Pilot, config: RunConfig) -> None:
-    """Whether the firmware has taken the parameters that the configuration asks for."""
+async def _check_program(pilot: Pilot, config: RunConfig) -> None:
+    """Whether it is the firmware that the configuration asks for, and has taken its parameters."""
+    name = NAMES[config.vehicle.autopilot]
+    if pilot.dialect.name != name:
+        raise FlightError(
+            f"vehicle.firmware.path = {config.vehicle.firmware.path}: this is "
+            f"{pilot.dialect.name}, vehicle.autopilot asks for {name}"
+        )
     for parameter, wanted in config.vehicle.firmware.parameters.items():
         has = await pilot.parameters.get(parameter)
         if has is None or not math.isclose(has, wanted, rel_tol=_SAME_PARAMETER, abs_tol=1e-9):

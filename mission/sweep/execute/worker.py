@@ -1,6 +1,5 @@
 """One run of a sweep, in whatever process an engine gives it."""
 
-import json
 import shutil
 import sys
 from dataclasses import dataclass
@@ -87,10 +86,10 @@ def begun(path: Path) -> bool:
 
 
 def _goes_on(folder: RunFolder) -> bool:
+    summary = folder.told()
+    if summary.get("status") not in ("running", "interrupted") or not summary.get("resumable"):
+        return False
     try:
-        summary = json.loads(folder.summary.read_text(encoding="utf-8"))
-        if summary["status"] not in ("running", "interrupted") or not summary["resumable"]:
-            return False
         read_checkpoint(folder.path)
     except (OSError, ValueError, KeyError, TypeError, InputError):
         return False
