@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import frozen
 from fl.data.dataset import Dataset, Pixels, Provenance, Split, checked
 from fl.errors import DataLayoutError
 
@@ -69,9 +70,7 @@ def _owners(array: NDArray[np.generic], train: Split, source: str) -> NDArray[np
             f"owner is {array.dtype} {array.shape}; wanted integers ({len(train.labels)},), one "
             "for each training sample",
         )
-    owners = array.astype(np.int64)
-    owners.setflags(write=False)
-    return owners
+    return frozen(array.astype(np.int64))
 
 
 def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:

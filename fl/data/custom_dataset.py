@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fl.data.arrays import Arrays, dataset_of
 from fl.data.dataset import Dataset, Provenance, SourceFile
-from fl.errors import DataDamagedError, LearningInputError, first_line
-from fl.plugins import PluginError, find, told
+from fl.errors import DataDamagedError, first_line
+from fl.plugins import PluginError, find, guarded
 
 KEY = "communities.task"
 
@@ -42,12 +42,8 @@ def load(name: str, data_dir: Path | None) -> Dataset:
         PluginError: the factory fails, or what it gives is no data set.
     """
     factory = find(name, key=KEY)
-    try:
+    with guarded(name, key=KEY, doing="the factory"):
         samples = factory(data_dir)
-    except LearningInputError:
-        raise
-    except Exception as error:
-        raise PluginError(KEY, name, told(name, "the factory", error)) from error
     if not isinstance(samples, Samples):
         raise PluginError(KEY, name, f"gives a {type(samples).__name__}, not Samples")
     try:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fl.arrays import Ints
+from fl.arrays import Ints, frozen
 from fl.plugins import PluginError, find, guarded
 
 KEY = "communities.partition"
@@ -58,7 +58,4 @@ def custom_partition(name: str, task: PartitionTask) -> list[Ints]:
     every, times = np.unique(np.concatenate(given), return_counts=True)
     if times.max() > 1:
         refuse(f"sample {every[times.argmax()]} is given {times.max()} times")
-    shares = [np.sort(share).astype(np.int64) for share in given]
-    for share in shares:
-        share.setflags(write=False)
-    return shares
+    return [frozen(np.sort(share).astype(np.int64)) for share in given]

@@ -6,7 +6,7 @@ the classes that have an owner exactly once.
 
 import numpy as np
 
-from fl.arrays import Bools, Floats, Ints
+from fl.arrays import Bools, Floats, Ints, frozen
 from fl.errors import SettingError
 
 DIRICHLET_TRIES = 100
@@ -137,7 +137,4 @@ def _finish(shares: list[Ints]) -> list[Ints]:
             raise SettingError(
                 "devices", len(shares), f"device {device} of them would be without a sample"
             )
-    done = [np.sort(share).astype(np.int64) for share in shares]
-    for share in done:
-        share.setflags(write=False)
-    return done
+    return [frozen(np.sort(share).astype(np.int64)) for share in shares]

@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 
-Vector = NDArray[np.float32]
 AlgorithmState = Mapping[str, NDArray[np.float32]]
 
 
@@ -241,6 +241,4 @@ def built_in_algorithm(learning: LearningConfig) -> Algorithm | None:
 
 
 def _moved(model: Vector, step: NDArray[np.float64]) -> Vector:
-    moved = (model + step).astype(np.float32)
-    moved.setflags(write=False)
-    return np.asarray(moved)
+    return frozen((model + step).astype(np.float32))

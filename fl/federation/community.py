@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fl.arrays import Floats, Ints
+from fl.arrays import Floats, Ints, frozen
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.custom_partition import PartitionTask, custom_partition
@@ -219,8 +219,7 @@ def _community(
         raise SettingError(
             f"community {config.name}: {error.key}", error.value, error.allowed
         ) from error
-    counts = partition.class_counts(labels, shares, classes=classes)
-    counts.setflags(write=False)
+    counts = frozen(partition.class_counts(labels, shares, classes=classes))
     network = make_network(
         config.network,
         image_shape=dataset.image_shape,

@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 from fl.errors import kind_of
 from fl.federation.algorithms import (
@@ -13,7 +14,6 @@ from fl.federation.algorithms import (
     AlgorithmState,
     StaleStart,
     Update,
-    Vector,
     built_in_algorithm,
 )
 from fl.plugins import PluginError, guarded, make
@@ -80,8 +80,7 @@ class CustomAlgorithm:
             self._refuse(f"{doing} gives a model of shape {after.shape}, not {model.shape}")
         if not np.isfinite(after).all():
             self._refuse(f"{doing} gives a model with values that are not finite")
-        after.setflags(write=False)
-        return after
+        return frozen(after)
 
     def _state(self, state: object, doing: str) -> AlgorithmState:
         if not isinstance(state, Mapping):
@@ -93,7 +92,7 @@ class CustomAlgorithm:
         for name, value in kept.items():
             if not np.isfinite(value).all():
                 self._refuse(f"{doing} gives a state with values that are not finite: {name}")
-            value.setflags(write=False)  # as it will be when a run is resumed
+            frozen(value)  # as it will be when a run is resumed
         return kept
 
     def _refuse(self, reason: str) -> NoReturn:

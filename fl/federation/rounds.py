@@ -61,9 +61,8 @@ def init(federation: Federation) -> FederationState:
     """The state before the first round: initial models, psi_c = 1, every device missed."""
     models, buffers = [], []
     for community in federation.communities:
-        model = community.network.initial(federation.stream(f"fl/{community.name}/model"))
-        model.setflags(write=False)
-        models.append(model)
+        rng = federation.stream(f"fl/{community.name}/model")
+        models.append(model := frozen(community.network.initial(rng)))
         keepers = len(community.shares) if community.own_buffers else 0
         buffers.append(frozen(np.tile(parts_of(community, model)[1], (keepers, 1))))
     devices = federation.p.size
@@ -272,13 +271,12 @@ def _learn(
     if buffers.size:
         # Averages of what the devices saw, whatever the algorithm makes of the parameters.
         averaged = (buffers + mean_step(buffers, statistics)).astype(np.float32)
-        after = np.concatenate([after, averaged])
-        after.setflags(write=False)
+        after = frozen(np.concatenate([after, averaged]))
     if community.own_buffers:
         kept = kept.copy()
         for update in statistics:
             kept[update.device] = update.model
-        kept.setflags(write=False)
+        frozen(kept)
     measured = _measured(community, after, kept)
     return CommunityUpdate(after, algorithm_state, kept, losses, measured)
 

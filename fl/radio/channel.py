@@ -7,8 +7,8 @@ when the SNR stays under a threshold.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
@@ -284,20 +284,18 @@ DEFAULT_PRESET = "suburban"
 # As printed, the paper's numbers lose every packet even straight overhead ("literal"), so at
 # least one differs from what was used. "suburban" adds 17 dB, our choice: from the barycentre
 # of an 800 m square most packets are lost, on an 800 m tour most arrive.
-CHANNEL_PRESETS = MappingProxyType(
-    {
-        "suburban": _preset(extra_db=17.0),
-        "suburban+10dB": _preset(extra_db=10.0),
-        "suburban+15dB": _preset(extra_db=15.0),
-        "suburban+20dB": _preset(extra_db=20.0),
-        # P read in dBW against N0 in dBm
-        "suburban+30dB": _preset(extra_db=30.0),
-        "literal": _preset(),
-        # "2, 5" read as variances of the natural logarithm: a harder, flatter channel
-        "literal-log-variance": _preset(log_variances=(2.0, 5.0)),
-        "suburban-log-variance": _preset(extra_db=17.0, log_variances=(2.0, 5.0)),
-        "urban": _preset(extra_db=17.0, environment=(9.61, 0.16)),
-        "dense-urban": _preset(extra_db=17.0, environment=(12.08, 0.11)),
-        "high-rise": _preset(extra_db=17.0, environment=(27.23, 0.08)),
-    }
-)
+CHANNEL_PRESETS: Mapping[str, Channel] = {
+    "suburban": _preset(extra_db=17.0),
+    "suburban+10dB": _preset(extra_db=10.0),
+    "suburban+15dB": _preset(extra_db=15.0),
+    "suburban+20dB": _preset(extra_db=20.0),
+    # P read in dBW against N0 in dBm
+    "suburban+30dB": _preset(extra_db=30.0),
+    "literal": _preset(),
+    # "2, 5" read as variances of the natural logarithm: a harder, flatter channel
+    "literal-log-variance": _preset(log_variances=(2.0, 5.0)),
+    "suburban-log-variance": _preset(extra_db=17.0, log_variances=(2.0, 5.0)),
+    "urban": _preset(extra_db=17.0, environment=(9.61, 0.16)),
+    "dense-urban": _preset(extra_db=17.0, environment=(12.08, 0.11)),
+    "high-rise": _preset(extra_db=17.0, environment=(27.23, 0.08)),
+}

@@ -8,17 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 from fl.native.library import Images, Network, count_correct, train
-from fl.training.local import (
-    LocalResult,
-    LocalTask,
-    LocalWork,
-    Scaling,
-    Shapes,
-    Vector,
-    batch_order,
-)
+from fl.training.local import LocalResult, LocalTask, LocalWork, Scaling, Shapes, batch_order
 
 
 @dataclass(frozen=True)

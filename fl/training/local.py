@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 
-Vector = NDArray[np.float32]
 Shapes = tuple[tuple[int, ...], ...]
 Result = TypeVar("Result")
 

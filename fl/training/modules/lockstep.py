@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.func import functional_call, grad_and_value, vmap
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
-from fl.training.local import (
-    LocalResult,
-    LocalSettings,
-    LocalTask,
-    LocalWork,
-    Scaling,
-    Vector,
-    batch_order,
-)
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Scaling, batch_order
 from fl.training.modules.cuda import captured
 
 Order = NDArray[np.int64]

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 from fl.errors import USERS_MISTAKES, first_line
 from fl.training.local import (
@@ -16,7 +17,6 @@ from fl.training.local import (
     LocalWork,
     Scaling,
     Shapes,
-    Vector,
     scaling_of,
 )
 from fl.training.modules.alone import OneByOne, images_of, take

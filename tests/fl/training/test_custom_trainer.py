@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from fl.arrays import Vector
 from fl.config import LearningConfig
 from fl.federation import rounds
 from fl.training.custom_trainer import DeviceData, TrainingDevice
-from fl.training.local import LocalResult, Vector
+from fl.training.local import LocalResult
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 

@@ -14,19 +14,12 @@ from devices import DEVICES
 from own_modules import Dense, Drops, Grouped, HostsTable, Looks, Mixes, Noisy
 from torch import nn
 
+from fl.arrays import Vector
 from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
 from fl.federation import rounds as fed
 from fl.training.convnet import ConvNet
-from fl.training.local import (
-    LocalResult,
-    LocalSettings,
-    LocalTask,
-    LocalWork,
-    Network,
-    Vector,
-    scaling_of,
-)
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Network, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import BuiltInNetwork, PlainNet
 from fl.training.modules.lockstep import Step
