@@ -58,7 +58,7 @@ class Follower:
         """Follow from now on; until there is a target the vehicle stays where it is."""
         if self._flight.mode is Mode.FOLLOW:
             return None
-        return self._flight.fly_by(Trigger.ORDER_FOLLOW, self._piloted)
+        return self._flight.order(Trigger.ORDER_FOLLOW, self._piloted)
 
     def _piloted(self) -> do.Manoeuvre:
         self._aircraft.pursue(Target())  # brakes and stays
@@ -85,7 +85,8 @@ class Follower:
             y + distance * math.sin(beside),
             min(floor - p["FLW_TGT_HT"], float(self._flight.home_ned_m[2]) - _LOWEST_M),
         )
-        limits, own_mps = self._flight.speed_limits, math.hypot(self._vel[0], self._vel[1])
+        limits = self._flight.navigator.speed_limits
+        own_mps = math.hypot(self._vel[0], self._vel[1])
         here = self._aircraft.belief.pos_ned_m
         self._aircraft.pursue(
             Target(

@@ -61,7 +61,7 @@ class Offboard(StreamPilot):
         """Fly by setpoints from now on; the reason if that cannot be."""
         if self._flies:
             return None
-        return self._flight.fly_by(Trigger.ORDER_OFFBOARD, self._piloted)
+        return self._flight.order(Trigger.ORDER_OFFBOARD, self._piloted)
 
     def _flyable(self) -> bool:
         placed = isinstance(self._order, AttitudeOrder) or self._flight.position_ok()
@@ -96,7 +96,8 @@ class Offboard(StreamPilot):
             raise _InvalidError(f"frame {body.frame}; 0, 1, 3, 5, 6 and 8 are supported")
         if all(map(math.isnan, (*pos, *vel, *acc))):
             raise _InvalidError("neither position nor velocity nor acceleration")
-        return Target(pos, vel, acc, body.yaw_rad, body.yaw_rate_radps, *self._flight.speed_limits)
+        limits = self._flight.navigator.speed_limits
+        return Target(pos, vel, acc, body.yaw_rad, body.yaw_rate_radps, *limits)
 
     def _local(self, body: s.PositionTarget) -> Triple:
         lat_deg, lon_deg, altitude = body.place

@@ -60,7 +60,7 @@ class Sticks(StreamPilot):
         """Fly by the sticks from now on; the reason if that cannot be."""
         if self._flight.mode is mode:
             return None
-        return self._flight.fly_by(_ORDERS[mode], lambda: self._piloted(mode), why)
+        return self._flight.order(_ORDERS[mode], lambda: self._piloted(mode), why)
 
     def _override(self, channels_us: tuple[int, ...]) -> bool:
         """Take channels in the usual order: roll, pitch, throttle, yaw. False: all let go."""
@@ -96,9 +96,8 @@ class Sticks(StreamPilot):
         yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
         c, s_ = math.cos(yaw), math.sin(yaw)
         velocity = (c * forward - s_ * right, s_ * forward + c * right, -self._climb_mps())
-        self._aircraft.pursue(
-            Target(vel=velocity, yaw_rate=self._yaw_rate(), **self._flight.speed_limits._asdict())
-        )
+        limits = self._flight.navigator.speed_limits._asdict()
+        self._aircraft.pursue(Target(vel=velocity, yaw_rate=self._yaw_rate(), **limits))
 
     def _fly_altitude(self) -> None:
         """Sticks lean the aircraft; the height is kept."""
