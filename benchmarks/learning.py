@@ -28,7 +28,7 @@ from plain_loop import LEARNING_RATE, MOMENTUM, MU, loader_of, plain_epoch
 
 from fl.data.dataset import Split
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
+from fl.training.local import LocalSettings, LocalTask, LocalWork, Network, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import BuiltInNetwork, PlainNet
 
@@ -77,7 +77,7 @@ def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: 
             LocalTask(share, np.random.Generator(np.random.PCG64(device)))
             for device, share in enumerate(shares)
         ]
-        network.train(split, model, tasks, scaling=scaling, settings=settings)
+        network.train(LocalWork(split, model, tasks, scaling, settings))
 
     module = BuiltInNetwork(net, name=name, device="cpu")
     return Jobs(

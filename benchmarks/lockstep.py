@@ -20,7 +20,7 @@ import torch
 
 from fl.data.dataset import Split
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
+from fl.training.local import LocalSettings, LocalTask, LocalWork, Network, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import BuiltInNetwork
 
@@ -50,7 +50,7 @@ def rounds_of(
     def a_round(network: Network) -> Callable[[], None]:
         def train() -> None:
             tasks = [LocalTask(share, np.random.Generator(np.random.PCG64(1))) for share in shares]
-            network.train(split, model, tasks, scaling=scaling, settings=settings)
+            network.train(LocalWork(split, model, tasks, scaling, settings))
 
         return train
 

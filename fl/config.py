@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.plugins import checked_name, is_plugin
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
@@ -25,6 +25,11 @@ Missed = Literal["lost-too", "unscheduled"]
 TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
 
 
+def _one_of(names: tuple[str, ...]) -> AfterValidator:
+    """A name of ours, or a plug-in's."""
+    return AfterValidator(lambda name: checked_name(name, names))
+
+
 class _Frozen(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
@@ -36,7 +41,7 @@ class _NamedChannel(_Frozen):
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
-    gate: str = Field(
+    gate: Annotated[str, _one_of(GATES)] = Field(
         "average",
         description="lose packets with the 'average' PER, draw segment and shadowing of each "
         "('instantaneous'), or have a radio of your own give the PER, as "
@@ -56,11 +61,6 @@ class _NamedChannel(_Frozen):
         if preset not in CHANNEL_PRESETS:
             raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
         return preset
-
-    @field_validator("gate")
-    @classmethod
-    def _gate(cls, gate: str) -> str:
-        return checked_name(gate, GATES)
 
 
 _NOT_OF_THE_CHANNEL = set(_NamedChannel.model_fields)
@@ -111,7 +111,7 @@ class CommunityConfig(_Frozen):
         examples=["mnist"],
         description="unique among the communities",
     )
-    task: str = Field(
+    task: Annotated[str, _one_of(TASKS)] = Field(
         examples=["digits"],
         description="data set: 'digits' and 'colour-shapes', which need no files, 'mnist', "
         "'fashion-mnist', 'cifar10', 'npz', or one of your own as 'package.module:factory'",
@@ -172,7 +172,7 @@ class CommunityConfig(_Frozen):
         le=10**13,
         description="size of an update; by default 32 for each number of the network",
     )
-    partition: str = Field(
+    partition: Annotated[str, _one_of(PARTITIONS)] = Field(
         "labels",
         description="how samples are spread over the devices: by 'labels', 'dirichlet', 'iid', by "
         "the 'owners' that the data set tells, or as your own 'package.module:function' says",
@@ -197,16 +197,6 @@ class CommunityConfig(_Frozen):
     convnet: ConvNetConfig | None = Field(
         None, description="for network = 'convnet': how many layers, how large"
     )
-
-    @field_validator("task")
-    @classmethod
-    def _task(cls, task: str) -> str:
-        return checked_name(task, TASKS)
-
-    @field_validator("partition")
-    @classmethod
-    def _partition(cls, partition: str) -> str:
-        return checked_name(partition, PARTITIONS)
 
     @model_validator(mode="after")
     def _buffers_with_modules_only(self) -> Self:
@@ -272,7 +262,7 @@ class CommunityConfig(_Frozen):
 class LearningConfig(_Frozen):
     """Local training, aggregation, fairness. The defaults are the paper's."""
 
-    algorithm: str = Field(
+    algorithm: Annotated[str, _one_of(ALGORITHMS)] = Field(
         "fedprox",
         description="how devices train and the UAV aggregates: fedprox, fedavg, fedavgm, fedadam, "
         "scaffold, or one of your own as 'package.module:factory'",
@@ -348,11 +338,6 @@ class LearningConfig(_Frozen):
                 "must be an import path, 'package.module:factory', or a plug-in that is installed"
             )
         return trainer
-
-    @field_validator("algorithm")
-    @classmethod
-    def _algorithm(cls, algorithm: str) -> str:
-        return checked_name(algorithm, ALGORITHMS)
 
     @model_validator(mode="after")
     def _share_with_test_only(self) -> Self:

@@ -27,9 +27,9 @@ ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no c
 
 # Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.
 _FLAGS = (
-    "-std=gnu11", "-O3", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-fno-math-errno",
-    "-fno-trapping-math", "-g0", "-Wall", "-Wextra", "-Wno-psabi",
-)  # fmt: skip
+    *("-std=gnu11", "-O3", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off"),
+    *("-fno-math-errno", "-fno-trapping-math", "-g0", "-Wall", "-Wextra", "-Wno-psabi"),
+)
 # Kinds of processor, the plainest first; a library holds its inner loops once for each.
 _AVX2 = ("-mavx2", "-mfma")
 _AVX512 = ("-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512")
@@ -155,12 +155,12 @@ def compile_to(
     common = [*compiler, *_FLAGS, f"-I{INCLUDE}", *_machine(compiler), *flags]
     try:
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".build-") as folder:
-            jobs = [
-                [*common, *more, f"-DLEVEL={level}", "-c", str(library.folder / library.levelled),
-                 "-o", str(Path(folder, f"{level}.o"))]
-                for level, more in levels().items()
-                if library.levelled is not None
-            ]  # fmt: skip
+            jobs: list[list[str]] = []
+            if library.levelled is not None:
+                source = str(library.folder / library.levelled)
+                for level, more in levels().items():
+                    made = str(Path(folder, f"{level}.o"))
+                    jobs.append([*common, *more, f"-DLEVEL={level}", "-c", source, "-o", made])
             with ThreadPoolExecutor() as pool:
                 list(pool.map(_run, jobs))
             objects = [job[-1] for job in jobs]

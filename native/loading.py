@@ -73,7 +73,7 @@ def functions(loaded: ctypes.CDLL, table: type[ctypes.Structure]) -> Any:
 
 
 def address(
-    array: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...], *, written: bool = False
+    array: NDArray[np.generic], dtype: DTypeLike, shape: tuple[int, ...], *, written: bool = False
 ) -> int:
     """Where an array begins, once it is sure to be what the C code takes it for.
 

@@ -27,11 +27,7 @@ class Simulation:
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        *links: Link,
-        speed: float = math.inf,
-        free_running: bool = False,
+        self, vehicle: Vehicle, *links: Link, speed: float = math.inf, free_running: bool = False
     ) -> None:
         if not speed > 0:
             raise ValueError(f"speed = {speed}: must be positive")

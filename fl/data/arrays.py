@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import frozen
 from fl.data.dataset import Dataset, Pixels, Provenance, Split, checked
 from fl.errors import DataLayoutError
 
@@ -16,11 +17,11 @@ MOST_CLASSES = 2**16
 class Arrays:
     """As they are found; `dataset_of` says what they must be."""
 
-    x_train: NDArray[Any]
-    y_train: NDArray[Any]
-    x_test: NDArray[Any]
-    y_test: NDArray[Any]
-    owner: NDArray[Any] | None = None
+    x_train: NDArray[np.generic]
+    y_train: NDArray[np.generic]
+    x_test: NDArray[np.generic]
+    y_test: NDArray[np.generic]
+    owner: NDArray[np.generic] | None = None
 
 
 def dataset_of(
@@ -47,7 +48,7 @@ def dataset_of(
     )
 
 
-def labels(array: NDArray[Any], key: str, source: str) -> NDArray[np.int64]:
+def labels(array: NDArray[np.generic], key: str, source: str) -> NDArray[np.int64]:
     """Whole numbers from 0, (n,) or (n, 1), as (n,)."""
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
@@ -62,16 +63,14 @@ def labels(array: NDArray[Any], key: str, source: str) -> NDArray[np.int64]:
     return array.astype(np.int64)
 
 
-def _owners(array: NDArray[Any], train: Split, source: str) -> NDArray[np.int64]:
+def _owners(array: NDArray[np.generic], train: Split, source: str) -> NDArray[np.int64]:
     if array.ndim != 1 or array.dtype.kind not in "iu" or len(array) != len(train.labels):
         raise DataLayoutError(
             source,
             f"owner is {array.dtype} {array.shape}; wanted integers ({len(train.labels)},), one "
             "for each training sample",
         )
-    owners = array.astype(np.int64)
-    owners.setflags(write=False)
-    return owners
+    return frozen(array.astype(np.int64))
 
 
 def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:
@@ -94,7 +93,7 @@ def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:
     raise DataLayoutError(source, f"{key} is of type {array.dtype}; wanted bytes or floats")
 
 
-def _features(array: NDArray[Any], key: str, source: str) -> Pixels:
+def _features(array: NDArray[np.generic], key: str, source: str) -> Pixels:
     """As images of one pixel, whose channels are the features: each is scaled by itself."""
     if array.dtype.kind != "f" or array.shape[1] == 0:
         raise DataLayoutError(

@@ -45,7 +45,7 @@ class _DataType:
 class _Array:
     """An array before and after its state has arrived."""
 
-    content: NDArray[Any] | None = None
+    content: NDArray[np.generic] | None = None
 
 
 def load_batch(content: bytes) -> dict[str, object]:
@@ -210,7 +210,7 @@ class _Machine:
         self._stack.append(target)
 
 
-def _bytes(shape: tuple[Any, ...], raw: str | bytes) -> NDArray[np.uint8]:
+def _bytes(shape: tuple[int, ...], raw: str | bytes) -> NDArray[np.uint8]:
     content = raw.encode("latin-1") if isinstance(raw, str) else raw
     if not (len(shape) <= 4 and all(type(n) is int and 0 <= n <= len(content) for n in shape)):
         raise BatchPickleError("an array of more values than bytes")
@@ -220,7 +220,7 @@ def _bytes(shape: tuple[Any, ...], raw: str | bytes) -> NDArray[np.uint8]:
 
 
 _IGNORED = {"PROTO", "FRAME"}
-_CONSTANTS: dict[str, Callable[[], Any]] = {
+_CONSTANTS: dict[str, Callable[[], object]] = {
     "NONE": lambda: None,
     "NEWTRUE": lambda: True,
     "NEWFALSE": lambda: False,
@@ -229,9 +229,10 @@ _CONSTANTS: dict[str, Callable[[], Any]] = {
     "EMPTY_TUPLE": tuple,
 }
 _LITERALS = {
-    "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "STRING", "BINSTRING",
-    "SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINBYTES", "SHORT_BINBYTES",
-}  # fmt: skip
+    *("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4"),
+    *("STRING", "BINSTRING", "SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE"),
+    *("BINBYTES", "SHORT_BINBYTES"),
+}
 _STEPS: dict[str, Callable[[_Machine, Any], None]] = {
     "MARK": _Machine.mark,
     "PUT": _Machine.put,

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Floats, frozen
 from fl.data.dataset import Dataset, Labels, Provenance, Split, checked, hold_out
-
-Floats = NDArray[np.float64]
 
 _DIGITS = Path(__file__).with_name("digits.npz")
 SHAPES = ("disc", "ring", "square", "triangle", "cross")
@@ -45,8 +44,7 @@ def colour_shapes(*, train: int = 6000, validation: int = 1000) -> Dataset:
     Class 2 s + w is shape s, warm (w = 0) or cool (w = 1). Place, size, angle, colour,
     background and noise are drawn per image; the classes are equally frequent.
     """
-    labels = _labels(train, _stream())
-    labels.setflags(write=False)
+    labels = frozen(_labels(train, _stream()))
     return Dataset(
         "colour-shapes",
         labels,

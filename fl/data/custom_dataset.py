@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fl.data.arrays import Arrays, dataset_of
 from fl.data.dataset import Dataset, Provenance, SourceFile
-from fl.errors import DataDamagedError, LearningInputError, first_line
-from fl.plugins import PluginError, find, told
+from fl.errors import DataDamagedError, first_line
+from fl.plugins import PluginError, find, guarded
 
 KEY = "communities.task"
 
@@ -27,9 +27,9 @@ class Samples:
     give the same arrays.
     """
 
-    x_train: NDArray[Any]  # (n, ...)
+    x_train: NDArray[np.generic]  # (n, ...)
     y_train: NDArray[np.integer]  # (n,)
-    x_test: NDArray[Any]  # (m, ...)
+    x_test: NDArray[np.generic]  # (m, ...)
     y_test: NDArray[np.integer]  # (m,)
     owner: NDArray[np.integer] | None = None  # (n,) who each training sample belongs to, if known
 
@@ -42,27 +42,21 @@ def load(name: str, data_dir: Path | None) -> Dataset:
         PluginError: the factory fails, or what it gives is no data set.
     """
     factory = find(name, key=KEY)
-    try:
+    with guarded(name, key=KEY, doing="the factory"):
         samples = factory(data_dir)
-    except LearningInputError:
-        raise
-    except Exception as error:
-        raise PluginError(KEY, name, told(name, "the factory", error)) from error
     if not isinstance(samples, Samples):
         raise PluginError(KEY, name, f"gives a {type(samples).__name__}, not Samples")
     try:
-        arrays = Arrays(**{key: _array(value) for key, value in vars(samples).items()})
+        # Copies: the factory's owner may write to theirs.
+        given = vars(samples).items()
+        copies: dict[str, Any] = {k: None if v is None else np.array(v) for k, v in given}
+        arrays = Arrays(**copies)
         provenance = Provenance(name, False, (SourceFile(name, _digest(arrays), False),))
         return dataset_of(name, arrays, provenance=provenance)
     except DataDamagedError as error:
         raise PluginError(KEY, name, error.reason) from None
     except Exception as error:
         raise PluginError(KEY, name, f"its arrays cannot be used: {first_line(error)}") from error
-
-
-def _array(value: Any) -> Any:
-    """A copy: the factory's owner may write to theirs."""
-    return None if value is None else np.array(value)
 
 
 def _digest(arrays: Arrays) -> str:

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fl.arrays import Ints, frozen
 from fl.plugins import PluginError, find, guarded
-
-Indices = NDArray[np.int64]
 
 KEY = "communities.partition"
 
@@ -18,8 +17,8 @@ KEY = "communities.partition"
 class PartitionTask:
     """What a partition is made of."""
 
-    labels: Indices  # (n,) class of each training sample, 0 to classes - 1
-    owners: Indices | None  # (n,) whose each sample is, where the data set tells
+    labels: Ints  # (n,) class of each training sample, 0 to classes - 1
+    owners: Ints | None  # (n,) whose each sample is, where the data set tells
     devices: int  # K_c, of the community
     classes: int
     rng: np.random.Generator  # the community's own stream: draw from nothing else
@@ -30,10 +29,9 @@ class Partition(Protocol):
 
     def __call__(self, task: PartitionTask) -> Sequence[ArrayLike]:
         """For each device the indices of its samples, from 0; none empty, none given twice."""
-        ...
 
 
-def custom_partition(name: str, task: PartitionTask) -> list[Indices]:
+def custom_partition(name: str, task: PartitionTask) -> list[Ints]:
     """The shares that the function of that name deals out, sorted.
 
     Raises:
@@ -60,7 +58,4 @@ def custom_partition(name: str, task: PartitionTask) -> list[Indices]:
     every, times = np.unique(np.concatenate(given), return_counts=True)
     if times.max() > 1:
         refuse(f"sample {every[times.argmax()]} is given {times.max()} times")
-    shares = [np.sort(share).astype(np.int64) for share in given]
-    for share in shares:
-        share.setflags(write=False)
-    return shares
+    return [frozen(np.sort(share).astype(np.int64)) for share in given]

@@ -106,10 +106,10 @@ def checked(
             f" validation images of {validation.images.shape[1:]}",
         )
     _, height, width, channels = train.images.shape
+    shape, counts = (height, width, channels), np.bincount(validation.labels, minlength=classes)
     return Dataset(
-        task, train.labels, np.bincount(validation.labels, minlength=classes),
-        (height, width, channels), classes, provenance, lambda: (train, validation), owners,
-    )  # fmt: skip
+        task, train.labels, counts, shape, classes, provenance, lambda: (train, validation), owners
+    )
 
 
 def subset(data: Dataset, share: float) -> Dataset:

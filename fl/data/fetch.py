@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 from fl.data.idx import NAMES
@@ -24,13 +23,11 @@ CIFAR_ARCHIVE = "cifar-10-python.tar.gz"
 
 # Where the data sets' authors, or the mirrors they are commonly taken from, keep them. MNIST's
 # own page no longer serves the files; the checksum is what makes a copy official.
-LOCATIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "mnist": "https://ossci-datasets.s3.amazonaws.com/mnist/",
-        "fashion-mnist": "http://fashion-mnist.s3-website.eu-central-1.amazonaws.com/",
-        "cifar10": "https://www.cs.toronto.edu/~kriz/",
-    }
-)
+LOCATIONS: Mapping[str, str] = {
+    "mnist": "https://ossci-datasets.s3.amazonaws.com/mnist/",
+    "fashion-mnist": "http://fashion-mnist.s3-website.eu-central-1.amazonaws.com/",
+    "cifar10": "https://www.cs.toronto.edu/~kriz/",
+}
 TASKS = tuple(LOCATIONS)
 
 Progress = Callable[[str, int, int | None], None]  # file, bytes so far, bytes altogether

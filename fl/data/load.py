@@ -15,20 +15,10 @@ logger = logging.getLogger(__name__)
 Stamp = tuple[tuple[str, int, int], ...]
 
 # Sub-folders of a data folder, or of these, in which files are looked for.
-FOLDERS = frozenset(
-    [
-        "mnist",
-        "MNIST",
-        "fashion-mnist",
-        "fashion",
-        "FashionMNIST",
-        "raw",
-        "cifar10",
-        "cifar-10-batches-py",
-        "cifar-10-batches-bin",
-    ]
+FOLDERS = (
+    *("mnist", "MNIST", "fashion-mnist", "fashion", "FashionMNIST", "raw"),
+    *("cifar10", "cifar-10-batches-py", "cifar-10-batches-bin"),
 )
-
 
 _BUNDLED: dict[str, Callable[[], Dataset]] = {
     "digits": bundled.digits,

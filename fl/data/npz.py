@@ -12,9 +12,10 @@ import lzma
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fl.data.arrays import Arrays, dataset_of, labels
 from fl.data.bounded import LARGEST_BYTES
@@ -29,6 +30,7 @@ LAYOUTS = (
     ("features", "labels"),
 )
 OWNER = "owner"
+Found: TypeAlias = NDArray[np.generic]
 HELD_OUT = 1.0 / 6.0
 
 
@@ -77,8 +79,8 @@ def load(name: str, data_dir: Path) -> Dataset:
 
 
 def _held_out(
-    arrays: list[Any], layout: tuple[str, ...], owner: Any, path: Path
-) -> tuple[list[Any], Any]:
+    arrays: list[Found], layout: tuple[str, ...], owner: Found | None, path: Path
+) -> tuple[list[Found], Found | None]:
     """One set of samples cut in two, the owners of the first part with it."""
     x, y = arrays
     classes = labels(y, layout[1], str(path))

@@ -5,13 +5,9 @@ the classes that have an owner exactly once.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fl.arrays import Bools, Floats, Ints, frozen
 from fl.errors import SettingError
-
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 DIRICHLET_TRIES = 100
 
@@ -50,15 +46,15 @@ def check_owners(devices: int, classes: int, *, per_device: int, coverage: bool)
 
 
 def by_labels(
-    labels: Indices, owns: Bools, *, rng: np.random.Generator, weights: Floats | None = None
-) -> list[Indices]:
+    labels: Ints, owns: Bools, *, rng: np.random.Generator, weights: Floats | None = None
+) -> list[Ints]:
     """Split the samples of each class at random over the devices that own it: equally, or in
     proportion to `weights`, (devices,).
 
     Equal shares differ by one sample at most; which owners get one more is drawn. The samples of
     a class without an owner are used by nobody.
     """
-    shares: list[list[Indices]] = [[] for _ in owns]
+    shares: list[list[Ints]] = [[] for _ in owns]
     for label in range(owns.shape[1]):
         owners = np.flatnonzero(owns[:, label])
         if owners.size == 0:
@@ -72,14 +68,14 @@ def by_labels(
 
 
 def by_dirichlet(
-    labels: Indices,
+    labels: Ints,
     *,
     devices: int,
     classes: int,
     alpha: float,
     rng: np.random.Generator,
     weights: Floats | None = None,
-) -> list[Indices]:
+) -> list[Ints]:
     """Split each class over all devices in proportions drawn from Dirichlet(alpha), whose mean
     are the `weights` where there are any.
 
@@ -89,7 +85,7 @@ def by_dirichlet(
     if weights is not None:
         spread *= weights / weights.mean()
     for _ in range(DIRICHLET_TRIES):
-        shares: list[list[Indices]] = [[] for _ in range(devices)]
+        shares: list[list[Ints]] = [[] for _ in range(devices)]
         for label in range(classes):
             samples = rng.permutation(np.flatnonzero(labels == label))
             cuts = np.cumsum(rng.dirichlet(spread))[:-1] * samples.size
@@ -108,19 +104,19 @@ def by_dirichlet(
 
 def iid(
     samples: int, *, devices: int, rng: np.random.Generator, weights: Floats | None = None
-) -> list[Indices]:
+) -> list[Ints]:
     """Split all samples at random over the devices: equally, or in proportion to `weights`."""
     return _finish(_split(rng.permutation(samples), devices, weights))
 
 
-def _split(samples: Indices, parts: int, weights: Floats | None) -> list[Indices]:
+def _split(samples: Ints, parts: int, weights: Floats | None) -> list[Ints]:
     if weights is None:
         return list(np.array_split(samples, parts))
     ends = np.round(np.cumsum(weights) / weights.sum() * len(samples)).astype(np.int64)
     return list(np.split(samples, ends[:-1]))
 
 
-def by_owner(owners: Indices, *, devices: int, rng: np.random.Generator) -> list[Indices]:
+def by_owner(owners: Ints, *, devices: int, rng: np.random.Generator) -> list[Ints]:
     """Give each device the samples of one owner that the data tell; which owners, is drawn."""
     known = np.unique(owners)
     if devices > len(known):
@@ -129,19 +125,16 @@ def by_owner(owners: Indices, *, devices: int, rng: np.random.Generator) -> list
     return _finish([np.flatnonzero(owners == owner) for owner in chosen])
 
 
-def class_counts(labels: Indices, shares: list[Indices], *, classes: int) -> Indices:
+def class_counts(labels: Ints, shares: list[Ints], *, classes: int) -> Ints:
     """The assignment as a table: samples of each class on each device, (devices, classes)."""
     rows = [np.bincount(labels[share], minlength=classes) for share in shares]
     return np.stack(rows).astype(np.int64)
 
 
-def _finish(shares: list[Indices]) -> list[Indices]:
+def _finish(shares: list[Ints]) -> list[Ints]:
     for device, share in enumerate(shares):
         if share.size == 0:
             raise SettingError(
                 "devices", len(shares), f"device {device} of them would be without a sample"
             )
-    done = [np.sort(share).astype(np.int64) for share in shares]
-    for share in done:
-        share.setflags(write=False)
-    return done
+    return [frozen(np.sort(share).astype(np.int64)) for share in shares]

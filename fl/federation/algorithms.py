@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 
-Vector = NDArray[np.float32]
 AlgorithmState = Mapping[str, NDArray[np.float32]]
 
 
@@ -41,20 +41,16 @@ class Algorithm(Protocol):
     @property
     def mu(self) -> float:
         """Weight mu of mu/2 |w - w_start|^2 in the local objective; 0 for none."""
-        ...
 
     @property
     def momentum(self) -> float:
         """Momentum of the local SGD, in [0, 1)."""
-        ...
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:
         """The state of a community before the first round; `model` (P,), `devices` K_c."""
-        ...
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
         """What a device adds to each of its gradients, (P,); None for nothing."""
-        ...
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
@@ -64,7 +60,6 @@ class Algorithm(Protocol):
         Participation is partial: `updates` are those of this round alone, in order of device, at
         least one. Where none arrives, it is not called.
         """
-        ...
 
 
 @runtime_checkable
@@ -73,11 +68,18 @@ class StaleStart(Protocol):
 
     def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
         """(P,) what a device trains from: the model that it last received, say, kept in `state`."""
-        ...
+
+
+class _Uncorrected:
+    """Devices follow their own gradients."""
+
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
+        """None."""
+        return None
 
 
 @dataclass(frozen=True)
-class FedAvg:
+class FedAvg(_Uncorrected):
     """Average of the arrivals weighted by p_k; with mu > 0 locally this is FedProx.
 
     McMahan et al. 2017; Li et al. 2020 (FedProx).
@@ -90,10 +92,6 @@ class FedAvg:
         """Nothing is kept."""
         return {}
 
-    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """None."""
-        return None
-
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
@@ -102,7 +100,7 @@ class FedAvg:
 
 
 @dataclass(frozen=True)
-class FedAvgM:
+class FedAvgM(_Uncorrected):
     """Averaging with server momentum: v' = beta v + step, theta' = theta + eta v'.
 
     Hsu, Qi, Brown 2019.
@@ -117,10 +115,6 @@ class FedAvgM:
         """Velocity 0."""
         return {"velocity": np.zeros_like(model)}
 
-    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """None."""
-        return None
-
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
@@ -131,7 +125,7 @@ class FedAvgM:
 
 
 @dataclass(frozen=True)
-class FedAdam:
+class FedAdam(_Uncorrected):
     """Adam on the server, the mean update as its gradient, without bias correction.
 
     m' = b1 m + (1 - b1) step, v' = b2 v + (1 - b2) step^2, theta' = theta + eta m' / (sqrt v' +
@@ -151,10 +145,6 @@ class FedAdam:
             "first_moment": np.zeros_like(model),
             "second_moment": np.full_like(model, self.tau**2),
         }
-
-    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """None."""
-        return None
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
@@ -208,10 +198,7 @@ class Scaffold:
             controls[update.device] = controls[update.device] + change
             drift += update.p * change
         moved = _moved(model, self.server_learning_rate * mean_step(model, updates))
-        return moved, {
-            "control": (control + drift).astype(np.float32),
-            "device_controls": controls,
-        }
+        return moved, {"control": (control + drift).astype(np.float32), "device_controls": controls}
 
 
 def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:
@@ -254,6 +241,4 @@ def built_in_algorithm(learning: LearningConfig) -> Algorithm | None:
 
 
 def _moved(model: Vector, step: NDArray[np.float64]) -> Vector:
-    moved = (model + step).astype(np.float32)
-    moved.setflags(write=False)
-    return np.asarray(moved)
+    return frozen((model + step).astype(np.float32))

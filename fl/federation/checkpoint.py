@@ -11,8 +11,10 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from fl.arrays import frozen
 from fl.errors import CheckpointError
-from fl.federation.rounds import Federation, FederationState, Pending
+from fl.federation.community import Federation
+from fl.federation.state import FederationState, Pending
 from fl.training.local import LocalResult
 
 FORMAT = 2
@@ -63,8 +65,7 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
             raise CheckpointError("written with other data, devices, networks or algorithm")
         arrays: dict[str, NDArray[np.generic]] = {}
         for key in header["arrays"]:
-            arrays[key] = npy.read_array(source, allow_pickle=False)
-            arrays[key].setflags(write=False)
+            arrays[key] = frozen(npy.read_array(source, allow_pickle=False))
         rounds = int(header["rounds"])
         count = len(federation.communities)
         return FederationState(

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fl.arrays import Floats, Ints, frozen
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.custom_partition import PartitionTask, custom_partition
@@ -27,8 +27,6 @@ from fl.training.models import make_network
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Stream = Callable[[str], np.random.Generator]
 
 TEST_SEED = 2206_02043  # of the draw that holds out the test part, the same in every run
@@ -41,8 +39,8 @@ class Community:
     config: CommunityConfig
     dataset: Dataset
     network: Network
-    shares: tuple[Indices, ...]  # training samples of each device
-    counts: Indices  # (K_c, classes) training samples of each device and class
+    shares: tuple[Ints, ...]  # training samples of each device
+    counts: Ints  # (K_c, classes) training samples of each device and class
     test_share: float | None  # of the held-out images; None: reported on those that validate
 
     @property
@@ -92,7 +90,7 @@ class Community:
         return self._held_out[1]
 
     @cached_property
-    def validation_counts(self) -> Indices:
+    def validation_counts(self) -> Ints:
         """Validation images of each class, (classes,)."""
         return np.bincount(self.validation.labels, minlength=self.dataset.classes)
 
@@ -113,7 +111,7 @@ class Federation:
         return tuple(community.name for community in self.communities)
 
     @cached_property
-    def community_of(self) -> Indices:
+    def community_of(self) -> Ints:
         """Index of each device's community, (K,)."""
         sizes = [len(community.shares) for community in self.communities]
         return np.repeat(np.arange(len(sizes)), sizes).astype(np.int64)
@@ -221,8 +219,7 @@ def _community(
         raise SettingError(
             f"community {config.name}: {error.key}", error.value, error.allowed
         ) from error
-    counts = partition.class_counts(labels, shares, classes=classes)
-    counts.setflags(write=False)
+    counts = frozen(partition.class_counts(labels, shares, classes=classes))
     network = make_network(
         config.network,
         image_shape=dataset.image_shape,
@@ -245,14 +242,15 @@ def _community(
         held_out = dataset.held_out
         if held_out.sum() == held_out_of_each(held_out, test_share).sum():
             raise SettingError(
-                "learning.report_on", "test",
+                "learning.report_on",
+                "test",
                 f"must be 'validation' for community {config.name}: of the {held_out.sum()} "
                 f"images of {config.task} that do not train, none would be left to validate",
-            )  # fmt: skip
+            )
     return community
 
 
-def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> list[Indices]:
+def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> list[Ints]:
     """The samples of each device."""
     labels, classes, devices = dataset.labels, dataset.classes, config.devices
     weights = None if config.data_shares is None else np.array(config.data_shares)

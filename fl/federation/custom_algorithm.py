@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 
+from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 from fl.errors import kind_of
 from fl.federation.algorithms import (
@@ -13,7 +14,6 @@ from fl.federation.algorithms import (
     AlgorithmState,
     StaleStart,
     Update,
-    Vector,
     built_in_algorithm,
 )
 from fl.plugins import PluginError, guarded, make
@@ -27,7 +27,7 @@ class CustomAlgorithm:
     """Checks what the researcher's algorithm answers: an error is found where it is made."""
 
     name: str
-    inner: Any = field(repr=False)  # a fingerprint is made of the rest
+    inner: Algorithm = field(repr=False)  # a fingerprint is made of the rest
 
     @property
     def mu(self) -> float:
@@ -60,7 +60,7 @@ class CustomAlgorithm:
     ) -> tuple[Vector, AlgorithmState]:
         """The researcher's next model and state."""
         with guarded(self.name, key=KEY, doing="apply()"):
-            found: Any = self.inner.apply(state, model, updates)
+            found: object = self.inner.apply(state, model, updates)
         if not isinstance(found, tuple) or len(found) != 2:
             self._refuse(f"apply() gives {kind_of(found)}, not the two of model and state")
         after, kept = found
@@ -73,17 +73,16 @@ class CustomAlgorithm:
             self._refuse(f"{member} is {value}: must be from {low:g} to {high:g}")
         return value
 
-    def _model(self, found: Any, model: Vector, doing: str) -> Vector:
+    def _model(self, found: object, model: Vector, doing: str) -> Vector:
         with guarded(self.name, key=KEY, doing=f"{doing}: the model that it gives"):
             after = np.array(found, dtype=np.float32)
         if after.shape != model.shape:
             self._refuse(f"{doing} gives a model of shape {after.shape}, not {model.shape}")
         if not np.isfinite(after).all():
             self._refuse(f"{doing} gives a model with values that are not finite")
-        after.setflags(write=False)
-        return after
+        return frozen(after)
 
-    def _state(self, state: Any, doing: str) -> AlgorithmState:
+    def _state(self, state: object, doing: str) -> AlgorithmState:
         if not isinstance(state, Mapping):
             self._refuse(
                 f"{doing} gives a {type(state).__name__} as its state, not a dictionary of arrays"
@@ -93,10 +92,10 @@ class CustomAlgorithm:
         for name, value in kept.items():
             if not np.isfinite(value).all():
                 self._refuse(f"{doing} gives a state with values that are not finite: {name}")
-            value.setflags(write=False)  # as it will be when a run is resumed
+            frozen(value)  # as it will be when a run is resumed
         return kept
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: str) -> NoReturn:
         raise PluginError(KEY, self.name, reason)
 
 
@@ -106,6 +105,7 @@ class CustomStaleAlgorithm(CustomAlgorithm):
 
     def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
         """The researcher's start of a device."""
+        assert isinstance(self.inner, StaleStart)
         doing = f"start() of device {device}"
         with guarded(self.name, key=KEY, doing=doing):
             found = self.inner.start(state, model, device)

@@ -5,18 +5,14 @@ the last l models, psi_c the coefficient of variation of its community, delta_k 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fl.arrays import Bools, Floats, Ints
 from fl.config import Unheard
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 INITIAL_COV = 1.0  # psi_c of every community before the first update
 
 
-def device_accuracy(correct: Indices, total: Indices, counts: Indices) -> Floats:
+def device_accuracy(correct: Ints, total: Ints, counts: Ints) -> Floats:
     """eps_k(theta): accuracy of one model on the validation samples of each device, (K_c,).
 
     A device's validation samples are the task's in the proportions of its own training data,

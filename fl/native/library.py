@@ -21,17 +21,17 @@ Indices = NDArray[np.int64]
 
 class _Network(ctypes.Structure):
     _fields_ = (
-        ("height", _INT), ("width", _INT), ("channels", _INT),
-        ("blocks", _INT), ("maps", _INT * MOST_BLOCKS), ("kernel", _INT * MOST_BLOCKS),
-        ("padding", _INT * MOST_BLOCKS), ("layers", _INT), ("outputs", _INT * MOST_LAYERS),
-    )  # fmt: skip
+        *(("height", _INT), ("width", _INT), ("channels", _INT), ("blocks", _INT)),
+        *((name, _INT * MOST_BLOCKS) for name in ("maps", "kernel", "padding")),
+        *(("layers", _INT), ("outputs", _INT * MOST_LAYERS)),
+    )
 
 
 class _Images(ctypes.Structure):
     _fields_ = (
-        ("count", _INT), ("bytes", _POINTER), ("floats", _POINTER), ("labels", _POINTER),
-        ("scale", _POINTER), ("shift", _POINTER),
-    )  # fmt: skip
+        ("count", _INT),
+        *((name, _POINTER) for name in ("bytes", "floats", "labels", "scale", "shift")),
+    )
 
 
 class _Rates(ctypes.Structure):
@@ -40,13 +40,10 @@ class _Rates(ctypes.Structure):
 
 class _Functions(ctypes.Structure):
     _fields_ = (
-        ("train", ctypes.CFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER, _POINTER,
-            _POINTER, _POINTER)),
-        ("count_correct", ctypes.CFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
+        ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
         ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _POINTER)),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -97,10 +94,9 @@ class Network:
     def as_c(self) -> _Network:
         """The structure as C takes it."""
         blocks, layers = _INT * MOST_BLOCKS, _INT * MOST_LAYERS
-        return _Network(
-            *self.image_shape, len(self.maps), blocks(*self.maps), blocks(*self.kernels),
-            blocks(*self.padding), len(self.outputs), layers(*self.outputs),
-        )  # fmt: skip
+        each = (blocks(*sizes) for sizes in (self.maps, self.kernels, self.padding))
+        dense = len(self.outputs), layers(*self.outputs)
+        return _Network(*self.image_shape, len(self.maps), *each, *dense)
 
 
 @dataclass(frozen=True)

@@ -7,26 +7,25 @@ when the SNR stays under a threshold.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, create_model
 from pydantic.fields import FieldInfo
 
+from fl.arrays import Floats
 from fl.errors import SettingError
 from fl.native.library import normal_shares
-
-Floats = NDArray[np.float64]
 
 NEPERS_PER_DB = math.log(10.0) / 10.0
 # The path-loss law is a far-field law; nearer than this it would promise more power than sent.
 REFERENCE_DISTANCE_M = 1.0
 
 
-def _shadowing(segment: str) -> Any:
+def _shadowing(segment: str) -> object:
     words = f"standard deviation of the natural log of the {segment} shadowing"
     return Field(gt=0.0, le=10.0, description=words)
 
@@ -57,11 +56,7 @@ class Channel:
     ]
     snr_threshold: Annotated[
         float,
-        Field(
-            gt=0.0,
-            le=1e6,
-            description="SNR under which a packet is lost, linear (10 = 10 dB)",
-        ),
+        Field(gt=0.0, le=1e6, description="SNR under which a packet is lost, linear (10 = 10 dB)"),
     ]
 
     def __post_init__(self) -> None:
@@ -289,20 +284,18 @@ DEFAULT_PRESET = "suburban"
 # As printed, the paper's numbers lose every packet even straight overhead ("literal"), so at
 # least one differs from what was used. "suburban" adds 17 dB, our choice: from the barycentre
 # of an 800 m square most packets are lost, on an 800 m tour most arrive.
-CHANNEL_PRESETS = MappingProxyType(
-    {
-        "suburban": _preset(extra_db=17.0),
-        "suburban+10dB": _preset(extra_db=10.0),
-        "suburban+15dB": _preset(extra_db=15.0),
-        "suburban+20dB": _preset(extra_db=20.0),
-        # P read in dBW against N0 in dBm
-        "suburban+30dB": _preset(extra_db=30.0),
-        "literal": _preset(),
-        # "2, 5" read as variances of the natural logarithm: a harder, flatter channel
-        "literal-log-variance": _preset(log_variances=(2.0, 5.0)),
-        "suburban-log-variance": _preset(extra_db=17.0, log_variances=(2.0, 5.0)),
-        "urban": _preset(extra_db=17.0, environment=(9.61, 0.16)),
-        "dense-urban": _preset(extra_db=17.0, environment=(12.08, 0.11)),
-        "high-rise": _preset(extra_db=17.0, environment=(27.23, 0.08)),
-    }
-)
+CHANNEL_PRESETS: Mapping[str, Channel] = {
+    "suburban": _preset(extra_db=17.0),
+    "suburban+10dB": _preset(extra_db=10.0),
+    "suburban+15dB": _preset(extra_db=15.0),
+    "suburban+20dB": _preset(extra_db=20.0),
+    # P read in dBW against N0 in dBm
+    "suburban+30dB": _preset(extra_db=30.0),
+    "literal": _preset(),
+    # "2, 5" read as variances of the natural logarithm: a harder, flatter channel
+    "literal-log-variance": _preset(log_variances=(2.0, 5.0)),
+    "suburban-log-variance": _preset(extra_db=17.0, log_variances=(2.0, 5.0)),
+    "urban": _preset(extra_db=17.0, environment=(9.61, 0.16)),
+    "dense-urban": _preset(extra_db=17.0, environment=(12.08, 0.11)),
+    "high-rise": _preset(extra_db=17.0, environment=(27.23, 0.08)),
+}

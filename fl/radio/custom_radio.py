@@ -1,15 +1,14 @@
 """A researcher's own packet error rates, held to what every radio must keep."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fl.arrays import Floats
 from fl.plugins import PluginError, guarded, make
 from fl.radio.channel import Channel
-
-Floats = NDArray[np.float64]
 
 KEY = "channel.gate"
 MODES = ("average", "instantaneous")
@@ -26,7 +25,6 @@ class Radio(Protocol):
         device sent nothing, both are anything, and its rate is not looked at. The answer may
         depend on the arguments alone, so that a run can be resumed.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class CustomRadio:
     """Checks the rates that the researcher's radio gives."""
 
     name: str
-    inner: Any = field(repr=False)
+    inner: Radio = field(repr=False)
 
     def per(self, distance_m: Floats, height_m: Floats) -> Floats:
         """The researcher's rates.

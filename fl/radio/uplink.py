@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import frozen
 from fl.radio.channel import Channel, log_mean_snr, los_probability
 from fl.radio.custom_radio import CustomRadio
 
@@ -57,6 +58,4 @@ def deliver(
         log_snr = np.where(los, mu_los, mu_nlos) + shadow
         threshold = np.log(channel.snr_threshold)
         delivered = transmitted & (log_snr >= threshold)
-    per.setflags(write=False)
-    delivered.setflags(write=False)
-    return Arrivals(per=per, delivered=delivered)
+    return Arrivals(per=frozen(per), delivered=frozen(delivered))

@@ -2,24 +2,16 @@
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 from fl.native.library import Images, Network, count_correct, train
-from fl.training.local import (
-    LocalResult,
-    LocalSettings,
-    LocalTask,
-    Scaling,
-    Shapes,
-    Vector,
-    batch_order,
-)
+from fl.training.local import LocalResult, LocalTask, LocalWork, Scaling, Shapes, batch_order
 
 
 @dataclass(frozen=True)
@@ -67,18 +59,10 @@ class ConvNet:
             parts += [rng.uniform(-bound, bound, math.prod(shape)) for shape in (weight, bias)]
         return np.concatenate(parts).astype(np.float32)
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
-        """Local training of each task from the global `model` (P,), in any number of threads."""
-        images = _images(split, scaling)
-        return [self._train(images, model, task, settings) for task in tasks]
+    def train(self, work: LocalWork) -> list[LocalResult]:
+        """As `fl.training.local.Network.train`, in any number of threads."""
+        images = _images(work.split, work.scaling)
+        return [self._train(images, task, work) for task in work.tasks]
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
@@ -86,13 +70,11 @@ class ConvNet:
         """How many images of each class the model gets right, (classes,)."""
         return count_correct(self._network, _images(split, scaling), model)
 
-    def _train(
-        self, images: Images, model: Vector, task: LocalTask, settings: LocalSettings
-    ) -> LocalResult:
-        order = batch_order(task, settings)
-        rates = settings.learning_rate, settings.momentum, settings.mu
+    def _train(self, images: Images, task: LocalTask, work: LocalWork) -> LocalResult:
+        order, how = batch_order(task, work.settings), work.settings
+        rates = how.learning_rate, how.momentum, how.mu
         weights, loss = train(
-            self._network, images, order, model, correction=task.correction, rates=rates
+            self._network, images, order, work.model, correction=task.correction, rates=rates
         )
         return LocalResult(weights, len(order), loss)
 

@@ -1,16 +1,17 @@
 """A researcher's own local training, held to what every device sends up."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 from fl.data.dataset import Split
 from fl.errors import kind_of
 from fl.plugins import PluginError, guarded, make
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Shapes, Vector
+from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Shapes
 
 KEY = "learning.trainer"
 
@@ -48,7 +49,6 @@ class Trainer(Protocol):
         `model` (P,) is read-only. `rng` is the device's own stream of this round: all that is
         random must come from it. One call at a time.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class CustomTrainer:
     """Checks what the researcher's trainer answers: an error is found where it is made."""
 
     name: str
-    inner: Any = field(repr=False)  # a fingerprint is made of the rest
+    inner: Trainer = field(repr=False)  # a fingerprint is made of the rest
 
     def train(
         self, device: TrainingDevice, model: Vector, split: Split, task: LocalTask, scaling: Scaling
@@ -85,8 +85,7 @@ class CustomTrainer:
                 "a smaller learning rate may help"
             )
             raise PluginError(KEY, self.name, reason)
-        sent.setflags(write=False)
-        return LocalResult(sent, steps, loss)
+        return LocalResult(frozen(sent), steps, loss)
 
 
 def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
@@ -103,7 +102,5 @@ def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
 
 def _data(split: Split, task: LocalTask, scaling: Scaling) -> DeviceData:
     images = split.images[task.samples].astype(np.float32) * scaling.scale + scaling.shift
-    x, y = np.ascontiguousarray(np.moveaxis(images, -1, 1)), split.labels[task.samples]
-    for array in (x, y):
-        array.setflags(write=False)
-    return DeviceData(x, y)
+    x = np.ascontiguousarray(np.moveaxis(images, -1, 1))
+    return DeviceData(frozen(x), frozen(split.labels[task.samples]))

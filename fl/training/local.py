@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 
-Vector = NDArray[np.float32]
 Shapes = tuple[tuple[int, ...], ...]
 Result = TypeVar("Result")
 
@@ -43,6 +43,17 @@ class LocalTask:
     correction: Vector | None = None  # added to every gradient (control variates)
 
 
+@dataclass(frozen=True, eq=False)
+class LocalWork:
+    """What devices of one community are to do."""
+
+    split: Split
+    model: Vector  # (P,) the global one, from which they all begin
+    tasks: Sequence[LocalTask]
+    scaling: Scaling
+    settings: LocalSettings
+
+
 @dataclass(frozen=True)
 class LocalResult:
     """What one device sends up."""
@@ -58,43 +69,29 @@ class Network(Protocol):
     @property
     def shapes(self) -> Shapes:
         """Shapes of parameters, then buffers, in the order in which they lie in the flat vector."""
-        ...
 
     @property
     def buffers(self) -> int:
         """How many of its numbers are buffers: the last of the flat vector; training sets them."""
-        ...
 
     @property
     def parallel(self) -> bool:
         """Whether several threads may call it at a time; else it is given all tasks at once."""
-        ...
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """Initial parameters (P,), a function of the stream alone."""
-        ...
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
-        """Local training of each task from the global `model` (P,).
+    def train(self, work: LocalWork) -> list[LocalResult]:
+        """Local training of each of the tasks.
 
         SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
         the batches of `batch_order`.
         """
-        ...
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
     ) -> NDArray[np.int64]:
         """How many images of each class one model gets right, (classes,)."""
-        ...
 
 
 def scaling_of(split: Split) -> Scaling:

@@ -7,7 +7,6 @@ from one such call to the next costs more than what is done in them. The calls k
 import ctypes
 from array import array
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,13 +225,13 @@ class Samples:
 class Driven:
     """Motors that are driven from outside, and the IMU that is read at every tick."""
 
-    def __init__(self, imu: Imu, setters: Sequence[Setter], run: Callable[[], Any]) -> None:
+    def __init__(self, imu: Imu, setters: Sequence[Setter], run: Callable[[], object]) -> None:
         """`setters` take the four motors' duty cycles, which are 0 now."""
         self._imu = imu
         self._memory = _Driven(imu.at, run, tuple(setters))
         self.at = ctypes.addressof(self._memory)
 
-    def ready(self, run: Callable[[], Any], ticks: int) -> None:
+    def ready(self, run: Callable[[], object], ticks: int) -> None:
         """Be ready for so many ticks, each run by `run`."""
         self._memory.run = run
         self._imu.draw(ticks)

@@ -66,8 +66,9 @@ def _count(name: str) -> Made:
     return Made(lambda items: _total(items, name))
 
 
-def _total(items: Sequence[Measured], name: str) -> Any:
-    return sum(getattr(item.record, name) for item in items)
+def _total(items: Sequence[Measured], name: str) -> float:
+    total: float = sum(getattr(item.record, name) for item in items)
+    return total
 
 
 def _optional_sum(name: str) -> Made:
@@ -191,13 +192,13 @@ class RunComparison:
     total: Comparison
     devices: tuple[DeviceComparison, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Plain values; NaN as None."""
         return {
             "source": str(self.run.path),
-            "rounds": [_plain(item) for item in self.rounds],
-            "total": _plain(self.total),
-            "devices": [_plain(item) for item in self.devices],
+            "rounds": [plain(item) for item in self.rounds],
+            "total": plain(self.total),
+            "devices": [plain(item) for item in self.devices],
         }
 
 
@@ -215,8 +216,9 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
             uplinks=tuple(item for item in run.uplinks if item.round <= rounds),
         )
     plans = {plan.round: plan for plan in run.plans}
-    measured = [measure(run, record, plans[record.round]) for record in run.rounds
-                if record.round in plans]  # fmt: skip
+    measured = [
+        measure(run, record, plans[record.round]) for record in run.rounds if record.round in plans
+    ]
     if not measured:
         why = f": {loaded.notice}" if loaded.notice else ""
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
@@ -251,7 +253,7 @@ def _numbers(items: Sequence[Measured], number: int | None) -> Comparison:
     return Comparison(round=number, **made)
 
 
-def _plain(item: Comparison | DeviceComparison) -> dict[str, Any]:
+def plain(item: Comparison | DeviceComparison) -> dict[str, object]:
     return {
         key: None if isinstance(value, float) and not math.isfinite(value) else value
         for key, value in asdict(item).items()

@@ -8,17 +8,12 @@ from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.measure import CORNER_M
-from mission.base.columns import told
+from mission.base.columns import number, told
 
 _Cell = Callable[[Comparison], str]
 
 _WIDE = 80
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
-
-
-def number(value: float, digits: int = 2) -> str:
-    """As tables show it, also those of pages; a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _pair(first: str, second: str, digits: int = 2) -> _Cell:
@@ -33,6 +28,11 @@ def _three(*names: str, digits: int) -> _Cell:
     return lambda c: " / ".join(number(getattr(c, name), digits) for name in names)
 
 
+def _off(c: Comparison) -> str:
+    share = c.plan_duration_s / c.duration_s if c.duration_s > 0.0 else math.nan
+    return "-" if math.isnan(share) else f"{100.0 * (share - 1.0):+.1f} %"
+
+
 _Columns = tuple[tuple[str, _Cell], ...]
 
 # Each fits a terminal of 80 columns.
@@ -44,10 +44,9 @@ _PATH: _Columns = (
 )
 _TIME: _Columns = (
     ("duration (s)\nplan / flown", _pair("plan_duration_s", "duration_s", 1)),
-    ("plan off\nby", lambda c: f"{100.0 * (c.plan_duration_s / c.duration_s - 1.0):+.1f} %"
-     if c.duration_s > 0.0 else "-"),
+    ("plan off\nby", _off),
     ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
-)  # fmt: skip
+)
 _ENERGY: _Columns = (("energy (J)\nplan / flown", _pair("plan_energy_j", "energy_j", 0)),)
 _SLOTS: _Columns = (
     ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
@@ -165,10 +164,7 @@ def _change(value: float, digits: int) -> str:
 
 
 def _table(
-    title: str,
-    comparison: RunComparison,
-    columns: Sequence[tuple[str, _Cell]],
-    caption: str | None,
+    title: str, comparison: RunComparison, columns: Sequence[tuple[str, _Cell]], caption: str | None
 ) -> Table:
     table = Table(
         box=box.SIMPLE_HEAD,

@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.run_folder import RunFolder
+from mission.base.run_folder import RunFolder, RunSummary
 from mission.log.errors import DamagedLogError
 from mission.log.read.contents import load_damaged
 from mission.log.read.reader import decode, read_log
@@ -29,7 +28,7 @@ class LoadedRun:
 
     path: Path
     data: FlightData
-    summary: dict[str, Any]  # empty for a bare log, or a folder without one
+    summary: RunSummary  # empty for a bare log, or a folder without one
     cut: bool  # its log has no end: the writer was killed, or is still at work
 
     @property
@@ -51,10 +50,7 @@ class LoadedRun:
     def state(self) -> str:
         """Why the run is not finished; empty for one that is."""
         status = str(self.summary.get("status", _FINISHED))
-        words = {
-            _FINISHED: "",
-            "running": "not finished: it was killed, or is still under way",
-        }
+        words = {_FINISHED: "", "running": "not finished: it was killed, or is still under way"}
         error = f" ({self.summary['error']})" if "error" in self.summary else ""
         return words.get(status, status) + error
 
@@ -174,13 +170,13 @@ def _with_its_flight(data: FlightData) -> FlightData:
     return replace(data, plans=(plan,), rounds=(record,))
 
 
-def _summary(path: Path) -> dict[str, Any]:
+def _summary(path: Path) -> RunSummary:
     if not path.is_file():
         return {}
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        summary: RunSummary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(values, dict):
+    if not isinstance(summary, dict):
         raise InputError(f"{path}: not a run's summary")
-    return values
+    return summary

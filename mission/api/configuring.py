@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from mission.base.errors import InputError
 
@@ -15,7 +15,7 @@ Source: TypeAlias = "str | Path | RunConfig"
 
 
 def config(
-    source: Source = "quickstart", overrides: Mapping[str, Any] | None = None
+    source: Source = "quickstart", overrides: Mapping[str, object] | None = None
 ) -> "RunConfig":
     """A run's configuration: `source`, with single keys set over it, checked as a whole.
 

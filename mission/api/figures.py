@@ -4,9 +4,12 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from mission.base.errors import InputError
+
+if TYPE_CHECKING:
+    from mission.figures.render import Chart
 
 
 @dataclass(frozen=True)
@@ -14,7 +17,7 @@ class Figure:
     """One picture. As the last value of a notebook's cell it is shown."""
 
     name: str
-    chart: Any = field(repr=False)  # an Altair chart
+    chart: "Chart" = field(repr=False)  # as Altair has it
 
     def save(self, path: Path | str) -> Path:
         """Write it to a file, .png, .svg or .pdf; returns the path.
@@ -32,7 +35,7 @@ class Figure:
             return self.save(Path(folder) / "figure.png").read_bytes()
 
 
-def chosen(pictures: Mapping[str, Any], name: str, *, of: Path) -> Figure:
+def chosen(pictures: Mapping[str, "Chart"], name: str, *, of: Path) -> Figure:
     """The picture of that name, among files `NAME.png`.
 
     Raises:

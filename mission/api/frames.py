@@ -1,7 +1,6 @@
 """Tables as pandas DataFrames: the one home of pandas."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import pandas as pd
 
@@ -10,7 +9,7 @@ from mission.log.records import is_by_community
 
 
 def frame(
-    record: Any | None, values: Mapping[str, Any] | Sequence[Mapping[str, Any]]
+    record: type | None, values: Mapping[str, object] | Sequence[Mapping[str, object]]
 ) -> pd.DataFrame:
     """Columns by name, or rows, as a DataFrame.
 

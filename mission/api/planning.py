@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -51,7 +51,7 @@ def plan(
 
 def first_problem(
     source: Source = "quickstart",
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
     *,
     data_dir: Path | str | None = None,
 ) -> "RoundProblem":

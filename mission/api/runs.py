@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
@@ -98,7 +98,7 @@ class Run:
         return str(self._loaded.summary.get("status", "finished"))
 
     @property
-    def summary(self) -> Mapping[str, Any]:
+    def summary(self) -> Mapping[str, object]:
         """What `summary.json` says; empty for a log by itself."""
         return self._loaded.summary
 
@@ -151,7 +151,7 @@ class Run:
 
 def run(
     source: Source = "quickstart",
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
     *,
     out: Path | str | None = None,
     data_dir: Path | str | None = None,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
@@ -77,8 +77,8 @@ def sweep(
     *,
     strategies: Sequence[str] = STRATEGIES,
     seeds: int = 3,
-    settings: Mapping[str, Sequence[Any]] | None = None,
-    overrides: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Sequence[object]] | None = None,
+    overrides: Mapping[str, object] | None = None,
     out: Path | str | None = None,
     data_dir: Path | str | None = None,
     jobs: int | None = None,
@@ -113,10 +113,11 @@ def sweep(
     from rich.console import Console
 
     from mission.base.run_folder import RUNS
-    from mission.sweep.execute.choice import check_options
+    from mission.sweep.execute.choice import EngineChoice
     from mission.sweep.grid import Axis, make_grid
 
-    check_options(engine, jobs=jobs, address=address)
+    chosen = EngineChoice(engine, jobs, address)
+    chosen.check()
     base = config(source, overrides)
     axes = [Axis(key, tuple(values)) for key, values in (settings or {}).items()]
     grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes)
@@ -128,9 +129,7 @@ def sweep(
         grid,
         path,
         data_dir=data,
-        engine=engine,
-        jobs=jobs,
-        address=address,
+        engine=chosen,
         run_figures=run_figures,
         console=Console(quiet=quiet),
     )

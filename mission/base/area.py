@@ -40,7 +40,4 @@ class Area:
     def from_ned(self, pos_ned_m: Floats) -> Floats:
         """(..., 3) NED -> (..., 2) area coordinates."""
         ned = np.asarray(pos_ned_m, dtype=np.float64)
-        return np.stack(
-            (ned[..., 1] + self.home_m[0], ned[..., 0] + self.home_m[1]),
-            axis=-1,
-        )
+        return np.stack((ned[..., 1] + self.home_m[0], ned[..., 0] + self.home_m[1]), axis=-1)

@@ -1,25 +1,22 @@
 """What can go wrong in a run, and the exit code it ends with."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Self
 
 LIMITS_NOT_MET = 6
 INTERRUPTED = 130
 
 # In words, for the command line and the documentation.
-EXIT_CODES: Mapping[int, str] = MappingProxyType(
-    {
-        0: "done",
-        1: "a bug",
-        2: "wrong input: settings, data, files, folders",
-        3: "no feasible plan",
-        4: "failed on the way: flight not finished, or training diverged",
-        5: "link lost, download failed, or port in use",
-        LIMITS_NOT_MET: "limits not met, or differences found",
-        INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
-    }
-)
+EXIT_CODES: Mapping[int, str] = {
+    0: "done",
+    1: "a bug",
+    2: "wrong input: settings, data, files, folders",
+    3: "no feasible plan",
+    4: "failed on the way: flight not finished, or training diverged",
+    5: "link lost, download failed, or port in use",
+    LIMITS_NOT_MET: "limits not met, or differences found",
+    INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
+}
 
 
 class AerofedError(Exception):

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, Literal, TypeAlias, get_args, get_origin
+from typing import Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
@@ -63,20 +63,20 @@ def _is_within(key: tuple[str | int, ...], whole: tuple[str | int, ...]) -> bool
     return len(key) > len(whole) and key[: len(whole)] == whole
 
 
-def refusal(name: str, value: Any, reason: str, blame: Blame) -> str:
+def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
     """The line about one key and its value."""
     if option := blame.given.get(name):
         return _of_option(option, value, reason)
     return f"{blame.on(name)}: {name} = {shown(value)}: {reason}"
 
 
-def _of_option(option: str, value: Any, reason: str) -> str:
+def _of_option(option: str, value: object, reason: str) -> str:
     """Of an option that may be given several times, the reason says which one is meant."""
     several = isinstance(value, list | tuple)
     return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value as TOML and JSON have it; shortened if it is long."""
     text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
@@ -122,7 +122,7 @@ def _hint(item: ErrorDetails, key: Key, root: Key) -> str:
     return f"{hint} (known: {', '.join(known)})"
 
 
-def _choice(value: Any, key: Key) -> str:
+def _choice(value: object, key: Key) -> str:
     """The closest of a key's choices."""
     if get_origin(key.annotation) is not Literal or not isinstance(value, str):
         return ""
@@ -131,7 +131,7 @@ def _choice(value: Any, key: Key) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-def _heading(value: Any, key: Key) -> str:
+def _heading(value: object, key: Key) -> str:
     """How TOML writes a key that is a table or a list of them."""
     if key.path and all(isinstance(part, str) for part in key.path):
         if key.words == _TABLE:

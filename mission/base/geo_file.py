@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mission.base.errors import InputError
 from mission.base.explain import shown
@@ -44,7 +43,7 @@ class Ring:
 
     where: str
     corners_deg: tuple[Pair, ...]  # latitude, longitude; the last joins the first
-    properties: Mapping[str, Any]
+    properties: Mapping[str, object]
 
 
 def read_places(path: Path) -> tuple[Place, ...]:
@@ -155,18 +154,20 @@ def _at(head: list[str], names: tuple[str, ...]) -> int | None:
     return next((head.index(name) for name in names if name in head), None)
 
 
-def _number(where: str, name: str, value: Any) -> float:
+def _number(where: str, name: str, value: object) -> float:
     """A finite number, from a cell or from JSON."""
     try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+        if isinstance(value, str | int | float) and not isinstance(value, bool):
+            number = float(value)
+    except (ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise InputError(f"{where}: {name} = {shown(value)}: must be a number")
     return number
 
 
-def _share(where: str, value: Any) -> float | None:
+def _share(where: str, value: object) -> float | None:
     """None for an empty cell, as a run without shares writes it."""
     if value in (None, ""):
         return None
@@ -190,7 +191,7 @@ def _geojson_places(path: Path, text: str) -> Iterator[Place]:
         yield Place(where, (lat, lon), True, name or None, _share(where, share))
 
 
-def _features(path: Path, text: str) -> Iterator[tuple[str, Any, Any, Mapping[str, Any]]]:
+def _features(path: Path, text: str) -> Iterator[tuple[str, object, object, Mapping[str, object]]]:
     """Place in the file, kind, coordinates and properties of every geometry."""
     try:
         data = json.loads(text)
@@ -216,7 +217,7 @@ def _features(path: Path, text: str) -> Iterator[tuple[str, Any, Any, Mapping[st
         )
 
 
-def _position(where: str, coordinates: Any) -> Pair:
+def _position(where: str, coordinates: object) -> Pair:
     """Latitude and longitude; GeoJSON has them the other way round."""
     if not isinstance(coordinates, list) or len(coordinates) not in (2, 3):
         raise InputError(f"{where}: coordinates = {shown(coordinates)}: must be [lon, lat]")
@@ -229,7 +230,7 @@ def _position(where: str, coordinates: Any) -> Pair:
 
 
 def _rings(
-    where: str, kind: Any, coordinates: Any, properties: Mapping[str, Any]
+    where: str, kind: object, coordinates: object, properties: Mapping[str, object]
 ) -> Iterator[Ring]:
     if kind not in ("Polygon", "MultiPolygon"):
         raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Polygon' or 'MultiPolygon'")

@@ -13,17 +13,20 @@ COLOURS = len(_OKABE_ITO)
 _PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
 
 # By role, on white paper and on dark: a page takes what its reader's theme asks for.
-LIGHT = {
-    "paper": "#FFFFFF", "desk": "#F3F5F7", "ink": "#16202B", "soft": "#56626F", "grid": "#DFE4E9",
-    "planned": "#5B6770", "flown": "#111827", "accent": "#0072B2",
-    "band": "#BCC8D4",  # of a planned path that is drawn wide, under the flown one
-    "fence": "#B3261E",
-}  # fmt: skip
-DARK = {
-    "paper": "#161D25", "desk": "#0E141A", "ink": "#E8EDF2", "soft": "#9AA7B4", "grid": "#2B3540",
-    "planned": "#93A1AE", "flown": "#F2F5F8", "accent": "#56B4E9", "band": "#43525F",
-    "fence": "#FF8A80",
-}  # fmt: skip
+_ROLES = (
+    ("paper", "#FFFFFF", "#161D25"),
+    ("desk", "#F3F5F7", "#0E141A"),
+    ("ink", "#16202B", "#E8EDF2"),
+    ("soft", "#56626F", "#9AA7B4"),
+    ("grid", "#DFE4E9", "#2B3540"),
+    ("planned", "#5B6770", "#93A1AE"),
+    ("flown", "#111827", "#F2F5F8"),
+    ("accent", "#0072B2", "#56B4E9"),
+    ("band", "#BCC8D4", "#43525F"),  # of a planned path that is drawn wide, under the flown one
+    ("fence", "#B3261E", "#FF8A80"),
+)
+LIGHT = {role: colour for role, colour, _ in _ROLES}
+DARK = {role: colour for role, _, colour in _ROLES}
 PLANNED, FLOWN, FENCE = LIGHT["planned"], LIGHT["flown"], LIGHT["fence"]
 
 

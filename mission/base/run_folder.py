@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Self, TypedDict
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
-    "aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy", "cvxpy", "clarabel",
-    "osqp", "torch", "mcap", "foxglove-sdk",
-)  # fmt: skip
+    *("aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy"),
+    *("cvxpy", "clarabel", "osqp", "torch", "mcap", "foxglove-sdk"),
+)
 
 
 RUNS = Path("runs")  # of folders that nobody named
@@ -129,13 +129,18 @@ class RunFolder:
 
     def status(self) -> str | None:
         """How the run ended as its summary says; None without a readable summary."""
-        try:
-            values = json.loads(self.summary.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        return str(values.get("status")) if isinstance(values, dict) else None
+        told = self.told()
+        return str(told.get("status")) if told else None
 
-    def write_summary(self, values: Mapping[str, Any]) -> None:
+    def told(self) -> "RunSummary":
+        """The summary so far; empty without a readable one."""
+        try:
+            told: RunSummary = json.loads(self.summary.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return told if isinstance(told, dict) else {}
+
+    def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
 
@@ -168,7 +173,31 @@ def free_folder(name: str) -> Path:
     return candidate
 
 
-def environment() -> dict[str, Any]:
+class Environment(TypedDict):
+    """Versions and machine."""
+
+    python: str
+    platform: str
+    cpus: int | None
+    libraries: dict[str, str]
+
+
+class RunSummary(TypedDict, total=False):
+    """What `summary.json` says that is read again; an older one may lack some of it."""
+
+    name: str
+    status: str
+    error: str
+    resumable: bool
+    flown_in_rounds_m: float
+    budget_used_m: float
+    simulated_s: float
+    real_time_factor: float
+    untrained_accuracy: dict[str, float]
+    wall_s: dict[str, float]  # by phase
+
+
+def environment() -> Environment:
     """Versions and machine, for the summary."""
     return {
         "python": platform.python_version(),

@@ -7,18 +7,30 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 # A key's last word is its unit; the longest ending that fits counts.
 UNITS = {
-    "_m": "m", "_s": "s", "_mps": "m/s", "_mps2": "m/s2", "_deg": "degrees",
-    "_degps": "degrees/s", "_radps": "rad/s", "_per_rad": "1/rad", "_db": "dB", "_hz": "Hz",
-    "_mah": "mAh", "_ohm": "ohm", "_pa": "Pa", "_gauss": "gauss", "_rounds": "rounds",
-}  # fmt: skip
-_NOUNS: dict[Any, tuple[str, str]] = {
+    "_m": "m",
+    "_s": "s",
+    "_mps": "m/s",
+    "_mps2": "m/s2",
+    "_deg": "degrees",
+    "_degps": "degrees/s",
+    "_radps": "rad/s",
+    "_per_rad": "1/rad",
+    "_db": "dB",
+    "_hz": "Hz",
+    "_mah": "mAh",
+    "_ohm": "ohm",
+    "_pa": "Pa",
+    "_gauss": "gauss",
+    "_rounds": "rounds",
+}
+_NOUNS: dict[object, tuple[str, str]] = {
     float: ("a number", "numbers"),
     int: ("a whole number", "whole numbers"),
     str: ("text", "texts"),
@@ -32,8 +44,8 @@ class Key:
     """A place in a configuration: a table, a value, or an element of a list."""
 
     path: tuple[str | int, ...]
-    annotation: Any  # its type, without what `Annotated` adds
-    bounds: tuple[Any, ...] = ()  # what `Annotated` and the field add: limits, patterns
+    annotation: object  # its type, without what `Annotated` adds
+    bounds: tuple[object, ...] = ()  # what `Annotated` and the field add: limits, patterns
 
     @property
     def name(self) -> str:
@@ -107,7 +119,7 @@ def locate(key: Key, parts: Sequence[str | int]) -> Key:
     return key
 
 
-def _key(path: tuple[str | int, ...], annotation: Any, bounds: tuple[Any, ...]) -> Key:
+def _key(path: tuple[str | int, ...], annotation: object, bounds: tuple[object, ...]) -> Key:
     while get_origin(annotation) is Annotated:
         annotation, *more = get_args(annotation)
         for item in more:
@@ -118,22 +130,22 @@ def _key(path: tuple[str | int, ...], annotation: Any, bounds: tuple[Any, ...]) 
     return Key(path, annotation, bounds)
 
 
-def _bounds(field: FieldInfo) -> tuple[Any, ...]:
+def _bounds(field: FieldInfo) -> tuple[object, ...]:
     # The field itself holds the examples.
     return (*field.metadata, field)
 
 
-def _options(annotation: Any) -> tuple[Any, ...]:
+def _options(annotation: object) -> tuple[object, ...]:
     """The members of a union, or the one type."""
     if get_origin(annotation) in (Union, UnionType):
         return get_args(annotation)
     return (annotation,)
 
 
-def _inner(annotation: Any, part: str | int) -> tuple[Any, tuple[Any, ...]] | None:
+def _inner(annotation: object, part: str | int) -> tuple[object, tuple[object, ...]] | None:
     arguments = get_args(annotation)
     if _is_model(annotation):
-        field = annotation.model_fields.get(part)
+        field = annotation.model_fields.get(str(part))
         return None if field is None else (field.annotation, _bounds(field))
     if get_origin(annotation) is tuple and isinstance(part, int):
         elements = arguments[:1] if arguments[-1] is Ellipsis else arguments[part : part + 1]
@@ -143,7 +155,7 @@ def _inner(annotation: Any, part: str | int) -> tuple[Any, tuple[Any, ...]] | No
     return None
 
 
-def _is_model(annotation: Any) -> bool:
+def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 

@@ -48,6 +48,6 @@ def fly(
     resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import free_folder
-    from mission.planflight.fly import fly_plan
+    from mission.run.planflight.fly import fly_plan
 
     return fly_plan(resolved, plan, out or free_folder(plan.stem), console=watching)

@@ -162,13 +162,10 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.log.export.mavlink import export_tlog
 
         return (export_tlog(log, file),)
-    if to == "parquet":
-        from mission.log.export.parquet import export_parquet
+    from mission.log.export.tables import export_attachments, export_csv, export_parquet
 
-        return export_parquet(log, folder)
-    from mission.log.export.tables import export_attachments, export_csv
-
-    return export_csv(log, folder) if to == "csv" else export_attachments(log, folder)
+    write = {"csv": export_csv, "parquet": export_parquet, "attachments": export_attachments}
+    return write[to](log, folder)
 
 
 def diff(first: Path, second: Path, *, as_json: Json = False) -> int:

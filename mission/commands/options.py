@@ -35,7 +35,7 @@ _OPTIONS = {
 
 
 def load(
-    config: Path | None, set_: Sequence[str], options: Mapping[str, Any] | None = None
+    config: Path | None, set_: Sequence[str], options: Mapping[str, object] | None = None
 ) -> "RunConfig":
     """The configuration in a file, or the quick start's, under `--set` and options of their own.
 
@@ -55,7 +55,7 @@ def load(
     return load_config(source, overrides | mine, options=named)
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print a value as JSON; what JSON has no number for (NaN, infinity) as null."""
     Terminal(**PLAIN).print(json.dumps(plain(value), indent=2, allow_nan=False))
 

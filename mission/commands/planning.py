@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -90,7 +89,7 @@ class BudgetReport:
     """The link budget as lines of text, and a warning where there is one."""
 
     lines: tuple[str, ...]
-    numbers: Mapping[str, Any]  # the same for programs
+    numbers: Mapping[str, object]  # the same for programs
     warning: str | None
 
 
@@ -106,11 +105,12 @@ def budget_report(channel: Channel) -> BudgetReport:
     radius = served_radius(channel)
     lines += [
         "",
-        f"served radius (PER 0.5): {radius:.0f} m" if radius > 0.0 else
-        "served radius (PER 0.5): none, not even straight overhead",
+        f"served radius (PER 0.5): {radius:.0f} m"
+        if radius > 0.0
+        else "served radius (PER 0.5): none, not even straight overhead",
         f"logistic stand-in 1 / (1 + exp(b1 theta + b2)): b1 = {fit.b1_per_rad:.2f} per rad, "
         f"b2 = {fit.b2:.2f}, worst error {fit.worst_error:.3f}",
-    ]  # fmt: skip
+    ]
     warning = None
     if overhead.per > BAD_OVERHEAD_PER:
         warning = (

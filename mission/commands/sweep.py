@@ -59,10 +59,11 @@ def sweep(
     as_json
         Print nothing but the results, a row a run, as JSON at the end.
     """
-    from mission.sweep.execute.choice import check_options
+    from mission.sweep.execute.choice import EngineChoice
     from mission.sweep.grid import make_grid, parse_axis
 
-    check_options(engine, jobs=jobs, address=address)
+    chosen = EngineChoice(engine, jobs, address)
+    chosen.check()
     names = [name.strip() for name in strategies.split(",")]
     if not all(names):
         raise InputError(f"--strategies {strategies}: expected names separated by commas")
@@ -90,9 +91,7 @@ def sweep(
             folder,
             data_dir=data_dir,
             run_figures=run_figures,
-            engine=engine,
-            jobs=jobs,
-            address=address,
+            engine=chosen,
             console=console,
             page=None if no_report else _page,
         )

@@ -54,7 +54,7 @@ def config_file(path: Path) -> Path:
 
 def load_config(
     source: Path | RunConfig,
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
     *,
     options: Mapping[str, str] | None = None,
     giver: str = "command line",
@@ -92,7 +92,7 @@ def load_config(
     return config
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """What JSON does not have: arrays and their scalars, as lists and numbers; dates as text."""
     return value.tolist() if hasattr(value, "tolist") else str(value)
 

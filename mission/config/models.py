@@ -356,11 +356,12 @@ class RunConfig(_Model):
     @model_validator(mode="after")
     def _one_flyer(self) -> Self:
         other = (
-            "link.kind = 'external'" if self.link.kind == "external"
+            "link.kind = 'external'"
+            if self.link.kind == "external"
             else f"vehicle.autopilot = '{self.vehicle.autopilot}'"
             if self.vehicle.autopilot != "built-in"
             else None
-        )  # fmt: skip
+        )
         if self.mission.flight == "none" and other is not None:
             raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
         return self

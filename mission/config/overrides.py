@@ -12,7 +12,7 @@ from mission.base.schema import Key, top
 from mission.config.models import RunConfig
 
 
-def parse_override(text: str) -> tuple[str, Any]:
+def parse_override(text: str) -> tuple[str, object]:
     """`a.b=value` into a dotted path and a TOML value; a bare word is a string.
 
     Raises:
@@ -31,7 +31,7 @@ def parse_override(text: str) -> tuple[str, Any]:
 
 
 def override(
-    data: dict[str, Any], dotted: str, value: Any, *, source: str, giver: str = "command line"
+    data: dict[str, Any], dotted: str, value: object, *, source: str, giver: str = "command line"
 ) -> None:
     """Set one key in `data`, read from `source`; the value is not checked yet.
 
@@ -65,7 +65,7 @@ class _NoPlaceError(Exception):
     """Why nothing can be set there."""
 
 
-def _place(node: Any, part: str, key: Key) -> str | int:
+def _place(node: object, part: str, key: Key) -> str | int:
     """Where in a table or a list a part of a dotted path leads."""
     if isinstance(node, dict):
         return part
@@ -86,7 +86,7 @@ def _holds(key: Key) -> bool:
     return bool(key.models) or key.inner(0) is not None or key.inner("") is not None
 
 
-def _beginning(key: Key) -> Any:
+def _beginning(key: Key) -> object:
     """What a key starts as that the file does not have; nothing, where it holds nothing."""
     if key.inner(0) is None:
         return {} if _holds(key) else None

@@ -6,7 +6,7 @@ that a slip is answered at once. The homes of each check it again, and more, whe
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from fl import preflight as learning
 from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, GATES, PARTITIONS, TASKS
@@ -26,7 +26,7 @@ class Problem(NamedTuple):
     """A key whose value cannot be used."""
 
     key: str
-    value: Any
+    value: object
     reason: str
 
 

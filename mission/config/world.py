@@ -89,7 +89,7 @@ def _nearer(area: AreaConfig) -> str:
 
 def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
     """The area with the polygons of its files."""
-    known: dict[str, Any] = {}
+    known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
         zones = tuple(_zone(area, ring, blame) for ring in rings)
@@ -190,7 +190,9 @@ def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]
     return tuple(places)
 
 
-def _placed(community: CommunityConfig, places: Sequence[Place], area: AreaConfig) -> Any:
+def _placed(
+    community: CommunityConfig, places: Sequence[Place], area: AreaConfig
+) -> CommunityConfig:
     known: dict[str, Any] = {
         "positions_m": tuple(_on_ground(place, area) for place in places),
         "positions_file": None,
@@ -261,7 +263,7 @@ def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig
     return area.model_copy(update=known)
 
 
-def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dict[str, Any]:
+def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dict[str, float]:
     """Home's latitude and longitude: as given, else in the middle of the places."""
     keys = {"home_lat_deg", "home_lon_deg"}
     named = keys & area.model_fields_set
@@ -278,7 +280,7 @@ def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dic
     return {"home_lat_deg": round(lat, 7), "home_lon_deg": round(lon, 7)}
 
 
-def _moved(area: AreaConfig, by_m: Floats) -> dict[str, Any]:
+def _moved(area: AreaConfig, by_m: Floats) -> dict[str, float]:
     """Latitude and longitude of what lies so far east and north of home, which is at (0, 0)."""
     built = area.build()
     place = built.frame.to_geodetic(built.to_ned(by_m, 0.0))

@@ -23,9 +23,8 @@ class Cell:
 
 
 def cell_map(
-    title: str, cells: Sequence[Cell], *, down: str, across: str, most: float, signed: bool,
-    note: str,
-) -> LayerChart:  # fmt: skip
+    title: str, cells: list[Cell], *, down: str, across: str, most: float, signed: bool, note: str
+) -> LayerChart:
     """Rows by the setting `down`, columns by `across`, both in order of appearance.
 
     Colours reach to `most`; `signed`: from -`most`, through none at zero.

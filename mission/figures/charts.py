@@ -3,24 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import altair as alt
 import numpy as np
 
-from mission.figures.style import (
-    BAD,
-    HEIGHT,
-    INK,
-    SOFT,
-    WIDTH,
-    keys,
-    line_keys,
-    named,
-    table,
-)
+from mission.base.arrays import Floats
+from mission.figures.style import BAD, HEIGHT, INK, SOFT, WIDTH, keys, line_keys, named, table
 
-Values: TypeAlias = Sequence[float] | np.ndarray[Any, np.dtype[np.float64]]
+Values: TypeAlias = Sequence[float] | Floats
 
 LayerChart: TypeAlias = alt.LayerChart
 _MARKED = 25  # points of a line that are few enough to be marked
@@ -67,12 +58,7 @@ def line_chart(
     values = [edge for item in drawn for edge in (item.y, item.low, item.high) if edge is not None]
     shown = np.concatenate([[1.0] if gate else [], *values])
     scale_x = alt.Scale(zero=False, nice=False, padding=8)
-    across = alt.X(
-        "x:Q",
-        title=x,
-        scale=scale_x,
-        axis=_whole(series) if whole_x else alt.Axis(),
-    )
+    across = alt.X("x:Q", title=x, scale=scale_x, axis=_whole(series) if whole_x else alt.Axis())
     up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
     dashes = named(names, [_LOOKS[item.dashed][item.again] for item in series])
     key = line_keys(names)
@@ -95,13 +81,7 @@ def line_chart(
         ),
     ]
     if gate:
-        at = alt.Chart(table(y=[1.0], name=[gate]))
-        layers += [
-            at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
-            at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11).encode(
-                x=alt.value("width"), y="y:Q", text="name:N"
-            ),
-        ]
+        layers += _gate(gate)
     if marks is not None and len(marks.x):
         found = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
         layers.append(
@@ -110,6 +90,16 @@ def line_chart(
             )
         )
     return finished(layers, title=title, note=note, height=height)
+
+
+def _gate(name: str) -> list[alt.Chart]:
+    """A line at 1 that is named."""
+    at = alt.Chart(table(y=[1.0], name=[name]))
+    text = at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11)
+    return [
+        at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
+        text.encode(x=alt.value("width"), y="y:Q", text="name:N"),
+    ]
 
 
 def finished(
@@ -172,9 +162,8 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
         low, high = min(low, 0.0), max(high, 0.0)
     air = 0.05 * (high - low)
     scale = alt.Scale(domain=[low - air, high + air], nice=False, clamp=True)
-    y = alt.Y("row:N", title=None, sort=order, axis=alt.Axis(
-        labelLimit=0, domain=False, ticks=False, labelColor=INK,
-    ))  # fmt: skip
+    plain = alt.Axis(labelLimit=0, domain=False, ticks=False, labelColor=INK)
+    y = alt.Y("row:N", title=None, sort=order, axis=plain)
     x_axis = alt.X("x:Q", title=x, scale=scale, axis=alt.Axis(grid=True))
     colour = alt.Color("row:N", scale=named(order, [row.colour for row in rows]), legend=None)
     tip = [alt.Tooltip("row:N", title=" "), alt.Tooltip("x:Q", title=x, format=".4~g")]
@@ -182,18 +171,21 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
     means = table(row=order, x=[row.mean for row in rows])
     layers = [
         alt.Chart(seeds).mark_point(filled=False, size=45).encode(x_axis, y, colour, tooltip=tip),
-        alt.Chart(means).mark_point(filled=True, size=60, opacity=1).encode(
-            x_axis, y, colour, tooltip=tip
-        ),
-    ]  # fmt: skip
+        alt.Chart(means)
+        .mark_point(filled=True, size=60, opacity=1)
+        .encode(x_axis, y, colour, tooltip=tip),
+    ]
     bar = ""
     if ends:
         labels, lows, highs = zip(*ends, strict=True)
         data = table(row=labels, x=lows, high=highs)
         bar = ", bar: its 95 % interval"
-        layers.insert(0, alt.Chart(data).mark_rule(strokeWidth=5, opacity=0.35).encode(
-            x_axis, y, colour, x2="high"
-        ))  # fmt: skip
+        layers.insert(
+            0,
+            alt.Chart(data)
+            .mark_rule(strokeWidth=5, opacity=0.35)
+            .encode(x_axis, y, colour, x2="high"),
+        )
     if zero:
         layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
     note = f"dot: mean{bar}, rings: seeds"
@@ -215,11 +207,11 @@ def _labels(series: Sequence[Series], name: str) -> list[str]:
     return [item.label for item in series for _ in getattr(item, name)]
 
 
-def _joined(series: Sequence[Series], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _joined(series: Sequence[Series], name: str) -> Floats:
     return np.concatenate([np.asarray(getattr(item, name), dtype=np.float64) for item in series])
 
 
-def _reach(values: np.ndarray[Any, np.dtype[np.float64]], most: float) -> list[float]:
+def _reach(values: Floats, most: float) -> list[float]:
     """A range with a little air, from zero where no value is negative."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)

@@ -1,7 +1,6 @@
 """How a flight went: distance from its plan, battery, wind, and the estimator's sensors."""
 
 from collections.abc import Callable
-from typing import Any
 
 import altair as alt
 import numpy as np
@@ -38,16 +37,20 @@ def flight_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerC
             by_round("corners cut, max", WARM, "corner_cut_max_m"),
             by_round("estimate error, rms", GOOD, "estimate_rms_m"),
         ],
-        x="round", y="distance (m)", whole_x=True,
-    )  # fmt: skip
+        x="round",
+        y="distance (m)",
+        whole_x=True,
+    )
     late = line_chart(
         "Slots later than planned",
         [
             by_round("mean", COOL, "slot_late_mean_s"),
             by_round("max", COOL, "slot_late_max_s", dashed=True),
         ],
-        x="round", y="delay (s)", whole_x=True,
-    )  # fmt: skip
+        x="round",
+        y="delay (s)",
+        whole_x=True,
+    )
     moved = any(plan.path_m > 0 for plan in run.plans)
     return [*([along_chart(run)] if moved else []), cross, late]
 
@@ -77,18 +80,16 @@ def along_chart(run: FlightData) -> alt.LayerChart:
     longest = max([fit.length_m for fit in fits.values()], default=1.0)
     scale = alt.Scale(domain=[0.0, longest or 1.0], nice=False)
     x = alt.X("x:Q", title="along the planned path (m)", scale=scale)
+    line = alt.Chart(track).mark_line(color=COOL, strokeWidth=1.6)
+    tip = [
+        alt.Tooltip("x:Q", title="along (m)", format=".0f"),
+        alt.Tooltip("y:Q", title="away (m)", format=".2f"),
+    ]
     marks = [
         alt.Chart(corners).mark_rule(color=GRID, strokeDash=[3, 3]).encode(x),
-        alt.Chart(track).mark_line(color=COOL, strokeWidth=1.6).encode(
-            x, alt.Y("y:Q", title="distance (m)"), order="step:Q"
-        ),
-        alt.Chart(track).mark_point(size=50, opacity=0).encode(
-            x, alt.Y("y:Q"), tooltip=[
-                alt.Tooltip("x:Q", title="along (m)", format=".0f"),
-                alt.Tooltip("y:Q", title="away (m)", format=".2f"),
-            ],
-        ),
-    ]  # fmt: skip
+        line.encode(x, alt.Y("y:Q", title="distance (m)"), order="step:Q"),
+        alt.Chart(track).mark_point(size=50, opacity=0).encode(x, alt.Y("y:Q"), tooltip=tip),
+    ]
     several = len(fits) > 1
     note = "true track; dashed: corners of the plan"
     if several:
@@ -131,9 +132,12 @@ def _wind(wind: WindTrack) -> alt.LayerChart:
         most = _thinned(wind.t_ns, across, np.max)
         series.append(Series("horizontal, most", COOL, *most, dashed=True))
     return line_chart(
-        "Wind at the aircraft", series, x=_TIME, y="wind (m/s)",
+        "Wind at the aircraft",
+        series,
+        x=_TIME,
+        y="wind (m/s)",
         note="as it was, with gusts and turbulence",
-    )  # fmt: skip
+    )
 
 
 def _innovations(sensor: str, index: int, track: InnovationTrack) -> alt.LayerChart:
@@ -143,17 +147,20 @@ def _innovations(sensor: str, index: int, track: InnovationTrack) -> alt.LayerCh
     refused = ~track.accepted
     series = [Series(name, community_colour(index), x, y)]
     axes = f"of {track.values.shape[1]} axes together; " if track.values.shape[1] > 1 else ""
+    some = np.flatnonzero(refused)[:_POINTS]
     return line_chart(
         f"{name[0].upper()}{name[1:]} against the estimate",
-        series, x=_TIME, y="innovation by its gate", gate="refused beyond",
+        series,
+        x=_TIME,
+        y="innovation by its gate",
+        gate="refused beyond",
         note=f"{axes}{refused.sum()} refused",
-        marks=Series("refused", BAD, (track.t_ns[refused] / 1e9)[:_POINTS],
-                     track.ratio[refused][:_POINTS]),
-    )  # fmt: skip
+        marks=Series("refused", BAD, track.t_ns[some] / 1e9, track.ratio[some]),
+    )
 
 
 def _thinned(
-    t_ns: Ints, values: Floats, what: Callable[[Floats], Any]
+    t_ns: Ints, values: Floats, what: Callable[[Floats], float]
 ) -> tuple[list[float], list[float]]:
     """At most `_POINTS` points: one of each stretch of time, at its middle sample."""
     parts = np.array_split(np.arange(len(t_ns)), min(_POINTS, len(t_ns)))

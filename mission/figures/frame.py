@@ -91,32 +91,34 @@ class Frame:
         x, y = run.area.home_m
         home = self.chart(table(round=[0], x=[x], y=[y]))
         return [
-            self.chart(area).mark_rect(fill=None, stroke=GRID, strokeWidth=1.4).encode(
-                x2="x2", y2="y2"
-            ),
+            self.chart(area)
+            .mark_rect(fill=None, stroke=GRID, strokeWidth=1.4)
+            .encode(x2="x2", y2="y2"),
             *self._areas(run),
             home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
             _label(home, "home", dy=14),
-        ]  # fmt: skip
+        ]
 
     def _areas(self, run: FlightData) -> list[alt.Chart]:
         """What must not be flown, filled: a polygon is a closed line; and its name."""
         rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
         known = run.config.get("area", {}).get("no_fly", ())
         named_here = [
-            (zone["name"], ring.mean(axis=0)) for ring in rings for zone in known
+            (zone["name"], ring.mean(axis=0))
+            for ring in rings
+            for zone in known
             if np.array_equal(zone["polygon_m"], ring)
-        ]  # fmt: skip
+        ]
         names = [
             _label(self.chart(table(round=[0], x=[x], y=[y])), name, dy=0)
             for name, (x, y) in named_here
         ]
         return names + [
-            alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))])).mark_line(
-                strokeWidth=0, fill=FENCE, fillOpacity=0.12, clip=True
-            ).encode(self.x(), self.y(), order="step:Q")
+            alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))]))
+            .mark_line(strokeWidth=0, fill=FENCE, fillOpacity=0.12, clip=True)
+            .encode(self.x(), self.y(), order="step:Q")
             for ring in rings
-        ]  # fmt: skip
+        ]
 
     def lines(self, lines: Lines) -> list[alt.Chart]:
         """Paths by kind, in their own looks; of other rounds than the chosen one faintly."""
@@ -126,12 +128,19 @@ class Frame:
         styles = [_LINES[kind] for kind in kinds]
         colours, widths, dashes = (list(look) for look in zip(*styles, strict=True))
         key = line_keys(kinds)
-        made = alt.Chart(line_table(lines)).mark_line(clip=True).encode(
-            self.x(), self.y(), order="step:Q", detail="part:N",
-            stroke=alt.Stroke("kind:O", scale=named(kinds, colours), legend=key),
-            strokeWidth=alt.StrokeWidth("kind:O", scale=named(kinds, widths), legend=key),
-            strokeDash=alt.StrokeDash("kind:O", scale=named(kinds, dashes), legend=key),
-        )  # fmt: skip
+        made = (
+            alt.Chart(line_table(lines))
+            .mark_line(clip=True)
+            .encode(
+                self.x(),
+                self.y(),
+                order="step:Q",
+                detail="part:N",
+                stroke=alt.Stroke("kind:O", scale=named(kinds, colours), legend=key),
+                strokeWidth=alt.StrokeWidth("kind:O", scale=named(kinds, widths), legend=key),
+                strokeDash=alt.StrokeDash("kind:O", scale=named(kinds, dashes), legend=key),
+            )
+        )
         if self._chosen is None:
             return [made]
         here = "datum.round == 0 || datum.round == shown"
@@ -149,8 +158,11 @@ class Frame:
             y=np.concatenate([plan.waypoints_m[:, 1] for plan in plans]),
             waypoint=[step for plan in plans for step in range(len(plan.waypoints_m))],
         )
-        tip = [alt.Tooltip("waypoint:Q"), alt.Tooltip("x:Q", title="east (m)"),
-               alt.Tooltip("y:Q", title="north (m)")]  # fmt: skip
+        tip = [
+            alt.Tooltip("waypoint:Q"),
+            alt.Tooltip("x:Q", title="east (m)"),
+            alt.Tooltip("y:Q", title="north (m)"),
+        ]
         look: dict[str, Any] = {"fill": PAPER, "opacity": 1.0, "strokeWidth": 1.3}
         start = self.chart(data).transform_filter("datum.waypoint == 0")
         return [

@@ -1,6 +1,7 @@
 """What a run learnt, and what its radio let through."""
 
 import math
+from functools import partial
 
 import altair as alt
 
@@ -36,14 +37,10 @@ def learning_charts(run: FlightData) -> list[alt.LayerChart]:
             for index, name in enumerate(run.rounds[0].accuracy)
         ]
 
-    accuracy = line_chart(
-        "Accuracy", by_community("accuracy", 100.0), x="round", y="accuracy (%)",
-        most=100.0, whole_x=True,
-    )  # fmt: skip
-    cov = line_chart(
-        "Fairness CoV ψ", by_community("cov", 1.0), x="round", y="CoV ψ", note=_SPREAD,
-        whole_x=True,
-    )  # fmt: skip
+    by_round = partial(line_chart, x="round", whole_x=True)
+    percent = by_community("accuracy", 100.0)
+    accuracy = by_round("Accuracy", percent, y="accuracy (%)", most=100.0)
+    cov = by_round("Fairness CoV ψ", by_community("cov", 1.0), y="CoV ψ", note=_SPREAD)
     updates = bar_chart(
         "Updates",
         [
@@ -89,15 +86,16 @@ def _error_rates(comparison: RunComparison) -> alt.LayerChart:
         + [device.true_per for device in devices],
     )
     key = keys(kinds)
-    marks = alt.Chart(data).mark_point(filled=True, opacity=0.85, tooltip=True).encode(
+    marks = alt.Chart(data).mark_point(filled=True, opacity=0.85, tooltip=True)
+    placed = marks.encode(
         x=alt.X("per:Q", title="packet error rate (mean)", axis=alt.Axis(format="~g")),
         y=alt.Y("device:O", title="device"),
         color=alt.Color("kind:O", scale=named(kinds, [PLANNED, WARM, GOOD]), legend=key),
         size=alt.Size("kind:O", scale=named(kinds, [110, 55, 22]), legend=key),
         detail="community:N",
-    )  # fmt: skip
+    )
     height = max(60.0, (16.0 if len(devices) <= 40 else 12.0) * len(devices))
-    return finished([marks], title="Packet error rate by device", height=height)
+    return finished([placed], title="Packet error rate by device", height=height)
 
 
 def _participation(run: FlightData) -> alt.LayerChart:
@@ -112,20 +110,25 @@ def _participation(run: FlightData) -> alt.LayerChart:
         community=[item.community for item in run.uplinks],
         update=[item.outcome for item in run.uplinks],
     )
-    x = alt.X("round:O", title="round", scale=alt.Scale(domain=rounds, padding=0.1),
-              axis=alt.Axis(values=some(rounds), labelAngle=0))  # fmt: skip
-    y = alt.Y("device:O", title="device", scale=alt.Scale(domain=list(range(count)), padding=0.1),
-              axis=alt.Axis(values=some(range(count), 40)))  # fmt: skip
-    marks = alt.Chart(data).mark_rect(strokeWidth=1.3, tooltip=True).encode(
-        x, y,
+    scale = partial(alt.Scale, padding=0.1)
+    across = alt.Axis(values=some(rounds), labelAngle=0)
+    x = alt.X("round:O", title="round", scale=scale(domain=rounds), axis=across)
+    up = alt.Axis(values=some(range(count), 40))
+    y = alt.Y("device:O", title="device", scale=scale(domain=list(range(count))), axis=up)
+    rects = alt.Chart(data).mark_rect(strokeWidth=1.3, tooltip=True)
+    marks = rects.encode(
+        x,
+        y,
         fill=alt.Fill("community:N", scale=colours, legend=keys(names)),
         stroke=alt.Stroke("community:N", scale=colours, legend=keys(names)),
         fillOpacity=alt.FillOpacity(
             "update:O", scale=named(OUTCOMES, [1.0, 0.0, _PALE]), legend=None
         ),
-    )  # fmt: skip
+    )
     return finished(
-        [marks], title="Participation", height=max(60.0, min(14.0 * count, 900.0)),
+        [marks],
+        title="Participation",
+        height=max(60.0, min(14.0 * count, 900.0)),
         note=f"filled: delivered, outlined: lost,{' pale: late,' if late else ''} "
         "grey: not scheduled",
-    ).properties(view=alt.ViewBackground(fill=GRID, fillOpacity=0.4))  # fmt: skip
+    ).properties(view=alt.ViewBackground(fill=GRID, fillOpacity=0.4))

@@ -51,11 +51,11 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
         *frame.ground(run),
         *frame.lines([line for line in lines if line[0] not in ("planned", "flown")]),
         *([_by_round(frame, flights)] if flights else []),
-        frame.chart(line_table([line for line in lines if line[0] == "planned"])).mark_line(
-            stroke=PLANNED, strokeWidth=1.0, strokeDash=[4, 3]
-        ).encode(order="step:Q", detail="part:N"),
+        frame.chart(line_table([line for line in lines if line[0] == "planned"]))
+        .mark_line(stroke=PLANNED, strokeWidth=1.0, strokeDash=[4, 3])
+        .encode(order="step:Q", detail="part:N"),
         *_devices(run, frame, [(0, importance, {})]),
-    ]  # fmt: skip
+    ]
     title = heading("Planned (dashed) and flown paths, all rounds", about)
     return frame.finished(layers).properties(title=title)
 
@@ -135,22 +135,24 @@ def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> alt.Chart:
 def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[alt.Chart]:
     """From the slot, where each transmission was met, to its device; coloured by the true PER."""
     met = [
-        uplink for of in served.values() for uplink in of.values()
+        uplink
+        for of in served.values()
+        for uplink in of.values()
         if math.isfinite(uplink.slot_t_s) and uplink.outcome != LATE
-    ]  # fmt: skip
+    ]
     if not met:
         return []
     at_m = run.devices.pos_m[[uplink.device for uplink in met]]
-    data = table(
-        round=[u.round for u in met], device=[u.device for u in met], step=[u.step for u in met],
-        x=[u.true_x_m for u in met], y=[u.true_y_m for u in met], x2=at_m[:, 0], y2=at_m[:, 1],
-        per=[u.true_per for u in met], t_s=[u.slot_t_s for u in met],
-    )  # fmt: skip
+    numbers = {key: [getattr(u, key) for u in met] for key in ("round", "device", "step")}
+    from_m = {"x": [u.true_x_m for u in met], "y": [u.true_y_m for u in met]}
+    rates = {"per": [u.true_per for u in met], "t_s": [u.slot_t_s for u in met]}
+    data = table(**numbers, **from_m, x2=at_m[:, 0], y2=at_m[:, 1], **rates)
     tip = [
-        alt.Tooltip("device:Q"), alt.Tooltip("step:Q", title="slot"),
+        alt.Tooltip("device:Q"),
+        alt.Tooltip("step:Q", title="slot"),
         alt.Tooltip("t_s:Q", title="time (s)", format=".1f"),
         alt.Tooltip("per:Q", title="true PER", format=".3~g"),
-    ]  # fmt: skip
+    ]
     colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
     links = frame.chart(data).encode(color=colour, tooltip=tip)
     return [
@@ -179,27 +181,31 @@ def _devices(
         per=[math.nan if uplink is None else uplink.true_per for uplink in each],
     )
     most = max(float(importance.max(initial=0.0)) for _, importance, _ in rounds)
-    tip = [alt.Tooltip("device:Q"), alt.Tooltip("community:N"),
-           alt.Tooltip("importance:Q", format=".3~g")]  # fmt: skip
+    tip = [
+        alt.Tooltip("device:Q"),
+        alt.Tooltip("community:N"),
+        alt.Tooltip("importance:Q", format=".3~g"),
+    ]
     marks = frame.chart(data).encode(
         fill=alt.Fill(
-            "community:N", scale=named(names, [community_colour(k) for k in range(len(names))]),
+            "community:N",
+            scale=named(names, [community_colour(k) for k in range(len(names))]),
             legend=keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0),
         ),
         size=importance_size(most, count),
-    )  # fmt: skip
+    )
     dx, font = (5, 8.0) if count > CROWD else (8, 9.5)
-    labels = frame.chart(data).mark_text(
-        align="left", dx=dx, dy=-6, fontSize=font, color=INK
-    ).encode(text="device:Q")  # fmt: skip
+    labels = (
+        frame.chart(data)
+        .mark_text(align="left", dx=dx, dy=-6, fontSize=font, color=INK)
+        .encode(text="device:Q")
+    )
     if not outcome:
         return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip), labels]
     some_late = any(uplink.outcome == LATE for uplink in run.uplinks)
     late = {LATE: _LATE_SHAPE} if some_late else {}
     looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: _RING}
-    key = keys(
-        list(looks), symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90
-    )  # fmt: skip
+    key = keys(list(looks), symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90)
     became = marks.mark_point(stroke=None, opacity=1).encode(
         shape=alt.Shape("outcome:N", scale=named(list(looks), list(looks.values())), legend=key),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],

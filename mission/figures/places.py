@@ -29,25 +29,30 @@ def places(frame: Frame, run: FlightData) -> list[alt.Chart]:
     shown = [kind for kind in _KINDS if kind in kinds]
     strokes, shapes = zip(*(_KINDS[kind] for kind in shown), strict=True)
     key = keys(shown, symbolSize=70)
-    marks = frame.chart(
-        table(round=[0] * len(kinds), x=at_m[:, 0], y=at_m[:, 1], height=at_m[:, 2], kind=kinds,
-              item=names)
-    ).mark_point(size=50, opacity=1, strokeWidth=1.6).encode(
+    x, y, height = at_m.T
+    data = table(round=[0] * len(kinds), x=x, y=y, height=height, kind=kinds, item=names)
+    tip = [
+        alt.Tooltip("item:N"),
+        alt.Tooltip("kind:N", title="was"),
+        alt.Tooltip("height:Q", title="height (m)", format=".1f"),
+    ]
+    points = frame.chart(data).mark_point(size=50, opacity=1, strokeWidth=1.6)
+    marks = points.encode(
         shape=alt.Shape("kind:N", scale=named(shown, shapes), legend=key),
         color=alt.Color("kind:N", scale=named(shown, strokes), legend=key),
         fill=alt.value(PAPER),
-        tooltip=[alt.Tooltip("item:N"), alt.Tooltip("kind:N", title="was"),
-                 alt.Tooltip("height:Q", title="height (m)", format=".1f")],
-    )  # fmt: skip
+        tooltip=tip,
+    )
     labels = _labels(plan)
-    text = table(round=[0] * len(labels), x=[at[0] for at, _ in labels],
-                 y=[at[1] for at, _ in labels], item=[", ".join(n) for _, n in labels])  # fmt: skip
+    at_x, at_y = ([at[axis] for at, _ in labels] for axis in (0, 1))
+    names = [", ".join(items) for _, items in labels]
+    text = table(round=[0] * len(labels), x=at_x, y=at_y, item=names)
     return [
         marks,
-        frame.chart(text).mark_text(align="left", dx=7, dy=-7, fontSize=10, color=INK).encode(
-            text="item:N"
-        ),
-    ]  # fmt: skip
+        frame.chart(text)
+        .mark_text(align="left", dx=7, dy=-7, fontSize=10, color=INK)
+        .encode(text="item:N"),
+    ]
 
 
 def _labels(plan: PlanFileRecord) -> list[tuple[Floats, list[str]]]:

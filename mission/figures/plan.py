@@ -46,33 +46,34 @@ def plan_picture(
     x = alt.X("x:Q", title="east (m)", scale=_scale(low[0], high[0]))
     y = alt.Y("y:Q", title="north (m)", scale=_scale(low[1], high[1]))
     words = heading(title, [numbers, *([about] if about else [])])
-    return (
-        alt.LayerChart(layer=_layers(problem, plan, x, y))
-        .properties(
-            width=_WIDTH, height=_WIDTH * float((high - low)[1] / (high - low)[0]), title=words
-        )
-    )  # fmt: skip
+    return alt.LayerChart(layer=_layers(problem, plan, x, y)).properties(
+        width=_WIDTH, height=_WIDTH * float((high - low)[1] / (high - low)[0]), title=words
+    )
 
 
 def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[alt.Chart]:
     per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
     slots, devices = np.nonzero(plan.schedule)
-    colour = alt.Color(
-        "per:Q", title="link: PER", scale=per_scale(),
-        legend=per_key(),
-    )  # fmt: skip
+    colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
     links = table(
-        x=plan.waypoints_m[slots, 0], y=plan.waypoints_m[slots, 1],
-        x2=problem.devices_m[devices, 0], y2=problem.devices_m[devices, 1], per=per[slots, devices],
-    )  # fmt: skip
-    path = table(step=np.arange(len(plan.waypoints_m)), x=plan.waypoints_m[:, 0],
-                 y=plan.waypoints_m[:, 1])  # fmt: skip
+        x=plan.waypoints_m[slots, 0],
+        y=plan.waypoints_m[slots, 1],
+        x2=problem.devices_m[devices, 0],
+        y2=problem.devices_m[devices, 1],
+        per=per[slots, devices],
+    )
+    path = table(
+        step=np.arange(len(plan.waypoints_m)), x=plan.waypoints_m[:, 0], y=plan.waypoints_m[:, 1]
+    )
     route = table(step=np.arange(len(plan.route_m)), x=plan.route_m[:, 0], y=plan.route_m[:, 1])
     count, served = len(problem.devices_m), np.isin(np.arange(len(problem.devices_m)), devices)
     dots = table(
-        device=np.arange(count), x=problem.devices_m[:, 0], y=problem.devices_m[:, 1],
-        importance=problem.importance, state=np.where(served, *_SERVED),
-    )  # fmt: skip
+        device=np.arange(count),
+        x=problem.devices_m[:, 0],
+        y=problem.devices_m[:, 1],
+        importance=problem.importance,
+        state=np.where(served, *_SERVED),
+    )
     way = alt.Chart(path).encode(x, y)
     device = alt.Chart(dots).encode(x, y)
     start = way.transform_filter("datum.step == 0")
@@ -85,13 +86,10 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
         start.mark_text(text="start", dy=-13, fontSize=10, color=SOFT),
         device.mark_point(stroke=PLANNED, fill=PLANNED, opacity=1).encode(
             size=importance_size(float(problem.importance.max(initial=0.0)), count),
-            fillOpacity=alt.FillOpacity(
-                "state:O", scale=named(_SERVED, [1.0, 0.0]),
-                legend=None,
-            ),
+            fillOpacity=alt.FillOpacity("state:O", scale=named(_SERVED, [1.0, 0.0]), legend=None),
         ),
         device.mark_text(align="left", dx=8, dy=-7, fontSize=9, color=INK).encode(text="device:Q"),
-    ]  # fmt: skip
+    ]
 
 
 def _outlines(problem: RoundProblem, x: alt.X, y: alt.Y) -> list[alt.Chart]:

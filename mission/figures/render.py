@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import altair as alt
 
@@ -18,6 +18,7 @@ from mission.base.run_folder import write_atomically
 from mission.figures.style import CONFIG
 
 Chart: TypeAlias = alt.LayerChart | alt.VConcatChart | alt.HConcatChart | alt.ConcatChart
+Spec: TypeAlias = dict[str, Any]  # Vega-Lite, as JSON has it
 
 _ENGINE = Path(__file__).with_name("engine.py")
 _KINDS = ("png", "svg", "pdf")
@@ -28,7 +29,7 @@ def stacked(
     charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False
 ) -> alt.VConcatChart:
     """Charts under each other, as one picture; each with keys of its own, or all with one."""
-    own: Any = "shared" if one_key else "independent"
+    own: Literal["shared", "independent"] = "shared" if one_key else "independent"
     picture = alt.vconcat(*charts, spacing=14).properties(title=heading(title, about))
     scaled: alt.VConcatChart = picture.resolve_scale(
         color=own, strokeDash=own, stroke=own, fillOpacity=own
@@ -72,7 +73,7 @@ def save_all(pictures: Mapping[str, Chart], folder: Path) -> tuple[Path, ...]:
     return tuple(folder / name for name in pictures)
 
 
-def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, Any]:
+def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, object]:
     """A chart for a page: `title` and `note` are the page's to write, `spec` is Vega-Lite.
 
     Its data are columns, which is shorter; the page makes rows of them.
@@ -97,7 +98,7 @@ def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, Any]:
     return {"title": title["text"], "note": note, "spec": spec, "aspect": aspect}
 
 
-def _add_zoom(layers: Sequence[dict[str, Any]], channels: Sequence[str]) -> None:
+def _add_zoom(layers: Sequence[Spec], channels: Sequence[str]) -> None:
     """To the first layer that has numbers on its horizontal axis, if there is one."""
     for layer in layers:
         if layer.get("encoding", {}).get("x", {}).get("type") == "quantitative":
@@ -143,7 +144,7 @@ def _described(picture: Chart) -> str:
     return re.sub(r"var\(--(\w+)\)", lambda found: LIGHT[found[1]], text)
 
 
-def _spec(picture: Chart) -> dict[str, Any]:
+def _spec(picture: Chart) -> Spec:
     # What is described here is valid: the tests see to that, and it takes as long as drawing.
-    spec: dict[str, Any] = picture.to_dict(validate=False)
+    spec: Spec = picture.to_dict(validate=False)
     return spec

@@ -24,7 +24,7 @@ _CHARACTER, _SYMBOL = 6.2, 32.0
 
 alt.data_transformers.disable_max_rows()
 
-CONFIG: dict[str, Any] = {
+CONFIG: dict[str, object] = {
     "background": PAPER,
     "font": "Liberation Sans, Arial, Helvetica, sans-serif",
     "view": {"stroke": None},
@@ -58,7 +58,7 @@ def table(**columns: ArrayLike) -> pa.Table:
     return pa.table({name: _column(np.asarray(values)) for name, values in columns.items()})
 
 
-def _column(values: NDArray[Any]) -> pa.Array:
+def _column(values: NDArray[np.generic]) -> pa.Array:
     if values.dtype.kind == "f":
         values = np.array([float(f"{value:.6g}") for value in values.tolist()])
     return pa.array(values, from_pandas=True)
@@ -78,7 +78,7 @@ def line_keys(names: Sequence[str]) -> alt.Legend:
     )
 
 
-def named(names: Sequence[str], values: Sequence[Any]) -> alt.Scale:
+def named(names: Sequence[str], values: Sequence[str | float | Sequence[float]]) -> alt.Scale:
     """A look for each name."""
     return alt.Scale(type="ordinal", domain=list(names), range=list(values))
 
@@ -100,10 +100,13 @@ def importance_size(most: float, count: int) -> alt.Size:
     """Area of a device's dot, with its key."""
     crowded = count > CROWD
     scale = alt.Scale(domain=[0.0, most or 1.0], range=[10, 110] if crowded else [30, 260])
-    look: dict[str, Any] = {
-        "symbolFillColor": SOFT,
-        "symbolStrokeColor": "transparent",
-        "symbolOpacity": 1.0,
-    }
-    legend = alt.Legend(title="importance", tickCount=3, columns=4, format=".2~g", **look)
+    legend = alt.Legend(
+        title="importance",
+        tickCount=3,
+        columns=4,
+        format=".2~g",
+        symbolFillColor=SOFT,
+        symbolStrokeColor="transparent",
+        symbolOpacity=1.0,
+    )
     return alt.Size("importance:Q", scale=scale, legend=legend)

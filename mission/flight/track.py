@@ -36,10 +36,8 @@ class Flight:
     @classmethod
     def standing(cls, here: Passage, battery: float) -> Self:
         """A flight in which the aircraft did not move from its one stop."""
-        return cls(
-            np.array([here.t_ns]), here.true_ned_m[None], here.est_ned_m[None], battery, (here,),
-            0.0,
-        )  # fmt: skip
+        true_ned_m, est_ned_m = here.true_ned_m[None], here.est_ned_m[None]
+        return cls(np.array([here.t_ns]), true_ned_m, est_ned_m, battery, (here,), 0.0)
 
     @property
     def duration_s(self) -> float:

@@ -71,10 +71,7 @@ class TimedUplinkRecord(UplinkRecord):
 
     @property
     def outcome(self) -> str:
-        """What became of the update, in a word: one of `OUTCOMES`."""
-        if self.late:
-            return LATE
-        return "delivered" if self.delivered else "lost"
+        return LATE if self.late else "delivered" if self.delivered else "lost"
 
 
 # Of a round's table where time or energy is limited: the columns, and what people read of them.
@@ -135,7 +132,7 @@ def is_by_community(column: Column) -> bool:
     return get_origin(column.holds) is dict
 
 
-def flat(record: Any) -> dict[str, Any]:
+def flat(record: object) -> dict[str, Any]:
     """A record's values by column of its table."""
     row: dict[str, Any] = {}
     for column in columns(type(record)):
@@ -149,7 +146,7 @@ def flat(record: Any) -> dict[str, Any]:
     return row
 
 
-_NOTHING: dict[Any, Any] = {float: math.nan, int: 0}
+_NOTHING: dict[object, Any] = {float: math.nan, int: 0}
 
 # A round of which nothing is known, for `dataclasses.replace`.
 UNKNOWN_ROUND = RoundRecord(**{c.name: _NOTHING.get(c.holds, {}) for c in columns(RoundRecord)})

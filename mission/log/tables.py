@@ -23,10 +23,11 @@ from mission.log.records import (
     is_by_community,
 )
 
+Cell = TypeVar("Cell")
 Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
 
 # A record, and the one with more columns that may stand in its table.
-_WIDER: Mapping[Any, Any] = {UplinkRecord: TimedUplinkRecord}
+_WIDER: Mapping[type, type] = {UplinkRecord: TimedUplinkRecord}
 
 
 class TableError(InputError):
@@ -64,7 +65,7 @@ class Table(Generic[Record]):
         rows = map(flat, records)
         self._append([row[name] for name in self._header] for row in rows)
 
-    def _append(self, rows: Iterable[Sequence[Any]]) -> None:
+    def _append(self, rows: Iterable[Sequence[object]]) -> None:
         try:
             self._file.write(csv_text.lines(rows))
             self._file.flush()
@@ -121,7 +122,7 @@ def _record(
 
 
 def _header(
-    record: type[Any], communities: Sequence[str] = (), optional: Sequence[str] = ()
+    record: type, communities: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> tuple[str, ...]:
     names: list[str] = []
     for column in columns(record):
@@ -185,11 +186,16 @@ def _boolean(text: str) -> bool:
 
 
 # By the type of a column.
-_KINDS: Mapping[Any, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _boolean}
+_KINDS: Mapping[object, Callable[[str], object]] = {
+    int: int,
+    float: float,
+    str: str,
+    bool: _boolean,
+}
 _ALLOWED = {int: "a whole number", float: "a number", _boolean: "true or false"}
 
 
-def _parse(path: Path, line: int, column: str, cell: str, kind: Callable[[str], Any]) -> Any:
+def _parse(path: Path, line: int, column: str, cell: str, kind: Callable[[str], Cell]) -> Cell:
     try:
         return kind(cell)
     except (ValueError, KeyError):

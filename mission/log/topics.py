@@ -77,8 +77,8 @@ def fields(schema: bytes) -> dict[str, dict[str, Any]]:
     return {key: named[key] for key in told["required"]}
 
 
-_NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
-_TYPES: dict[str, dict[str, Any]] = {
+_NUMBERS: dict[str, object] = {"type": "array", "items": {"type": "number"}}
+_TYPES: dict[str, dict[str, object]] = {
     "integer": {"type": "integer"},
     "number": {"type": "number"},
     "boolean": {"type": "boolean"},
@@ -99,7 +99,7 @@ _TYPES: dict[str, dict[str, Any]] = {
     },
     "by_community": {"type": "object", "additionalProperties": {"type": "number"}},
 }
-_PLAIN_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
+_PLAIN_TYPES: dict[object, str] = {int: "integer", float: "number", bool: "boolean", str: "string"}
 _PLAIN = frozenset({"boolean", "integer", "number", "string", "numbers", "strings"})
 
 TF = _foxglove(
@@ -166,12 +166,7 @@ LEARNING = _json(
     "Accuracy and fairness of one community after a round",
     **_declared(LearningRecord),
 )
-BATTERY = _json(
-    "/battery",
-    "aerofed.Battery",
-    "The battery",
-    **_declared(BatteryTrack),
-)
+BATTERY = _json("/battery", "aerofed.Battery", "The battery", **_declared(BatteryTrack))
 MODE = _json(
     "/mode",
     "aerofed.Mode",

@@ -24,7 +24,6 @@ from mission.planner.certified import (
     search,
 )
 from mission.planner.evaluate import (
-    check_problem,
     climbed,
     finish,
     fit_budget,
@@ -61,7 +60,6 @@ class CertifiedAltitudes:
         """
         if problem.altitudes_m is None:
             return self.inner.plan(problem)
-        check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         if (plan := in_usual_size(self, problem)) is not None:

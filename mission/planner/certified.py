@@ -8,7 +8,6 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import (
-    check_problem,
     finish,
     fit_budget,
     objective,
@@ -70,7 +69,6 @@ class CertifiedPlanner:
         Raises:
             PlanInputError: the problem makes no sense.
         """
-        check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         if (plan := in_usual_size(self, problem)) is not None:

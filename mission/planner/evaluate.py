@@ -146,11 +146,12 @@ def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tu
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
-    """The optimal plan where there is nothing to move for, else None.
+    """The optimal plan where there is nothing to move for, else None; see `check_problem`.
 
     One step, no path budget, no device, or no importance: all steps are served from the start,
     and the plan is its own bound.
     """
+    check_problem(problem)
     if (
         problem.steps > 1
         and problem.path_budget_m > 0.0

@@ -9,12 +9,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from fl.radio.channel import Channel, constants_model
+from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
 from mission.base.run_folder import write_atomically
 from mission.planner.errors import PlanInputError
@@ -128,12 +130,12 @@ def write_plans(path: Path, plans: Sequence[NamedPlan]) -> None:
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, Any]:
+def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, object]:
     """Plans by the ids of their problems, as a plan file has them."""
     return {entry.id: _plan(entry) for entry in plans}
 
 
-def _entries(path: Path, data: list[Any]) -> list[ProblemEntry]:
+def _entries(path: Path, data: list[object]) -> list[ProblemEntry]:
     """The file's entries, each of them right; a line for every wrong key of every entry."""
     entries: list[ProblemEntry] = []
     wrong: list[str] = []
@@ -168,13 +170,13 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
     )
 
 
-def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _frozen(values: ArrayLike, shape: tuple[int, ...]) -> Floats:
     array = np.array(values, dtype=np.float64).reshape(shape)
     array.flags.writeable = False
     return array
 
 
-def _plan(entry: NamedPlan) -> dict[str, Any]:
+def _plan(entry: NamedPlan) -> dict[str, object]:
     plan = entry.plan
     proven = bool(np.isfinite(plan.upper_bound))
     foreseen = plan.foreseen

@@ -92,4 +92,3 @@ class Planner(Protocol):
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round. The same problem gives the same plan on every machine."""
-        ...

@@ -120,11 +120,7 @@ def _bend_m(low: Channel) -> float:
     no less of altitude; the probability of line of sight changes over 2 / a1 of elevation, which
     changes by r / (H^2 + r^2) <= 1 / (2 H) a metre.
     """
-    shares = (
-        low.sigma_los / low.alpha_los,
-        low.sigma_nlos / low.alpha_nlos,
-        2.0 / low.a1_per_rad,
-    )
+    shares = (low.sigma_los / low.alpha_los, low.sigma_nlos / low.alpha_nlos, 2.0 / low.a1_per_rad)
     return low.altitude_m * min(shares)
 
 

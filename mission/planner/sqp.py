@@ -19,12 +19,7 @@ from mission.base.arrays import Floats, Ints
 from mission.planner.arrays import instance
 from mission.planner.certified import STARTS, tries
 from mission.planner.errors import SolverError
-from mission.planner.evaluate import (
-    check_problem,
-    finish,
-    fit_budget,
-    plan_without_moving,
-)
+from mission.planner.evaluate import finish, fit_budget, plan_without_moving
 from mission.planner.native.library import Devices, Limits, explore
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
@@ -67,7 +62,6 @@ class SqpPlanner:
             PlanInputError: the problem makes no sense.
             SolverError: OSQP gave no solution.
         """
-        check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         devices, limits = instance(problem)
@@ -198,13 +192,7 @@ class StepProgram:
         )
 
     def solve(
-        self,
-        way: Floats,
-        gradient: Floats,
-        hessian: Floats,
-        *,
-        budget_m: float,
-        trust_m: float,
+        self, way: Floats, gradient: Floats, hessian: Floats, *, budget_m: float, trust_m: float
     ) -> Floats:
         """(N - 1, 2) the best step of the free waypoints.
 

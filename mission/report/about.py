@@ -1,18 +1,20 @@
 """The end of a report: where the time went, in what conditions, with which versions."""
 
 import tomllib
+from collections.abc import Mapping
 
 from mission.analysis.load import LoadedRun
 
-_COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west",
-            "north-west")  # fmt: skip
-_NAMED = ("ended_by", "seed", "simulated_s", "real_time_factor", "battery_changes",
-          "position_source")  # fmt: skip
+_COMPASS = "north north-east east south-east south south-west west north-west"
+_NAMED = (
+    *("ended_by", "seed", "simulated_s", "real_time_factor", "battery_changes"),
+    "position_source",
+)
 
 
 def about(run: LoadedRun) -> dict[str, object]:
     """Wall time, conditions, versions, configuration: what is known of them."""
-    summary = run.summary
+    summary: Mapping[str, object] = run.summary
     config = run.data.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
     wind = _wind(config)
     wall_s = summary.get("wall_s")
@@ -46,7 +48,7 @@ def _wind(config: str) -> str:
     gusts = wind.get("gusts", [])
     steady = f"{speed_mps:g} m/s"
     if "from_deg" in wind:
-        named = _COMPASS[round(wind["from_deg"] / 45) % 8]
+        named = _COMPASS.split()[round(wind["from_deg"] / 45) % 8]
         steady += f" from {named} ({wind['from_deg']:g}°)"
     parts = [steady if speed_mps else "no steady wind"]
     parts.append(f"turbulence of severity {severity} of 7" if severity else "no turbulence")

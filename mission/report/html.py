@@ -12,9 +12,11 @@ from mission.figures.style import CONFIG
 
 def page(template: str, **content: object) -> str:
     """A whole page that needs nothing else. Everything in `content` is text, escaped."""
-    return _templates().get_template(template).render(
-        light=LIGHT, dark=DARK, look=CONFIG, libraries=Markup(libraries()), **content
-    )  # fmt: skip
+    return (
+        _templates()
+        .get_template(template)
+        .render(light=LIGHT, dark=DARK, look=CONFIG, libraries=Markup(libraries()), **content)
+    )
 
 
 @cache

@@ -1,17 +1,17 @@
 """Puts a run's report together."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mission.analysis.compare import Comparison, RunComparison, compare_run
-from mission.analysis.comparison_text import labelled, number
+from mission.analysis.comparison_text import labelled
 from mission.analysis.load import LoadedRun, load_run, reached
+from mission.base.columns import number
 from mission.base.errors import InputError
-from mission.base.run_folder import write_atomically
+from mission.base.run_folder import RunSummary, write_atomically
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
@@ -21,8 +21,6 @@ from mission.log.values import NS_PER_S, FlightData, PlanFileRecord
 from mission.report.about import about
 from mission.report.html import page
 
-_HEADS = ("round", "flown m", "cross-track rms m", "max m", "corner cut m", "slot late s",
-          "PER planned", "PER true", "objective planned", "true", "lost %", "arrived")  # fmt: skip
 _PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
 REPORT_NAME = "report.html"
 
@@ -52,7 +50,7 @@ def report_html(loaded: LoadedRun) -> str:
     run, summary = loaded.data, loaded.summary
     comparison = compare_run(loaded) if run.plans else None
     status = str(summary.get("status", ""))
-    flown: dict[str, Any] = dict.fromkeys(("map", "table"))
+    flown: dict[str, object] = dict.fromkeys(("map", "table"))
     flown |= {"rounds": [], "details": [], "flight": [], "radio": []}
     if comparison is not None:
         numbers = [item.round for item in comparison.rounds]
@@ -65,8 +63,11 @@ def report_html(loaded: LoadedRun) -> str:
                 "radio": [card(chart) for chart in radio_charts(run, comparison)],
                 "table": (
                     "Every round",
-                    _HEADS,
-                    [_row(item) for item in (*comparison.rounds, comparison.total)],
+                    [head for head, _ in _COLUMNS],
+                    [
+                        [cell(item) for _, cell in _COLUMNS]
+                        for item in (*comparison.rounds, comparison.total)
+                    ],
                 ),
             }
         else:
@@ -81,10 +82,7 @@ def report_html(loaded: LoadedRun) -> str:
         title=str(summary.get("name", loaded.path.stem)),
         badge=status,
         good=status == "finished",
-        facts=[
-            *loaded.about.split(" · ")[1:],
-            *_devices(run),
-        ],
+        facts=[*loaded.about.split(" · ")[1:], *_devices(run)],
         notice=loaded.notice,
         plan_file=run.plan_file is not None,
         tiles=_tiles(run, comparison, summary),
@@ -98,7 +96,7 @@ def report_html(loaded: LoadedRun) -> str:
 
 
 def _tiles(
-    run: FlightData, comparison: RunComparison | None, summary: Mapping[str, Any]
+    run: FlightData, comparison: RunComparison | None, summary: RunSummary
 ) -> list[tuple[str, str]]:
     last = run.rounds[-1]
     if run.plan_file is None:
@@ -166,17 +164,26 @@ def _facts(item: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def _row(item: Comparison) -> list[str]:
-    return [
-        "all" if item.round is None else str(item.round), f"{item.flown_path_m:.0f}",
-        number(item.cross_track_rms_m), number(item.cross_track_max_m),
-        number(item.corner_cut_max_m), number(item.slot_late_mean_s),
-        number(item.plan_per_mean, 4), number(item.true_per_mean, 4),
-        number(item.plan_objective, 3), number(item.true_objective, 3),
-        number(100 * (1 - item.true_objective / item.plan_objective), 2)
-        if item.plan_objective > 0 else "-",
-        f"{item.delivered}/{item.scheduled}",
-    ]  # fmt: skip
+def _share_lost(item: Comparison) -> str:
+    if not item.plan_objective > 0:
+        return "-"
+    return number(100 * (1 - item.true_objective / item.plan_objective), 2)
+
+
+_COLUMNS: tuple[tuple[str, Callable[[Comparison], str]], ...] = (
+    ("round", lambda item: "all" if item.round is None else str(item.round)),
+    ("flown m", lambda item: f"{item.flown_path_m:.0f}"),
+    ("cross-track rms m", lambda item: number(item.cross_track_rms_m)),
+    ("max m", lambda item: number(item.cross_track_max_m)),
+    ("corner cut m", lambda item: number(item.corner_cut_max_m)),
+    ("slot late s", lambda item: number(item.slot_late_mean_s)),
+    ("PER planned", lambda item: number(item.plan_per_mean, 4)),
+    ("PER true", lambda item: number(item.true_per_mean, 4)),
+    ("objective planned", lambda item: number(item.plan_objective, 3)),
+    ("true", lambda item: number(item.true_objective, 3)),
+    ("lost %", _share_lost),
+    ("arrived", lambda item: f"{item.delivered}/{item.scheduled}"),
+)
 
 
 def _pair(first: float, second: float, unit: str) -> str:

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from fl.federation.rounds import RoundLearning
 from mission.base.user_code import make_from, users_code
@@ -38,18 +38,16 @@ class Callback(Protocol):
 
     def round_finished(self, report: RoundReport) -> None:
         """A round is over, and in the tables and the checkpoint."""
-        ...
 
     def close(self) -> None:
         """No round follows: the run has ended, however it did."""
-        ...
 
 
 @dataclass(frozen=True)
 class Callbacks:
     """All of a run's callbacks, with their names. One that fails ends the run with its name."""
 
-    each: tuple[tuple[str, Any], ...] = ()
+    each: tuple[tuple[str, Callback], ...] = ()
 
     def round_finished(self, report: RoundReport) -> None:
         """Tell all of them.
@@ -80,7 +78,7 @@ def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Cal
         InputError: one cannot be imported or called, or makes something else; those before it
             are closed.
     """
-    made: list[tuple[str, Any]] = []
+    made: list[tuple[str, Callback]] = []
     with ExitStack() as unless_all:
         for name in names or ():
             members = ("round_finished", "close")

@@ -97,7 +97,7 @@ class CheckpointFolder:
         return Checkpoint(rounds, state)
 
 
-def _plain(memory: RoundMemory) -> dict[str, Any]:
+def _plain(memory: RoundMemory) -> dict[str, object]:
     return {
         "importance": memory.importance.tolist(),
         "sortie": None if memory.sortie is None else _plain_sortie(memory.sortie),
@@ -109,7 +109,7 @@ def _plain(memory: RoundMemory) -> dict[str, Any]:
     }
 
 
-def _plain_sortie(sortie: Sortie) -> dict[str, Any]:
+def _plain_sortie(sortie: Sortie) -> dict[str, object]:
     plan = sortie.plan
     return {
         "waypoints_m": plan.waypoints_m.tolist(),

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
+from fl.errors import DivergedError
 from fl.federation import rounds as learning
-from mission.base.arrays import Bools, Ints
 from mission.base.console import RunConsole
+from mission.base.errors import TrainingError
 from mission.base.stopwatch import Stopwatch
-from mission.base.user_code import users_code
+from mission.base.user_code import plugins_of_learning, users_code
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
-from mission.run.learning import learn
-from mission.run.round_result import Recorder, RoundResult
+from mission.run.recorder import FolderRecorder, RoundResult
 from mission.run.summary import Summary
 from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
@@ -28,7 +28,7 @@ class Experiment(ABC):
     """One run's state between rounds."""
 
     scenario: Scenario
-    recorder: Recorder
+    recorder: FolderRecorder
     stopwatch: Stopwatch
     state: learning.FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to go through again as they were
@@ -105,27 +105,17 @@ class Experiment(ABC):
         done = self.totals.rounds_done
         return self.memory[done] if done < len(self.memory) else None
 
-    async def _learn(
-        self,
-        scheduled: Bools,
-        delivered: Bools,
-        *,
-        begun: Ints | None = None,
-        kept: Bools | None = None,
-    ) -> learning.RoundLearning:
+    async def _learn(self, who: learning.Participation) -> learning.RoundLearning:
         self._show("training")
-        with self.stopwatch("learn"), self._users_networks():
-            # In a thread, so that heartbeats go on; simulated time stands still.
-            self.state, learnt = await asyncio.to_thread(
-                learn,
-                self.scenario.federation,
-                self.state,
-                scheduled=scheduled,
-                delivered=delivered,
-                begun=begun,
-                kept=kept,
-                workers=self.workers,
-            )
+        state, federation = self.state, self.scenario.federation
+        try:
+            with self.stopwatch("learn"), self._users_networks(), plugins_of_learning():
+                # In a thread, so that heartbeats go on; simulated time stands still.
+                self.state, learnt = await asyncio.to_thread(
+                    learning.play_round, federation, state, who, workers=self.workers
+                )
+        except DivergedError as error:
+            raise TrainingError(f"learning diverged: {error}") from None
         return learnt
 
     def _users_networks(self) -> AbstractContextManager[None]:

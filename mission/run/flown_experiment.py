@@ -66,7 +66,6 @@ class FlownExperiment(Experiment):
             raise error.in_words(f"{when}: {error}") from error.__cause__
 
     def flown(self) -> str:
-        """How much was flown, in words."""
         if self.scenario.config.mission.strategy == "barycenter":
             return f"hovering, {self.totals.used.metres:.0f} m of the path budget spent"
         none = self.scenario.config.mission.flight == "none"
@@ -113,11 +112,8 @@ class FlownExperiment(Experiment):
         sent = self._mask(u.device for u in served if math.isfinite(u.slot_t_s)) & ~late
         self.work = self.work.round_ends(late=late, sent=sent)
         kept = self.work.kept(int(flight.t_ns[-1]))
-        learnt = (
-            recalled.learnt
-            if recalled
-            else await self._learn(scheduled, delivered, begun=self.work.begun, kept=kept)
-        )
+        who = learning.Participation(scheduled, delivered, self.work.begun, kept)
+        learnt = recalled.learnt if recalled else await self._learn(who)
         used = self._used(problem, sortie, flight, foreseen)
         record = RoundRecord(
             round=self.totals.next_round,

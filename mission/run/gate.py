@@ -9,9 +9,9 @@ import numpy as np
 from fl.federation.device_work import DeviceWork
 from fl.radio.channel import Channel
 from fl.radio.custom_radio import CustomRadio
-from fl.radio.uplink import Gate, deliver
+from fl.radio.uplink import Arrivals, Gate, deliver
 from mission.base.area import Area
-from mission.base.arrays import Floats
+from mission.base.arrays import Bools, Floats
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import TimedUplinkRecord, UplinkRecord
@@ -89,19 +89,8 @@ def uplinks(
         (int(step), int(device), passages.get(int(device)))
         for step, device in np.argwhere(plan.schedule)
     ]
-    count = len(problem.devices_m)
-    horizontal, height = np.zeros(count), np.zeros(count)
-    late, transmitted = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for _, device, passage in served:
-        if passage is not None:
-            x, y, height[device] = _place(area, passage.true_ned_m)
-            horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
-            transmitted[device] = not late[device]
-    arrivals = deliver(
-        problem.channel, horizontal, height_m=height, transmitted=transmitted, rng=rng,
-        radio=radio, gate=gate,
-    )  # fmt: skip
+    late, arrivals = _arrivals(problem, served, area, rng, gate=gate, radio=radio, work=work)
+    channel = problem.channel
 
     records = []
     for step, device, passage in served:
@@ -111,7 +100,7 @@ def uplinks(
         if passage is not None:
             t_s = passage.t_ns / 1e9
             est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per = 1.0 if late[device] else _per(radio or problem.channel, ground, est)
+            est_per = 1.0 if late[device] else _per(radio or channel, ground, est)
         record = UplinkRecord(
             round=round_number,
             device=device,
@@ -126,22 +115,53 @@ def uplinks(
             true_x_m=true[0],
             true_y_m=true[1],
             true_alt_m=true[2],
-            plan_per=_per(problem.channel, ground, (*where, problem.channel.altitude_m)),
+            plan_per=_per(channel, ground, (*where, channel.altitude_m)),
             est_per=est_per,
             true_per=float(arrivals.per[device]),
             importance=float(problem.importance[device]),
             delivered=bool(arrivals.delivered[device]),
         )
         if work is not None:
-            record = TimedUplinkRecord(
-                **asdict(record),
-                ready_t_s=int(work.ready_ns[device]) / 1e9,
-                late=bool(late[device]),
-                staleness=round_number - int(work.begun[device]),
-                upload_s=_upload_s(problem, device),
-            )
+            record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
         records.append(record)
     return tuple(records)
+
+
+def _timed(
+    record: UplinkRecord, work: DeviceWork, *, late: Bools, upload_s: float
+) -> TimedUplinkRecord:
+    return TimedUplinkRecord(
+        **asdict(record),
+        ready_t_s=int(work.ready_ns[record.device]) / 1e9,
+        late=bool(late[record.device]),
+        staleness=record.round - int(work.begun[record.device]),
+        upload_s=upload_s,
+    )
+
+
+def _arrivals(
+    problem: RoundProblem,
+    served: Sequence[tuple[int, int, Passage | None]],
+    area: Area,
+    rng: np.random.Generator,
+    *,
+    gate: Gate,
+    radio: Channel | CustomRadio | None,
+    work: DeviceWork | None,
+) -> tuple[Bools, Arrivals]:
+    """Who of the served (step, device, passage) is late, (K,), and who gets through."""
+    count = len(problem.devices_m)
+    horizontal, height = np.zeros(count), np.zeros(count)
+    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    for _, device, passage in served:
+        if passage is not None:
+            x, y, height[device] = _place(area, passage.true_ned_m)
+            horizontal[device] = math.dist((x, y), problem.devices_m[device])
+            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
+            sends[device] = not late[device]
+    where = problem.channel, horizontal
+    found = deliver(*where, height_m=height, transmitted=sends, rng=rng, radio=radio, gate=gate)
+    return late, found
 
 
 def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:

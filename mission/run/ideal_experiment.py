@@ -23,7 +23,6 @@ class IdealExperiment(Experiment):
             await self._round()
 
     def flown(self) -> str:
-        """How much was flown, in words."""
         return "nothing flown"
 
     async def _round(self) -> None:
@@ -33,7 +32,7 @@ class IdealExperiment(Experiment):
             importance, learnt = recalled.importance, recalled.learnt
         else:
             importance = learning.importance(self.scenario.federation, self.state, fairness=True)
-            learnt = await self._learn(everyone, everyone)
+            learnt = await self._learn(learning.Participation(everyone, everyone))
         total = float(importance.sum())
         # Nothing is flown, but the ideal must not have more rounds than the budgets pay for.
         used = self.totals.used_with(self.budget.whole_round, self.budget)

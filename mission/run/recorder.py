@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
-from fl.federation.rounds import RoundLearning
+from fl.federation.rounds import FederationState, RoundLearning
 from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
@@ -27,16 +27,26 @@ from mission.log.write.writer import FlightLog
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.callbacks import Callbacks, RoundReport
-from mission.run.checkpoint import CheckpointFolder
+from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.progress import Progress, make_progress
-from mission.run.round_result import RoundResult
 from mission.scenario.limits import is_limited
 from mission.scenario.scenario import Scenario
 
 
+@dataclass(frozen=True)
+class RoundResult:
+    """Everything about one round, for those who record it."""
+
+    record: RoundRecord
+    uplinks: tuple[UplinkRecord, ...]
+    memory: RoundMemory
+    state: FederationState  # after the round
+    remembered: bool  # flown again, from a checkpoint
+
+
 @dataclass
 class FolderRecorder:
-    """Hands what happens to all who keep or show it."""
+    """Hands what happens to all who keep or show it. Nothing that it does alters the run."""
 
     scenario: Scenario
     folder: RunFolder
@@ -146,10 +156,7 @@ def recording(
     with ExitStack() as stack:
         mission = scenario.config.mission
         progress = make_progress(
-            console.out,
-            rounds=mission.rounds,
-            flown=mission.flight != "none",
-            quiet=console.quiet,
+            console.out, rounds=mission.rounds, flown=mission.flight != "none", quiet=console.quiet
         )
         stack.callback(progress.close)
         log = stack.enter_context(
@@ -176,10 +183,10 @@ def recording(
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
+        tables = rounds, uplinks, learnt
         recorder = FolderRecorder(
-            scenario, folder, log, rounds, uplinks, learnt, checkpoint, progress, stopwatch,
-            callbacks,
-        )  # fmt: skip
+            scenario, folder, log, *tables, checkpoint, progress, stopwatch, callbacks
+        )
         for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

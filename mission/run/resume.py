@@ -5,6 +5,7 @@ It needs nothing heavy, so that a wrong folder is refused at once.
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,10 @@ def header(config_toml: str, data_dir: Path | None) -> dict[str, object]:
     }
 
 
-def data_dir_of(values: dict[str, Any]) -> Path | None:
+def data_dir_of(values: Mapping[str, object]) -> Path | None:
     """The data folder that the run was started with."""
     name = values.get("data_dir")
-    return Path(name) if name else None
+    return Path(str(name)) if name else None
 
 
 def read_checkpoint(path: Path) -> dict[str, object]:

@@ -18,7 +18,7 @@ from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import plugins_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
-from mission.flight.flyers.open import Flyers
+from mission.flight.flyers.open import Flyers, set_up
 from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
 from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
@@ -29,7 +29,6 @@ from mission.run.ideal_experiment import IdealExperiment
 from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
 from mission.run.resume import data_dir_of, read_checkpoint
-from mission.run.setup import set_up
 from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 

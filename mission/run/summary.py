@@ -12,7 +12,7 @@ class Summary:
     def __init__(self, folder: RunFolder, **about: object) -> None:
         """`about`: what the run is."""
         self.folder = folder
-        self._about = about | environment()
+        self._about = {**about, **environment()}
 
     def add(self, **about: object) -> None:
         """Say more of the run the next time."""

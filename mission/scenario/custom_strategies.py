@@ -1,7 +1,7 @@
 """A researcher's own strategy, held to what every strategy must keep."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import NoReturn, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,6 @@ class ImportanceStrategy(Protocol):
 
     def importance(self, info: RoundInfo) -> Floats:
         """(K,) finite, not negative; a function of `info` alone, so that runs can be resumed."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ class CustomStrategy:
             PlanError: the plan breaks a constraint.
         """
         with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
-            sortie: Any = self.inner.sortie(round_index, problem)
+            sortie: object = self.inner.sortie(round_index, problem)
         if not isinstance(sortie, Sortie):
             self._refuse(f"sortie() gives {kind_of(sortie)}, not a Sortie")
         try:
@@ -114,10 +113,9 @@ class CustomStrategy:
                 check_plan(problem, sortie.plan, hold_s=sortie.hold_s)
         except InfeasiblePlanError as error:
             raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
-        found: Sortie = sortie
-        return found
+        return sortie
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: str) -> NoReturn:
         raise InputError(f"{KEY} = {self.path!r}: {reason}")
 
 

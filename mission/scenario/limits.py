@@ -83,10 +83,7 @@ def foreseen_performance(config: RunConfig) -> Performance:
     if config.mission.flight == "none":
         return performance_of(config.mission, config.area.build(), None)
     return performance_of(
-        config.mission,
-        config.area.build(),
-        guidance_of(config.vehicle),
-        wind=known_wind(config),
+        config.mission, config.area.build(), guidance_of(config.vehicle), wind=known_wind(config)
     )
 
 
@@ -102,9 +99,7 @@ def budget_of(config: RunConfig) -> Budget:
     """
     mission = config.mission
     total = Amount(
-        mission.total_budget_m,
-        _or_inf(mission.total_deadline_s),
-        _or_inf(mission.total_energy_j),
+        mission.total_budget_m, _or_inf(mission.total_deadline_s), _or_inf(mission.total_energy_j)
     )
     hovers = mission.strategy == "barycenter"
     metres = mission.hover_cost_m if hovers else mission.path_budget_m

@@ -35,16 +35,13 @@ class Strategy(Protocol):
     @property
     def fairness(self) -> bool:
         """Whether importance carries the coefficient of variation."""
-        ...
 
     @property
     def approach_m(self) -> Floats | None:
         """(2,) where to be before the first round, area coordinates in m; None: above home."""
-        ...
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """Plan one round from the start in `problem`; `round_index` counts from 0."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
 """A sweep's folder: what it was started with, which runs are done, one sweep in it at a time."""
 
 import json
-from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
@@ -14,6 +13,15 @@ from mission.sweep.grid import Axis, Grid, Point, points
 
 _LOCK = ".lock"
 _MAX_NAMED = 8  # changes in one message
+
+
+class Manifest(TypedDict):
+    """What a sweep was started with, as `sweep.json` says it."""
+
+    format: int
+    config: dict[str, object]
+    data_dir: str | None
+    axes: dict[str, list[Any]]  # strategies and seeds first, then the settings
 
 
 @dataclass(frozen=True)
@@ -73,8 +81,8 @@ class SweepFolder:
         write_atomically(self.manifest, json.dumps(values, indent=2) + "\n")
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """What the sweep in a folder was started with: `config`, `axes`, `data_dir`.
+def read_manifest(folder: Path) -> Manifest:
+    """What the sweep in a folder was started with.
 
     Raises:
         InputError: not a sweep's folder, or one of another version.
@@ -82,13 +90,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return _read(SweepFolder(folder).manifest)
 
 
-def points_of(manifest: Mapping[str, Any]) -> tuple[Point, ...]:
+def points_of(manifest: Manifest) -> tuple[Point, ...]:
     """The runs that a sweep consists of, in the order of its tables."""
     strategies, seeds, *axes = manifest["axes"].items()
     return points(strategies[1], seeds[1], [Axis(key, tuple(values)) for key, values in axes])
 
 
-def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
+def _manifest(grid: Grid, *, data_dir: Path | None) -> Manifest:
     return {
         "format": 1,
         "config": grid.base.model_dump(mode="json", exclude={"mission": {"strategy"}}),
@@ -101,7 +109,7 @@ def _manifest(grid: Grid, *, data_dir: Path | None) -> dict[str, Any]:
     }
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Manifest:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -116,11 +124,11 @@ def _read(path: Path) -> dict[str, Any]:
         or values.get("format") != 1
     ):
         raise InputError(f"{path}: not written by a sweep of this version")
-    manifest: dict[str, Any] = values
+    manifest: Manifest = values
     return manifest
 
 
-def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def _changes(old: Manifest, new: Manifest) -> list[str]:
     before, after = (
         {**_flat(values["config"]), "data folder": values["data_dir"]} for values in (old, new)
     )
@@ -140,14 +148,14 @@ def _changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     return changes
 
 
-def _flat(value: Any, prefix: str = "") -> dict[str, Any]:
+def _flat(value: object, prefix: str = "") -> dict[str, object]:
     if isinstance(value, dict):
         items = [(str(key), item) for key, item in value.items()]
     elif isinstance(value, list):
         items = [(str(index), item) for index, item in enumerate(value)]
     else:
         return {prefix: value}
-    flat: dict[str, Any] = {}
+    flat: dict[str, object] = {}
     for key, item in items:
         flat |= _flat(item, f"{prefix}.{key}" if prefix else key)
     return flat

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mission.base.errors import InputError
 from mission.config.loading import load_config
@@ -25,7 +24,7 @@ class Axis:
     """A configuration key and the values that it takes."""
 
     key: str
-    values: tuple[Any, ...]
+    values: tuple[object, ...]
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Point:
 
     strategy: str
     seed: int
-    settings: tuple[tuple[str, Any], ...]  # swept keys and this run's values
+    settings: tuple[tuple[str, object], ...]  # swept keys and this run's values
 
     @property
     def name(self) -> str:
@@ -175,11 +174,11 @@ def _split(text: str) -> list[str]:
     return pieces
 
 
-def _refuse_twice(what: str, values: Sequence[Any]) -> None:
+def _refuse_twice(what: str, values: Sequence[object]) -> None:
     for index, value in enumerate(values):
         if value in values[:index]:
             raise InputError(f"{what}: {value!r} is named twice")
 
 
-def _cell(value: Any) -> Key:
+def _cell(value: object) -> Key:
     return value if isinstance(value, str | int | float | bool) else str(value)

@@ -1,7 +1,6 @@
 """What a person sees of a sweep: a bar with the time left, or a line for every run that ends."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
@@ -13,41 +12,28 @@ from mission.sweep.timeleft import TimeLeft
 _SHOWN = 4  # runs at work, under the bar
 
 
-class SweepProgress(Protocol):
-    """Shows a sweep as it goes."""
-
-    def say(self, line: str) -> None:
-        """Something worth a line."""
-        ...
-
-    def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
-        """How many runs are done, and which are at work."""
-        ...
-
-    def close(self) -> None:
-        """Leave the terminal as it should stay."""
-        ...
-
-
 class Lines:
-    """Plain lines, for pipes and logs."""
+    """Plain lines, for pipes and logs, where only what ends is worth one."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
 
     def say(self, line: str) -> None:
+        """Something worth a line."""
         self._console.print(line, **PLAIN)
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
-        """Only what ends is worth a line in a file."""
+        """How many runs are done, and which are at work."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Leave the terminal as it should stay."""
 
 
-class Bar:
+class Bar(Lines):
     """A bar over all rounds, with the runs at work, under the lines of those that ended."""
 
     def __init__(self, console: Console, time_left: TimeLeft, *, runs: int) -> None:
+        super().__init__(console)
         self._time_left, self._runs = time_left, runs
         self._progress = Progress(
             BarColumn(),
@@ -57,9 +43,6 @@ class Bar:
         )
         self._task: TaskID = self._progress.add_task("starting", total=1.0)
         self._progress.start()
-
-    def say(self, line: str) -> None:
-        self._progress.console.print(line, **PLAIN)
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
         at_work = [

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fl.errors import first_line
 from mission.base import csv_text
 from mission.base.errors import InputError
 from mission.base.parquet import parquet
-from mission.base.run_folder import RunFolder, write_atomically
+from mission.base.run_folder import RunFolder, RunSummary, write_atomically
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
 from mission.sweep.grid import Key, Point
@@ -56,7 +56,7 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         InputError: a table or the summary is missing or damaged.
     """
     try:
-        summary: dict[str, Any] = json.loads(folder.summary.read_text(encoding="utf-8"))
+        summary: RunSummary = json.loads(folder.summary.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
     records = read_table(folder.rounds, RoundRecord)

@@ -1,10 +1,8 @@
 """How far a sweep is: the runs that are done, with their results, and what became of the others."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
@@ -27,7 +25,7 @@ class Missing:
 class SweepState:
     """A sweep as its folder shows it, at work or not."""
 
-    config: Mapping[str, Any]  # what its runs have in common
+    config: Mapping[str, object]  # what its runs have in common
     results: tuple[RunResult, ...]  # of the runs that are done
     missing: tuple[Missing, ...]
 
@@ -76,9 +74,7 @@ def read_sweep(path: Path) -> SweepState:
 
 
 def _why(run: RunFolder) -> str:
-    try:
-        summary = json.loads(run.summary.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    if not (summary := run.told()):
         return "not begun"
     if "error" in summary:
         return f"failed: {summary['error']}"

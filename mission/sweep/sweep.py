@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -9,14 +10,14 @@ from rich.console import Console
 
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.terminal import PLAIN
-from mission.run.setup import set_up
-from mission.sweep.execute.choice import EngineName, make_engine
+from mission.flight.flyers.open import set_up
+from mission.sweep.execute.choice import EngineChoice
 from mission.sweep.execute.engine import Engine
 from mission.sweep.execute.loop import execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
-from mission.sweep.progress import Bar, Lines, SweepProgress
+from mission.sweep.progress import Bar, Lines
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
 from mission.sweep.timeleft import TimeLeft, duration
@@ -38,9 +39,7 @@ def sweep(
     *,
     data_dir: Path | None,
     run_figures: bool,
-    engine: EngineName,
-    jobs: int | None,
-    address: str | None,
+    engine: EngineChoice,
     console: Console,
     page: Page | None = None,
 ) -> int:
@@ -50,16 +49,12 @@ def sweep(
         InputError: before anything is flown, where it can be found then.
         RunsFailedError: after everything is flown, naming every run that failed and why.
     """
-    folder = SweepFolder(path)
-    folder.check(grid, data_dir=data_dir)
+    work = _Sweep(grid, SweepFolder(path), data_dir, run_figures, console)
+    work.folder.check(grid, data_dir=data_dir)
     try:
-        ends = _fly(
-            grid, folder,
-            data_dir=data_dir, run_figures=run_figures,
-            engine=engine, jobs=jobs, address=address, console=console, page=page,
-        )  # fmt: skip
+        ends = work.fly(engine, page)
     except KeyboardInterrupt:
-        done = sum(folder.done(run) for run in grid.runs)
+        done = sum(work.folder.done(run) for run in grid.runs)
         _say(
             console,
             f"interrupted; {done} of {len(grid.runs)} runs are done; "
@@ -73,93 +68,79 @@ def sweep(
     return 0
 
 
-def _fly(
-    grid: Grid,
-    folder: SweepFolder,
-    *,
-    data_dir: Path | None,
-    run_figures: bool,
-    engine: EngineName,
-    jobs: int | None,
-    address: str | None,
-    console: Console,
-    page: Page | None,
-) -> dict[str, RunEnd]:
-    """Everything that is not done yet, then the results; how the runs ended, by name."""
-    todo = [run for run in grid.runs if not folder.done(run)]
-    if todo:
-        # Once here, so that missing data is one line and not a failure of every run.
-        set_up(todo[0].config, data_dir=data_dir)
-    ends: dict[str, RunEnd] = {}
-    with folder.lock():
-        folder.claim(grid, data_dir=data_dir)
+@dataclass(frozen=True)
+class _Sweep:
+    """What a sweep is about."""
+
+    grid: Grid
+    folder: SweepFolder
+    data_dir: Path | None
+    run_figures: bool
+    console: Console
+
+    def fly(self, engine: EngineChoice, page: Page | None) -> dict[str, RunEnd]:
+        """Everything that is not done yet, then the results; how the runs ended, by name."""
+        grid, folder = self.grid, self.folder
+        todo = [run for run in grid.runs if not folder.done(run)]
         if todo:
-            # Workers may start elsewhere: every path is made absolute here.
-            data_dir = None if data_dir is None else data_dir.resolve()
-            configs = [run.config for run in todo]
-            making = make_engine(
-                engine, jobs=jobs, address=address, configs=configs, data_dir=data_dir
+            # Once here, so that missing data is one line and not a failure of every run.
+            set_up(todo[0].config, data_dir=self.data_dir)
+        ends: dict[str, RunEnd] = {}
+        with folder.lock():
+            folder.claim(grid, data_dir=self.data_dir)
+            if todo:
+                # Workers may start elsewhere: every path is made absolute here.
+                data_dir = None if self.data_dir is None else self.data_dir.resolve()
+                with closing(engine.make([r.config for r in todo], data_dir=data_dir)) as workers:
+                    ends = self._execute(todo, workers, data_dir)
+            if any(folder.done(run) for run in grid.runs):
+                _report(folder.path, self.console, page)
+        return ends
+
+    def _execute(
+        self, todo: Sequence[SweepRun], workers: Engine, data_dir: Path | None
+    ) -> dict[str, RunEnd]:
+        every, console = self.grid.runs, self.console
+        before = len(every) - len(todo)
+        base, here = self.folder.path.resolve(), Path.cwd()
+
+        def order(run: SweepRun) -> RunOrder:
+            path = SweepFolder(base).run(run).path
+            return RunOrder(run.name, run.config, path, data_dir, here, figures=self.run_figures)
+
+        slots = min(workers.slots, len(todo))
+        time_left = TimeLeft(self.folder, every, todo=todo, slots=slots)
+        progress = Lines(console)
+        if console.is_terminal:
+            progress = Bar(console, time_left, runs=len(every))
+        ended = 0
+
+        def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
+            nonlocal ended
+            if run is not None and end is not None:
+                ended += 1
+                time_left.ended(run)
+            time_left.at_work(running)
+            if run is None:
+                progress.update(done=before + ended, running=running)
+                return
+            if end is None:
+                progress.say(f"{run.name}: its worker died; another goes on with the run")
+                return
+            outcome = f"failed: {end.message}" if end.exit_code else _outcome(self.folder, run)
+            parts = (outcome, time_left.text() if ended < len(todo) else "")
+            progress.say(
+                f"run {before + ended}/{len(every)} {run.name}: "
+                + ", ".join(part for part in parts if part)
             )
-            with closing(making) as workers:
-                ends = _execute(
-                    grid, todo, folder, workers,
-                    data_dir=data_dir, run_figures=run_figures, console=console,
-                )  # fmt: skip
-        if any(folder.done(run) for run in grid.runs):
-            _report(folder.path, console, page)
-    return ends
 
-
-def _execute(
-    grid: Grid,
-    todo: Sequence[SweepRun],
-    folder: SweepFolder,
-    workers: Engine,
-    *,
-    data_dir: Path | None,
-    run_figures: bool,
-    console: Console,
-) -> dict[str, RunEnd]:
-    before = len(grid.runs) - len(todo)
-    base, here = folder.path.resolve(), Path.cwd()
-
-    def order(run: SweepRun) -> RunOrder:
-        path = SweepFolder(base).run(run).path
-        return RunOrder(run.name, run.config, path, data_dir, here, figures=run_figures)
-
-    slots = min(workers.slots, len(todo))
-    time_left = TimeLeft(folder, grid.runs, todo=todo, slots=slots)
-    progress: SweepProgress = (
-        Bar(console, time_left, runs=len(grid.runs)) if console.is_terminal else Lines(console)
-    )
-    ended = 0
-
-    def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
-        nonlocal ended
-        if run is not None and end is not None:
-            ended += 1
-            time_left.ended(run)
-        time_left.at_work(running)
-        if run is None:
-            progress.update(done=before + ended, running=running)
-            return
-        if end is None:
-            progress.say(f"{run.name}: its worker died; another goes on with the run")
-            return
-        outcome = f"failed: {end.message}" if end.exit_code else _outcome(folder, run)
-        parts = (outcome, time_left.text() if ended < len(todo) else "")
-        progress.say(
-            f"run {before + ended}/{len(grid.runs)} {run.name}: "
-            + ", ".join(part for part in parts if part)
-        )
-
-    try:
-        if before:
-            progress.say(f"{before} of {len(grid.runs)} runs are done already")
-        progress.say(f"{len(todo)} runs, {slots} at a time")
-        return execute_all(todo, workers, order=order, watch=watch)
-    finally:
-        progress.close()
+        try:
+            if before:
+                progress.say(f"{before} of {len(every)} runs are done already")
+            progress.say(f"{len(todo)} runs, {slots} at a time")
+            return execute_all(todo, workers, order=order, watch=watch)
+        finally:
+            progress.close()
 
 
 def _outcome(folder: SweepFolder, run: SweepRun) -> str:

@@ -14,6 +14,7 @@ from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.pilots.pilots import Pilots
+from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.protocol.absent import Absent
 from sitl.autopilot.protocol.commands import CommandServer, Refusal
 from sitl.autopilot.protocol.ftp import FtpServer
@@ -106,13 +107,8 @@ class Autopilot:
             self._outbox, logs or NoLogs(), reporter=self._report, armed=lambda: aircraft.armed
         )
         self._ftp = FtpServer(self._outbox, logs or NoLogs(), parameters)
-        self._pilots = Pilots(
-            aircraft,
-            self.flight,
-            parameters,
-            failsafes=self.failsafes,
-            reporter=self._report,
-        )
+        cockpit = Cockpit(aircraft, self.flight, parameters, self.failsafes)
+        self._pilots = Pilots(cockpit, self._report)
         self._servers = (
             self._transfer,
             self._parameter_server,

@@ -84,14 +84,7 @@ class Transition:
 PILOTED = frozenset(
     {Mode.OFFBOARD, Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED, Mode.MANUAL, Mode.FOLLOW}
 )
-_FLYING = PILOTED | {
-    Mode.HOLD,
-    Mode.TAKEOFF,
-    Mode.MISSION,
-    Mode.RETURN,
-    Mode.LAND,
-    Mode.ORBIT,
-}
+_FLYING = PILOTED | {Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.RETURN, Mode.LAND, Mode.ORBIT}
 _IN_AIR = (Need.ARMED, Need.AIRBORNE)
 
 TRANSITIONS: tuple[Transition, ...] = (

@@ -12,14 +12,7 @@ from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
 from sitl.firmware.bridge import sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.native.library import (
-    FOREIGN,
-    RESTARTED,
-    Json,
-    Stepped,
-    json_send,
-    json_wait,
-)
+from sitl.firmware.native.library import FOREIGN, RESTARTED, Json, Stepped, json_send, json_wait
 from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 

@@ -26,17 +26,17 @@ def ardupilot_launch(order: Order, plant: Plant) -> Launch:
     heading = order.vehicle.aircraft.heading_deg
     argv = (
         str(binary.resolve()),
-        "--model", "JSON:127.0.0.1",
-        "--sim-port-out", str(bridge.port),
-        "--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{home.alt_msl_m:.3f},{heading:.2f}",
-        "--defaults", _DEFAULTS,
-        "--serial0", f"udpclient:127.0.0.1:{order.ports.ours}",
-        "--serial1", "none:1",
-        "--serial2", "none:2",
-        "--rc-in-port", str(order.ports.firmware),
-        "--sysid", str(order.vehicle.system_id),
+        *("--model", "JSON:127.0.0.1"),
+        *("--sim-port-out", str(bridge.port)),
+        *("--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{home.alt_msl_m:.3f},{heading:.2f}"),
+        *("--defaults", _DEFAULTS),
+        *("--serial0", f"udpclient:127.0.0.1:{order.ports.ours}"),
+        *("--serial1", "none:1"),
+        *("--serial2", "none:2"),
+        *("--rc-in-port", str(order.ports.firmware)),
+        *("--sysid", str(order.vehicle.system_id)),
         *order.vehicle.firmware.arguments,
-    )  # fmt: skip
+    )
     values = fitting(order, plant) | order.vehicle.firmware.parameters
     text = "".join(f"{name} {value:.9g}\n" for name, value in values.items())
     return Launch(bridge, argv, files={_DEFAULTS: text})

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.physics.battery import CELLS
 from flightdyn.state import BatteryState
+from sitl.autopilot.codec.message import Fields, MavlinkMessage
 
 HEARTBEAT = mav.MAVLINK_MSG_ID_HEARTBEAT
 # What a ground station says again and again, whatever it wants.
@@ -74,7 +74,7 @@ class Reader:
     def __init__(self) -> None:
         self._mav = mav.MAVLink(None)
 
-    def read(self, frame: Frame) -> tuple[str, dict[str, Any]] | None:
+    def read(self, frame: Frame) -> tuple[str, Fields] | None:
         """The message's name and fields; None where the frame is damaged."""
         try:
             fields = self._mav.decode(bytearray(frame.data)).to_dict()
@@ -112,7 +112,7 @@ class Writer:
             mav.MAVLink_param_set_message(0, 0, name.encode(), value, mav.MAV_PARAM_TYPE_REAL32)
         )
 
-    def _pack(self, message: Any) -> bytes:
+    def _pack(self, message: MavlinkMessage) -> bytes:
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return data

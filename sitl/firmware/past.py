@@ -66,10 +66,8 @@ class Past:
         t_ns, numbers = self._rows.of(interval)
         n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers
         number = min(interval // _BATTERY_EVERY, self._battery)
-        return _Truth(
-            t_ns, (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r),
-            (wn, we, wd), self._batteries[number % len(self._batteries)],
-        )  # fmt: skip
+        motion = (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r)
+        return _Truth(t_ns, *motion, (wn, we, wd), self._batteries[number % len(self._batteries)])
 
 
 def _between(before: _Truth, after: _Truth, t_ns: int) -> Moment:

@@ -15,14 +15,7 @@ from flightdyn.plant import Plant
 from sitl.firmware.bridge import sensors_of
 from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.hil import BARO, MAG, gps_payload
-from sitl.firmware.native.library import (
-    FREE_RUNNING,
-    GONE,
-    Hil,
-    Stepped,
-    hil_send,
-    hil_wait,
-)
+from sitl.firmware.native.library import FREE_RUNNING, GONE, Hil, Stepped, hil_send, hil_wait
 from sitl.firmware.native.rows import Rows
 from sitl.firmware.sockets import bound, give_up_after
 

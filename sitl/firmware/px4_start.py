@@ -20,10 +20,19 @@ INSTANCES = range(40, 240)
 _LOCK = "/tmp/px4_lock-{}"
 _MODEL = "none_iris"  # PX4's airframe for a simulator that it is not told about
 _STREAMS_HZ = {
-    "HEARTBEAT": 1, "SYS_STATUS": 2, "STATUSTEXT": 20, "ATTITUDE": 10, "ATTITUDE_QUATERNION": 10,
-    "GLOBAL_POSITION_INT": 20, "GPS_RAW_INT": 2, "HOME_POSITION": 1, "EXTENDED_SYS_STATE": 5,
-    "BATTERY_STATUS": 1, "ESTIMATOR_STATUS": 1, "VFR_HUD": 4,
-}  # fmt: skip
+    "HEARTBEAT": 1,
+    "SYS_STATUS": 2,
+    "STATUSTEXT": 20,
+    "ATTITUDE": 10,
+    "ATTITUDE_QUATERNION": 10,
+    "GLOBAL_POSITION_INT": 20,
+    "GPS_RAW_INT": 2,
+    "HOME_POSITION": 1,
+    "EXTENDED_SYS_STATE": 5,
+    "BATTERY_STATUS": 1,
+    "ESTIMATOR_STATUS": 1,
+    "VFR_HUD": 4,
+}
 
 
 def px4_launch(order: Order, plant: Plant) -> Launch:
@@ -43,10 +52,8 @@ def px4_launch(order: Order, plant: Plant) -> Launch:
             "PX4's build puts beside the folder of its binary"
         )
     instance, bridge = _free_instance(plant)
-    argv = (
-        str(binary.resolve()), "-d", "-i", str(instance), str(etc), "-w", ".",
-        *order.vehicle.firmware.arguments,
-    )  # fmt: skip
+    how = ("-d", "-i", str(instance), str(etc), "-w", ".")
+    argv = (str(binary.resolve()), *how, *order.vehicle.firmware.arguments)
     return Launch(
         bridge,
         argv,

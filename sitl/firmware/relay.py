@@ -10,12 +10,13 @@ import asyncio
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
+from sitl.autopilot.codec.message import Fields
 from sitl.firmware.frames import CHATTER, EACH_COUNTS, HEARTBEAT, Frame, Reader, frames
 from sitl.links import Link
 
-Hear: TypeAlias = Callable[[str, dict[str, Any]], None]
+Hear: TypeAlias = Callable[[str, Fields], None]
 
 # Wall time between looks at what has come. To wake up for each datagram would cost more than all
 # that is done with it; while a station waits for an answer it is worth that.

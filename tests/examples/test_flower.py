@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cutting import cut_after
+from cutting import check_resumed
 
 pytest.importorskip("flwr", reason="Flower is not installed", exc_type=ImportError)
 
@@ -14,8 +14,6 @@ from flwr.server.strategy import FedAdam, FedAvg, FedAvgM, Krum, Strategy
 from examples.flower import FlowerAlgorithm
 from fl.federation import algorithms
 from fl.federation.algorithms import Update
-from mission import api as aerofed
-from mission.base.errors import FlightError
 
 pytestmark = pytest.mark.real
 
@@ -82,11 +80,4 @@ def test_krum_leaves_the_outlier_out() -> None:
 def test_it_flies_and_resumes_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = aerofed.run("quickstart", SMALL, out=tmp_path / "whole")
-    with monkeypatch.context() as patch:
-        cut_after(patch, 2)
-        with pytest.raises(FlightError):
-            aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
-    resumed = aerofed.resume(tmp_path / "cut")
-    for name in ("rounds.csv", "uplinks.csv", "learning.csv"):
-        assert (resumed.path / name).read_bytes() == (whole.path / name).read_bytes()
+    check_resumed(SMALL, tmp_path, monkeypatch)

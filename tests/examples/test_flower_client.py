@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cutting import cut_after
+from cutting import check_resumed
 
 pytest.importorskip("flwr", reason="Flower is not installed", exc_type=ImportError)
 
@@ -15,9 +15,7 @@ from flwr.clientapp import ClientApp
 from examples.flower_client import FlowerTrainer
 from fl.config import LearningConfig
 from fl.training.custom_trainer import CustomTrainer, TrainingDevice
-from fl.training.local import LocalResult, LocalSettings, LocalTask
-from mission import api as aerofed
-from mission.base.errors import FlightError
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 
@@ -49,7 +47,7 @@ def both(trainer: FlowerTrainer) -> tuple[LocalResult, LocalResult]:
 
     device = TrainingDevice("digits", 2, 1, community.network.shapes, 10, settings, None)
     theirs = CustomTrainer("x:y", trainer).train(device, model, split, task(), scaling)
-    (ours,) = community.network.train(split, model, [task()], scaling=scaling, settings=settings)
+    (ours,) = community.network.train(LocalWork(split, model, [task()], scaling, settings))
     return theirs, ours
 
 
@@ -76,12 +74,5 @@ def test_what_an_app_would_lose_is_refused() -> None:
 def test_it_flies_and_resumes_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = aerofed.run("quickstart", OURS, out=tmp_path / "whole")
-    with monkeypatch.context() as patch:
-        cut_after(patch, 2)
-        with pytest.raises(FlightError):
-            aerofed.run("quickstart", OURS, out=tmp_path / "cut")
-    resumed = aerofed.resume(tmp_path / "cut")
-    for name in ("rounds.csv", "uplinks.csv", "learning.csv"):
-        assert (resumed.path / name).read_bytes() == (whole.path / name).read_bytes()
+    whole = check_resumed(OURS, tmp_path, monkeypatch)
     assert whole.learning["loss"].notna().any()

@@ -11,7 +11,7 @@ from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
-from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.local import LocalSettings, LocalTask, LocalWork, scaling_of
 from fl.training.models import make_network
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import quaternion_from_euler
@@ -46,7 +46,7 @@ def learn(name, shape, dtype, count, convnet=None):
     for extra in (None, correction):
         task = LocalTask(np.arange(count), np.random.Generator(np.random.PCG64(1)), extra)
         settings = LocalSettings(0.05, 0.9, 0.1, 20, 1)
-        (result,) = net.train(split, model, [task], scaling=scaling, settings=settings)
+        (result,) = net.train(LocalWork(split, model, [task], scaling, settings))
         digest.update(result.model.tobytes())
         digest.update(np.float64(result.loss).tobytes())
         digest.update(net.correct_per_class(split, result.model, scaling=scaling).tobytes())

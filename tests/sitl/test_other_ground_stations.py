@@ -4,7 +4,8 @@ import asyncio
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -151,30 +152,36 @@ class MavProxy:
             await asyncio.sleep(0.02)
 
 
+@asynccontextmanager
+async def mavproxy(link: UdpLink, folder: Path, more: str = "") -> AsyncIterator[MavProxy]:
+    """MAVProxy at the other end of a link, with its usual modules and `more`."""
+    script = Path(sys.executable).with_name("mavproxy.py")
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, str(script), "--master", f"udpout:127.0.0.1:{link.port}",
+        "--state-basedir", str(folder), "--source-system", "255",
+        "--default-modules", f"wp,param,arm,mode,cmdlong,misc,fence{more}",
+        cwd=folder, stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+    )  # fmt: skip
+    console = MavProxy(process)
+    listening = asyncio.create_task(console.listen())
+    try:
+        yield console
+    finally:
+        process.kill()  # it asks before it quits
+        await process.wait()
+        await listening
+
+
 def test_mavproxy(waypoint_file: Path, tmp_path: Path) -> None:
     """Connect, read and set parameters, load and fly a mission, list it, see the vehicle land."""
     pytest.importorskip("MAVProxy", reason="needs MAVProxy, a development dependency")
-    script = Path(sys.executable).with_name("mavproxy.py")
 
     async def run() -> None:
         vehicle = make_vehicle(recorder := Recorder())
         link = UdpLink("udpin://127.0.0.1:0")
-        async with Simulation(vehicle, link):
-            process = await asyncio.create_subprocess_exec(
-                sys.executable, str(script), "--master", f"udpout:127.0.0.1:{link.port}",
-                "--state-basedir", str(tmp_path), "--source-system", "255",
-                "--default-modules", "wp,param,arm,mode,cmdlong,misc,fence",
-                cwd=tmp_path, stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-            )  # fmt: skip
-            console = MavProxy(process)
-            listening = asyncio.create_task(console.listen())
-            try:
-                await fly_with(console, vehicle, waypoint_file)
-            finally:
-                process.kill()  # it asks before it quits
-                await process.wait()
-                await listening
+        async with Simulation(vehicle, link), mavproxy(link, tmp_path) as console:
+            await fly_with(console, vehicle, waypoint_file)
         assert_flown(recorder)
 
     asyncio.run(run())
@@ -226,7 +233,6 @@ def test_two_ground_stations_at_once(waypoint_file: Path) -> None:
 def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
     """Fence, rally points, logs and PX4's modes by MAVProxy's own commands."""
     pytest.importorskip("MAVProxy", reason="needs MAVProxy, a development dependency")
-    script = Path(sys.executable).with_name("mavproxy.py")
     logs = tmp_path / "logs"
     logs.mkdir()
     for number in (1, 2):
@@ -241,37 +247,24 @@ def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
             VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk, standalone=True
         )
         link = UdpLink("udpin://127.0.0.1:0")
-        async with Simulation(vehicle, link):
-            process = await asyncio.create_subprocess_exec(
-                sys.executable, str(script), "--master", f"udpout:127.0.0.1:{link.port}",
-                "--state-basedir", str(tmp_path), "--source-system", "255",
-                "--default-modules", "wp,param,arm,mode,cmdlong,misc,fence,rally,log",
-                cwd=tmp_path, stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-            )  # fmt: skip
-            console = MavProxy(process)
-            listening = asyncio.create_task(console.listen())
-            try:
-                await console.hears("online system 1")
-                await console.hears(f"Received {len(TABLE)} parameters")
-                await console.type(f"fence load {fence}")
-                await until(lambda: len(vehicle.autopilot.lists[MissionType.FENCE]) == 4)
-                await console.type(f"rally load {rally}")
-                await until(lambda: len(vehicle.autopilot.lists[MissionType.RALLY]) == 1)
-                await console.type("log list", answer="Log 1")
-                await console.type("log download 1 fetched.mcap", answer="Finished downloading")
-                await console.type("long DO_GRIPPER 1 1", answer="UNSUPPORTED")
-                await console.type("arm throttle", answer="COMPONENT_ARM_DISARM: ACCEPTED")
-                nan, height = "nan", HOME.alt_msl_m + 15.0
-                climb = f"long NAV_TAKEOFF 0 0 0 {nan} {nan} {nan} {height}"
-                await console.type(climb, answer="NAV_TAKEOFF: ACCEPTED")
-                await until(lambda: vehicle.autopilot.mode is Mode.HOLD)
-                await console.type("long NAV_RETURN_TO_LAUNCH", answer="RETURN_TO_LAUNCH: ACCEPTED")
-                await until(lambda: not vehicle.aircraft.armed)
-            finally:
-                process.kill()  # it asks before it quits
-                await process.wait()
-                await listening
+        console_by = mavproxy(link, tmp_path, ",rally,log")
+        async with Simulation(vehicle, link), console_by as console:
+            await console.hears("online system 1")
+            await console.hears(f"Received {len(TABLE)} parameters")
+            await console.type(f"fence load {fence}")
+            await until(lambda: len(vehicle.autopilot.lists[MissionType.FENCE]) == 4)
+            await console.type(f"rally load {rally}")
+            await until(lambda: len(vehicle.autopilot.lists[MissionType.RALLY]) == 1)
+            await console.type("log list", answer="Log 1")
+            await console.type("log download 1 fetched.mcap", answer="Finished downloading")
+            await console.type("long DO_GRIPPER 1 1", answer="UNSUPPORTED")
+            await console.type("arm throttle", answer="COMPONENT_ARM_DISARM: ACCEPTED")
+            nan, height = "nan", HOME.alt_msl_m + 15.0
+            climb = f"long NAV_TAKEOFF 0 0 0 {nan} {nan} {nan} {height}"
+            await console.type(climb, answer="NAV_TAKEOFF: ACCEPTED")
+            await until(lambda: vehicle.autopilot.mode is Mode.HOLD)
+            await console.type("long NAV_RETURN_TO_LAUNCH", answer="RETURN_TO_LAUNCH: ACCEPTED")
+            await until(lambda: not vehicle.aircraft.armed)
         truth = vehicle.aircraft.truth.pos_ned_m
         assert np.linalg.norm(truth[:2]) < 3.0  # home is closer than the rally point
 

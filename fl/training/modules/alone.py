@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from fl.data.dataset import Split
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Vector, batch_order
+from fl.training.local import LocalResult, LocalTask, LocalWork, Scaling, batch_order
 from fl.training.modules.repeatable import own_randomness
 from fl.training.modules.statistics import Statistics
 
@@ -24,28 +24,14 @@ class OneByOne:
         self._statistics = Statistics(module)
         self._device = device
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
+    def train(self, work: LocalWork) -> list[LocalResult]:
         """As `fl.training.local.Network.train`."""
-        return [self._train(split, model, task, scaling, settings) for task in tasks]
+        return [self._train(task, work) for task in work.tasks]
 
-    def _train(
-        self,
-        split: Split,
-        model: Vector,
-        task: LocalTask,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> LocalResult:
+    def _train(self, task: LocalTask, work: LocalWork) -> LocalResult:
+        split, scaling, settings = work.split, work.scaling, work.settings
         order = batch_order(task, settings)
-        parameters, buffers = np.split(model, [model.size - self._statistics.size])
+        parameters, buffers = np.split(work.model, [work.model.size - self._statistics.size])
         self._statistics.write(buffers)
         anchor = torch.tensor(parameters, device=self._device)
         weights = anchor.clone()

@@ -9,8 +9,8 @@ import torch.nn.functional as F  # noqa: N812  # its customary name
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from fl.arrays import Vector
 from fl.training.convnet import ConvNet
-from fl.training.local import Vector
 from fl.training.modules.network import ModuleNetwork
 
 

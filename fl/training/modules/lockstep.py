@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.func import functional_call, grad_and_value, vmap
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Vector, batch_order
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Scaling, batch_order
 from fl.training.modules.cuda import captured
 
 Order = NDArray[np.int64]
@@ -30,28 +31,21 @@ class Lockstep:
         self._slots = slots
         self._step: Step | None = None
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
+    def train(self, work: LocalWork) -> list[LocalResult]:
         """As `fl.training.local.Network.train`."""
+        split, tasks, settings = work.split, work.tasks, work.settings
         orders = [batch_order(task, settings) for task in tasks]
-        width = max(order.shape[1] for order in orders)
+        shape = self._slots, max(order.shape[1] for order in orders)
         step = self._step
         # In a run the next round finds it as the last one left it.
-        if step is None or not (step.split is split and step.fits(settings, width)):
+        if step is None or not (step.split is split and step.fits(settings, shape[1])):
             self._step = None  # before the next one takes its memory
-            step = Step(self._module, split, scaling, settings, (self._slots, width), self._device)
+            step = Step(self._module, split, work.scaling, settings, shape, self._device)
             self._step = step
         results = []
         for start in range(0, len(tasks), self._slots):
             some = slice(start, start + self._slots)
-            results += step.train(model, tasks[some], orders[some])
+            results += step.train(work.model, tasks[some], orders[some])
         return results
 
 

@@ -1,22 +1,22 @@
 """A torch module as a network: on one thread of the processor, or on a GPU."""
 
 import logging
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from fl.arrays import Vector
 from fl.data.dataset import Split
 from fl.errors import USERS_MISTAKES, first_line
 from fl.training.local import (
     LocalResult,
     LocalSettings,
     LocalTask,
+    LocalWork,
     Scaling,
     Shapes,
-    Vector,
     scaling_of,
 )
 from fl.training.modules.alone import OneByOne, images_of, take
@@ -36,17 +36,8 @@ TRIAL_TOLERANCE = 1e-3
 class Training(Protocol):
     """How the devices of a round are trained."""
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
+    def train(self, work: LocalWork) -> list[LocalResult]:
         """As `fl.training.local.Network.train`, with the module in training mode."""
-        ...
 
 
 class ModuleNetwork:
@@ -115,19 +106,11 @@ class ModuleNetwork:
         values = [value.detach().reshape(-1).numpy() for value in module.parameters()]
         return np.concatenate([*values, Statistics(module).read()])
 
-    def train(
-        self,
-        split: Split,
-        model: Vector,
-        tasks: Sequence[LocalTask],
-        *,
-        scaling: Scaling,
-        settings: LocalSettings,
-    ) -> list[LocalResult]:
-        """Local training of each task from the global `model` (P,)."""
+    def train(self, work: LocalWork) -> list[LocalResult]:
+        """As `fl.training.local.Network.train`."""
         self._module.train()
         with repeatable():
-            return self._training.train(split, model, tasks, scaling=scaling, settings=settings)
+            return self._training.train(work)
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
@@ -164,7 +147,7 @@ class ModuleNetwork:
                 LocalTask(samples, np.random.Generator(np.random.PCG64(0)))
                 for samples in (np.arange(5), np.arange(5, 8))
             ]
-            results = training.train(split, start, tasks, scaling=scaling, settings=settings)
+            results = training.train(LocalWork(split, start, tasks, scaling, settings))
             return [result.model for result in results]
 
         self._module.train()

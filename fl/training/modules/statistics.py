@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from fl.training.local import Vector
+from fl.arrays import Vector
 
 
 class Statistics:

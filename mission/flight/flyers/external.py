@@ -68,11 +68,9 @@ class ExternalFlyer(Flyer):
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self.feed.battery_remaining
 
     def here(self) -> Passage:
-        """The newest position."""
         here = self.feed.here
         if here is None:
             raise LinkLostError("the vehicle has not said yet where it is")
@@ -112,7 +110,6 @@ class ExternalFlyer(Flyer):
             await self.pilot.upload(plan, plan.positions(self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             here = self.here()
             return Flight.standing(here, self.battery_remaining)
@@ -137,12 +134,7 @@ class ExternalFlyer(Flyer):
         return self._recorder.finish(self.here(), self.battery_remaining)
 
     def find_passages(
-        self,
-        flight: Flight,
-        places_ned_m: Floats,
-        *,
-        items: Sequence[int],
-        hold_s: Sequence[float],
+        self, flight: Flight, places_ned_m: Floats, *, items: Sequence[int], hold_s: Sequence[float]
     ) -> tuple[Passage, ...]:
         """When a flight passed the places (S, 3) of the mission `items`; told to the observers."""
         found = passages(
@@ -156,7 +148,6 @@ class ExternalFlyer(Flyer):
         return found
 
     async def land(self) -> None:
-        """Return to home and land."""
         await self.go_home()
         await self.pilot.land()
         await self.seen_down()
@@ -263,10 +254,7 @@ async def open_external(
         InputError: it is somewhere else than the area.
     """
     recorder = FlightRecorder()
-    async with located(link, area=area, observers=(recorder, *observers), say=say) as (
-        pilot,
-        feed,
-    ):
+    async with located(link, area=area, observers=(recorder, *observers), say=say) as (pilot, feed):
         limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
         changes = limits.adjustments(demand) if link.set_parameters else {}
         for name, (before, during) in changes.items():

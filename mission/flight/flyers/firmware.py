@@ -8,17 +8,16 @@ takes orders, whose answers take it some of its own time.
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from flightdyn.errors import FlightDynamicsError
 from flightdyn.plant import Plant
 from mission.base.area import Area
 from mission.base.errors import FlightError, LinkLostError
 from mission.config.models import RunConfig
+from mission.flight.failures import of_a_vehicle
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import Say, located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
@@ -28,8 +27,8 @@ from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
+from sitl.autopilot.codec.message import Fields
 from sitl.autopilot.values.messages import MissionItem
-from sitl.errors import LinkError
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle
 from sitl.links import RawLink
@@ -48,16 +47,13 @@ class FirmwareFlyer(ExternalFlyer):
 
     @property
     def t_ns(self) -> int:
-        """Simulated time."""
         return self.vehicle.plant.t_ns
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Give the firmware a fence."""
         with self.vehicle.clock.going():
             await super().set_fence(items)
 
     async def take_off(self) -> None:
-        """Climb from the ground to the hover above home."""
         with self.vehicle.clock.going():
             await super().take_off()
 
@@ -67,18 +63,15 @@ class FirmwareFlyer(ExternalFlyer):
             await super().upload(plan)
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         with self.vehicle.clock.going():
             return await super().fly(plan)
 
     async def land(self) -> None:
-        """Return to home and land."""
         with self.vehicle.clock.going():
             await super().land()
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the aircraft's own battery, 0..1."""
         return self.vehicle.clock.now.battery.remaining
 
     async def refresh(self, reserve: float) -> bool:
@@ -93,16 +86,16 @@ class FirmwareFlyer(ExternalFlyer):
 class RelayedMessages:
     """The messages that the relay hears, whoever asks for them."""
 
-    _asked: dict[str, list[asyncio.Queue[dict[str, Any]]]] = field(default_factory=dict)
+    _asked: dict[str, list[asyncio.Queue[Fields]]] = field(default_factory=dict)
 
-    def hear(self, name: str, fields: dict[str, Any]) -> None:
+    def hear(self, name: str, fields: Fields) -> None:
         """Hand a message on."""
         for queue in self._asked.get(name, ()):
             queue.put_nowait(fields)
 
-    async def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+    async def of(self, name: str) -> AsyncIterator[Fields]:
         """The fields of every message of that name from now on."""
-        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        queue: asyncio.Queue[Fields] = asyncio.Queue()
         self._asked.setdefault(name, []).append(queue)
         while True:
             yield await queue.get()
@@ -129,7 +122,6 @@ async def open_firmware(
             configuration that it does not know.
     """
     recorder, messages, raw_link = FlightRecorder(), RelayedMessages(), RawLink()
-    name = NAMES[config.vehicle.autopilot]
     vehicle = FirmwareVehicle(
         config.vehicle,
         plant,
@@ -140,7 +132,7 @@ async def open_firmware(
         hear=messages.hear,
         heard=_HEARD,
     )
-    try:
+    with _in_words(NAMES[config.vehicle.autopilot]), of_a_vehicle():
         async with vehicle:
             vehicle.clock.run()
             known = Known(messages, vehicle.clock.at, boot_ms=0)
@@ -152,12 +144,7 @@ async def open_firmware(
                 raw_link=raw_link,
                 known=known,
             ) as (pilot, feed):
-                if pilot.dialect.name != name:
-                    raise FlightError(
-                        f"vehicle.firmware.path = {config.vehicle.firmware.path}: this is "
-                        f"{pilot.dialect.name}, vehicle.autopilot asks for {name}"
-                    )
-                await _check_parameters(pilot, config)
+                await _check_program(pilot, config)
                 limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
                 speed_mps = min(config.mission.speed_mps, limits.speed_mps)
                 flyer = FirmwareFlyer(
@@ -174,18 +161,26 @@ async def open_firmware(
                 flyer.wind = config.vehicle.aircraft.wind
                 vehicle.clock.rest()
                 yield flyer
+
+
+@contextmanager
+def _in_words(name: str) -> Iterator[None]:
+    try:
+        yield
     except FirmwareSilentError as error:
         raise LinkLostError(f"{name}: {error}") from None
     except FirmwareError as error:
         raise FlightError(f"{name}: {error}") from None
-    except LinkError as error:
-        raise LinkLostError(str(error)) from None
-    except FlightDynamicsError as error:
-        raise FlightError(f"the simulated aircraft failed: {error}") from error
 
 
-async def _check_parameters(pilot: Pilot, config: RunConfig) -> None:
-    """Whether the firmware has taken the parameters that the configuration asks for."""
+async def _check_program(pilot: Pilot, config: RunConfig) -> None:
+    """Whether it is the firmware that the configuration asks for, and has taken its parameters."""
+    name = NAMES[config.vehicle.autopilot]
+    if pilot.dialect.name != name:
+        raise FlightError(
+            f"vehicle.firmware.path = {config.vehicle.firmware.path}: this is "
+            f"{pilot.dialect.name}, vehicle.autopilot asks for {name}"
+        )
     for parameter, wanted in config.vehicle.firmware.parameters.items():
         has = await pilot.parameters.get(parameter)
         if has is None or not math.isclose(has, wanted, rel_tol=_SAME_PARAMETER, abs_tol=1e-9):

@@ -1,4 +1,4 @@
-"""The kinds of flyers that a run can have, and how each is made ready and opened."""
+"""Who flies a run: the kinds of flyers, how each is made ready and opened, and the choice."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -11,6 +11,8 @@ import numpy as np
 from flightdyn.plant import Plant
 from mission.base.errors import LinkLostError
 from mission.base.interrupts import run_flight
+from mission.config.models import RunConfig
+from mission.flight.failures import of_settings
 from mission.flight.fence_zones import airspace_zones, fence_of
 from mission.flight.flyers.contact import look_at_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
@@ -21,13 +23,15 @@ from mission.flight.flyers.simulated import (
     SIMULATED_POSITIONS,
     Tap,
     open_simulated,
+    simulated_vehicle,
 )
 from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
-from mission.scenario.scenario import Scenario
+from mission.scenario.scenario import Scenario, build_scenario
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.process import check_binary
+from sitl.firmware.vehicle import plant_for
 from sitl.observer import VehicleObserver
 from sitl.vehicle import Vehicle
 
@@ -97,7 +101,6 @@ class BuiltInFlyers(Flyers):
         return (*super().fence(), *fence_of((), parameters, self.scenario.area))
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        """Start the simulated vehicle."""
         return open_simulated(
             self.scenario.config,
             self.vehicle,
@@ -115,13 +118,11 @@ class FirmwareFlyers(Flyers):
 
     @property
     def position_source(self) -> str:
-        """Where the run's positions come from, for people."""
         name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
 
     @property
     def no_resume(self) -> str:
-        """Why the run cannot be resumed."""
         name = NAMES[self.scenario.config.vehicle.autopilot]
         return f"flown by {name}, whose flights do not repeat to the last bit"
 
@@ -156,17 +157,14 @@ class ExternalFlyers(Flyers):
 
     @property
     def position_source(self) -> str:
-        """Where the run's positions come from, for people."""
         return telemetry_of(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        """Wait for an autopilot that can be flown."""
         link = self.scenario.config.link
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
         run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        """Connect to the autopilot at `link.url`."""
         scenario = self.scenario
         return open_external(
             scenario.config.link,
@@ -188,11 +186,41 @@ class NoFlyers(Flyers):
         """Refuse nothing: no link is needed."""
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        """A flyer that meets every waypoint."""
         scenario = self.scenario
         return open_unflown(
             scenario.config.mission, area=scenario.area, observers=attached.observers
         )
+
+
+def flyers_for(scenario: Scenario) -> Flyers:
+    """Who flies in a scenario, as its configuration says.
+
+    Raises:
+        InputError: a setting of the vehicle is refused.
+    """
+    config = scenario.config
+    if scenario.strategy is None or config.mission.flight == "none":
+        return NoFlyers(scenario)
+    if config.link.kind == "external":
+        return ExternalFlyers(scenario)
+    home, streams = scenario.area.home, scenario.streams
+    if config.vehicle.autopilot == "built-in":
+        return BuiltInFlyers(
+            scenario, simulated_vehicle(config.vehicle, home=home, streams=streams)
+        )
+    with of_settings():
+        plant = plant_for(config.vehicle, home=home, streams=streams)
+    return FirmwareFlyers(scenario, plant)
+
+
+def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyers]:
+    """The scenario of a run, and who flies in it.
+
+    Raises:
+        InputError: data is missing or damaged, or a setting contradicts another.
+    """
+    scenario = build_scenario(config, data_dir=data_dir)
+    return scenario, flyers_for(scenario)
 
 
 def _demand(scenario: Scenario) -> Demand:

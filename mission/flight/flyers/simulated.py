@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from flightdyn.config import LimitsConfig
-from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.base.errors import AerofedError, FlightError, InputError, LinkLostError
+from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig, RunConfig
+from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.ground_stations import station_links
@@ -25,7 +25,6 @@ from mission.flight.track import Flight, FlightRecorder, Passage
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
-from sitl.errors import LinkError, SitlInputError
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleObserver
 from sitl.pace import Simulation
@@ -44,10 +43,8 @@ def simulated_vehicle(
     Raises:
         InputError: the vehicle's settings are refused.
     """
-    try:
+    with of_settings():
         vehicle = Vehicle(config, home=home, streams=streams)
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
     if (action := vehicle.autopilot.parameters["NAV_DLL_ACT"]) != 0:
         raise InputError(
             f"vehicle.parameters.NAV_DLL_ACT = {action:g}: this failsafe goes by wall time, so a "
@@ -69,11 +66,9 @@ class SimulatedFlyer(Flyer):
 
     @property
     def t_ns(self) -> int:
-        """Simulated time."""
         return self.vehicle.t_ns
 
     def here(self) -> Passage:
-        """Truth and belief at this instant."""
         aircraft = self.vehicle.aircraft
         return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
@@ -83,7 +78,6 @@ class SimulatedFlyer(Flyer):
         await self.pilot.upload_fence(raw_items(items))
 
     async def take_off(self) -> None:
-        """Climb from the ground to the hover above home."""
         await self.pilot.ready()
         await self.pilot.take_off(self.altitude_m)
 
@@ -93,7 +87,6 @@ class SimulatedFlyer(Flyer):
             await self.pilot.upload(plan, plan.positions(self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
-        """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
         if plan.stands:
             return Flight.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here())
@@ -101,13 +94,11 @@ class SimulatedFlyer(Flyer):
         return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
 
     async def land(self) -> None:
-        """Return to home and land."""
         await self.go_home()
         await self.pilot.land()
 
     @property
     def battery_remaining(self) -> float:
-        """Charge of the battery, 0..1."""
         return self.vehicle.aircraft.battery.remaining
 
     async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
@@ -137,7 +128,7 @@ async def open_simulated(
     speed = math.inf if config.link.speed == "max" else config.link.speed
     raw_link = RawLink() if config.link.kind == "in_process" else None
     port = config.link.udp_port
-    try:
+    with of_a_vehicle():
         link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
         if tap is not None:
             link = tap(link)
@@ -150,12 +141,7 @@ async def open_simulated(
             ) as pilot,
         ):
             flyer = SimulatedFlyer(
-                pilot,
-                vehicle,
-                recorder,
-                area,
-                config.mission,
-                guidance_of(config.vehicle),
+                pilot, vehicle, recorder, area, config.mission, guidance_of(config.vehicle)
             )
             flyer.wind = config.vehicle.aircraft.wind
             try:
@@ -166,7 +152,3 @@ async def open_simulated(
                         async with asyncio.timeout(HOLD_TIMEOUT_S):
                             await pilot.hold()
                 raise
-    except LinkError as error:
-        raise LinkLostError(str(error)) from None
-    except FlightDynamicsError as error:
-        raise FlightError(f"the simulated aircraft failed: {error}") from error

@@ -3,17 +3,19 @@
 import asyncio
 import logging
 from collections.abc import Awaitable
-from typing import Any
+from typing import TypeVar
 
 from mavsdk.exceptions import MavsdkError
 from mavsdk.logging import LogLevel
 
 logger = logging.getLogger(__name__)
 
+Answer = TypeVar("Answer")
+
 SETTLE_TIMEOUT_S = 10.0  # MAVSDK's own time-outs are shorter
 
 
-async def settled(call: Awaitable[Any]) -> Any:
+async def settled(call: Awaitable[Answer]) -> Answer:
     """The result of a MAVSDK call. An interruption is raised when the call has ended.
 
     The call runs in a thread, and MAVSDK must not be taken down under it: both would wait for

@@ -8,7 +8,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from mission.flight.pilot.clock import VehicleClock
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
+from sitl.autopilot.codec.message import Fields
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
 # Message number and rate: what this package and MAVSDK's plugins live on. Nobody but the vehicle
@@ -43,7 +44,7 @@ _INFO = 6
 class Source(Protocol):
     """Where a vehicle's messages come from."""
 
-    def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+    def of(self, name: str) -> AsyncIterator[Fields]:
         """The fields of every message of that name from now on."""
 
 
@@ -148,7 +149,7 @@ class TelemetryFeed:
                 continue
             self._take_position(t_ns, fields)
 
-    def _take_position(self, t_ns: int, fields: dict[str, Any]) -> None:
+    def _take_position(self, t_ns: int, fields: Fields) -> None:
         height_m = fields["relative_alt"] / 1e3
         seen = GeodeticPoint(
             fields["lat"] / 1e7, fields["lon"] / 1e7, self._area.home.alt_msl_m + height_m

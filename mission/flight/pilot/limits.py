@@ -124,32 +124,30 @@ class Limits:
 
         Speed and acceptance radius only: lean and fence are there to protect the vehicle.
         """
-        changes = {}
-        speed, radius = self.told.get("speed_mps"), self.told.get("acceptance_m")
-        if speed is not None and speed.value < demand.speed_mps:
-            changes[speed.name.name] = (speed.raw, demand.speed_mps / speed.name.unit)
-        if radius is not None and radius.value > demand.acceptance_m:
-            changes[radius.name.name] = (radius.raw, demand.acceptance_m / radius.name.unit)
-        return changes
+        return {
+            limit.name.name: (limit.raw, asked / limit.name.unit)
+            for limit, asked, _ in self._correctable(demand)
+        }
 
     def shortfalls(self, demand: Demand, *, adjusted: bool) -> Sequence[str]:
         """What of the demand will not be flown as asked, a phrase each, parameters named."""
-        return [*([] if adjusted else self._correctable(demand)), *self._beyond_fence(demand)]
+        phrases = [
+            f"{words} ({limit.name.name} = {limit.raw:g}), {asked:g} asked; {SET_BY}"
+            for limit, asked, words in self._correctable(demand)
+            if not adjusted
+        ]
+        return [*phrases, *self._beyond_fence(demand)]
 
-    def _correctable(self, demand: Demand) -> list[str]:
-        phrases = []
+    def _correctable(self, demand: Demand) -> list[tuple[Limit, float, str]]:
+        """Limits that may be set otherwise, what is asked of each, and what it allows in words."""
         speed, radius = self.told.get("speed_mps"), self.told.get("acceptance_m")
+        found = []
         if speed is not None and speed.value < demand.speed_mps:
-            phrases.append(
-                f"{speed.value:g} m/s at most ({speed.name.name} = {speed.raw:g}), "
-                f"{demand.speed_mps:g} asked; {SET_BY}"
-            )
+            found.append((speed, demand.speed_mps, f"{speed.value:g} m/s at most"))
         if radius is not None and radius.value > demand.acceptance_m:
-            phrases.append(
-                f"corners cut by up to {radius.value:g} m ({radius.name.name} = {radius.raw:g}), "
-                f"{demand.acceptance_m:g} asked; {SET_BY}"
-            )
-        return phrases
+            words = f"corners cut by up to {radius.value:g} m"
+            found.append((radius, demand.acceptance_m, words))
+        return found
 
     def _beyond_fence(self, demand: Demand) -> list[str]:
         if self.value("fence_on", otherwise=0.0) == 0.0:

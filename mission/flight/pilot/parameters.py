@@ -4,8 +4,8 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
-from typing import Any
 
+from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.exceptions import MavsdkError
 
@@ -20,7 +20,7 @@ RESTORE_TIMEOUT_S = 15.0  # wall time, of a link that may be lost
 class Parameters:
     """The parameters of one vehicle; those that are whole numbers there come as floats too."""
 
-    def __init__(self, system: Any) -> None:
+    def __init__(self, system: System) -> None:
         self._plugin = ParamAsync(system)
 
     async def get(self, name: str) -> float | None:
@@ -50,10 +50,7 @@ class Parameters:
 
 @asynccontextmanager
 async def adjusted(
-    parameters: Parameters,
-    values: Mapping[str, tuple[float, float]],
-    *,
-    say: Callable[[str], None],
+    parameters: Parameters, values: Mapping[str, tuple[float, float]], *, say: Callable[[str], None]
 ) -> AsyncIterator[None]:
     """Set each parameter to the second of its values, and back to the first when the block ends.
 

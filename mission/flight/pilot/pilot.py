@@ -3,8 +3,8 @@
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any
 
+from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.info import InfoAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
@@ -15,7 +15,7 @@ from mavsdk.plugins.telemetry import FlightMode, LandedState
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.pilot.calls import reason, settled
+from mission.flight.pilot.calls import Answer, reason, settled
 from mission.flight.pilot.dialects import PX4, Dialect
 from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.parameters import Parameters
@@ -35,7 +35,7 @@ TAKE_OFF_TOLERANCE_M = 2.0
 class Pilot:
     """Flies one vehicle over one MAVSDK system, while its `watch` runs; see `connect`."""
 
-    def __init__(self, system: Any, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
+    def __init__(self, system: System, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
         self.system = system
         self.dialect = dialect
         self.watch = Watch(system)
@@ -209,12 +209,12 @@ class Pilot:
             raise await self._refused(f"take the mission of {len(items)} items", refusal)
         raise FlightError(f"the vehicle holds another mission than the {len(items)} items uploaded")
 
-    async def _order(self, what: str, call: Awaitable[Any]) -> Any:
+    async def _order(self, what: str, call: Awaitable[Answer]) -> Answer:
         """Give an order: a refusal is explained by the first warning after it."""
         self.watch.order_given()
         return await self._call(what, call)
 
-    async def _call(self, what: str, call: Awaitable[Any]) -> Any:
+    async def _call(self, what: str, call: Awaitable[Answer]) -> Answer:
         try:
             return await settled(call)
         except MavsdkError as error:

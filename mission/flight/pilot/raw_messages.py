@@ -3,13 +3,14 @@
 import json
 import logging
 from collections.abc import AsyncIterator
-from typing import Any
 
+from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
 from mission.flight.pilot.calls import settled
+from sitl.autopilot.codec.message import Fields
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +37,7 @@ _ARDUPILOT = """<?xml version="1.0"?>
 class Messages:
     """The messages that one vehicle sends, by name, and the commands that it acknowledges."""
 
-    def __init__(self, system: Any) -> None:
+    def __init__(self, system: System) -> None:
         self._system = system
         self._direct = MavlinkDirectAsync(system)
 
@@ -44,7 +45,7 @@ class Messages:
         """Learn the messages that only ArduPilot sends."""
         await settled(self._direct.load_custom_xml(_ARDUPILOT))
 
-    async def of(self, name: str) -> AsyncIterator[dict[str, Any]]:
+    async def of(self, name: str) -> AsyncIterator[Fields]:
         """The fields of every message of that name from now on."""
         async for message in self._direct.subscribe_message(name):
             yield json.loads(message.fields_json)

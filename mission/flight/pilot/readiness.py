@@ -3,10 +3,11 @@ it be armed. An autopilot streams positions long before, ArduPilot 0, 0 among th
 """
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from mission.flight.pilot.raw_messages import Messages
+from sitl.autopilot.codec.message import Fields
 
 FIX_3D = 3  # GPS_FIX_TYPE
 
@@ -75,17 +76,17 @@ class Readiness:
             group.create_task(self._watch(messages, self._estimator.name, self._take_flags))
             group.create_task(self._watch(messages, "HOME_POSITION", self._take_home))
 
-    async def _watch(self, messages: Messages, name: str, take: Any) -> None:
+    async def _watch(self, messages: Messages, name: str, take: Callable[[Fields], None]) -> None:
         async for fields in messages.of(name):
             take(fields)
 
-    def _take_fix(self, fields: dict[str, Any]) -> None:
+    def _take_fix(self, fields: Fields) -> None:
         self._fix_type = fields["fix_type"]
 
-    def _take_flags(self, fields: dict[str, Any]) -> None:
+    def _take_flags(self, fields: Fields) -> None:
         self._flags = fields["flags"]
 
-    def _take_home(self, fields: dict[str, Any]) -> None:
+    def _take_home(self, fields: Fields) -> None:
         self._home = (fields["latitude"], fields["longitude"]) != (0, 0)
 
 

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
-from typing import Any
 
+from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
 
@@ -18,7 +18,7 @@ _CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") 
 class Watch:
     """The newest telemetry of one vehicle, while `run` runs."""
 
-    def __init__(self, system: Any) -> None:
+    def __init__(self, system: System) -> None:
         self._telemetry = TelemetryAsync(system)
         self._changed_at = asyncio.get_running_loop().time()
         self._position: tuple[float, ...] = ()
@@ -67,27 +67,25 @@ class Watch:
 
     async def _watch_armable(self) -> None:
         async for health in self._telemetry.subscribe_health():
-            if health.is_armable != self.armable:
-                self._changed()
-            self.armable = health.is_armable
+            self._take("armable", health.is_armable)
 
     async def _watch_armed(self) -> None:
         async for armed in self._telemetry.subscribe_armed():
-            if armed != self.armed:  # told again and again, it is no progress
-                self._changed()
-            self.armed = armed
+            self._take("armed", armed)
 
     async def _watch_mode(self) -> None:
         async for mode in self._telemetry.subscribe_flight_mode():
-            if mode != self.mode:
-                self._changed()
-            self.mode = mode
+            self._take("mode", mode)
 
     async def _watch_landed(self) -> None:
         async for landed in self._telemetry.subscribe_landed_state():
-            if landed != self.landed:
-                self._changed()
-            self.landed = landed
+            self._take("landed", landed)
+
+    def _take(self, name: str, value: object) -> None:
+        """Told again and again, it is no progress."""
+        if value != getattr(self, name):
+            self._changed()
+        setattr(self, name, value)
 
     async def _watch_text(self) -> None:
         async for status in self._telemetry.subscribe_status_text():

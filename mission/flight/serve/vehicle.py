@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.base.errors import FlightError, InputError, LinkLostError
+from mission.base.errors import InputError
 from mission.config.models import LinkConfig, RunConfig
+from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
-from sitl.errors import LinkError, SitlInputError
+from sitl.errors import LinkError
 from sitl.links import UdpLink
 from sitl.logfolder import DiskLogs
 from sitl.pace import Simulation
@@ -96,7 +96,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
     area = config.area.build()
     area = replace(area, home=area.frame.to_geodetic(np.array([0.0, i * _APART_M, 0.0])))
     recorder = None if logs is None else _recorder(logs, area)
-    try:
+    with of_settings():
         vehicle = Vehicle(
             config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
             home=area.home,
@@ -107,8 +107,6 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
             else DiskLogs(logs, being_written=lambda: recorder.being_written),
             standalone=True,
         )
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
     return Served(vehicle, tuple(urls), recorder, config.link)
 
@@ -137,11 +135,8 @@ def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None])
         FlightError: a simulated aircraft left the range of its physics.
     """
     try:
-        asyncio.run(_serve(served, speed=speed, say=say))
-    except LinkError as error:
-        raise LinkLostError(str(error)) from None
-    except FlightDynamicsError as error:
-        raise FlightError(f"the simulated aircraft failed: {error}") from error
+        with of_a_vehicle():
+            asyncio.run(_serve(served, speed=speed, say=say))
     finally:
         for one in served:
             if one.logs is not None:

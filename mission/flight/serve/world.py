@@ -4,12 +4,11 @@ import math
 import threading
 from collections.abc import Callable
 
-from flightdyn.errors import FlightDynamicsError, FlightInputError
 from flightdyn.random import RandomStreams
-from mission.base.errors import FlightError, InputError, LinkLostError
+from mission.base.errors import FlightError
 from mission.config.models import RunConfig
+from mission.flight.failures import of_a_vehicle, of_settings
 from sitl.config import VehicleConfig
-from sitl.errors import LinkError, SitlInputError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.clockwork import Clockwork
@@ -23,13 +22,7 @@ Say = Callable[[str], None]
 
 
 def serve_world(
-    config: RunConfig,
-    autopilot: str,
-    *,
-    port: int,
-    speed: float,
-    say: Say,
-    stop: threading.Event,
+    config: RunConfig, autopilot: str, *, port: int, speed: float, say: Say, stop: threading.Event
 ) -> None:
     """Serve the configured aircraft to the `autopilot`, "px4" or "ardupilot", that comes to `port`.
 
@@ -42,16 +35,11 @@ def serve_world(
         FlightError: what came is no such firmware, or the aircraft left its physics.
     """
     try:
-        while not stop.is_set():
-            _serve_once(config, autopilot, port=port, speed=speed, say=say, stop=stop)
-    except (SitlInputError, FlightInputError) as error:
-        raise InputError(str(error)) from None
-    except LinkError as error:
-        raise LinkLostError(str(error)) from None
+        with of_a_vehicle(), of_settings():
+            while not stop.is_set():
+                _serve_once(config, autopilot, port=port, speed=speed, say=say, stop=stop)
     except FirmwareError as error:
         raise FlightError(str(error)) from None
-    except FlightDynamicsError as error:
-        raise FlightError(f"the simulated aircraft failed: {error}") from error
 
 
 def _serve_once(

@@ -1,11 +1,11 @@
-"""A log as tables, written as CSV, and the files inside it."""
+"""A log as tables, written as CSV or Parquet, and the files inside it."""
 
 import math
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,9 @@ from mission.base.errors import InputError
 from mission.log.errors import LogError
 from mission.log.read.reader import read_log
 from mission.log.records import flat
-from mission.log.values import (
-    BatteryTrack,
-    FlightData,
-    InnovationTrack,
-    LearningRecord,
-    PlanRecord,
-)
+from mission.log.values import BatteryTrack, FlightData, InnovationTrack, LearningRecord, PlanRecord
 
-Column: TypeAlias = Sequence[Any] | NDArray[Any]
+Column: TypeAlias = Sequence[object] | NDArray[np.generic]
 Tables: TypeAlias = dict[str, dict[str, Column]]
 
 
@@ -96,6 +90,21 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     return tuple(folder / f"{name}.csv" for name in found)
 
 
+def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
+    """Write every table with a row to `folder` as Parquet (zstd); returns the files.
+
+    Raises:
+        LogError: the log cannot be read. InputError: the folder is used or cannot be written.
+    """
+    from mission.base.parquet import parquet  # with it pyarrow
+
+    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
+    with new_folder(folder) as partial:
+        for name, columns in found.items():
+            (partial / f"{name}.parquet").write_bytes(parquet(columns))
+    return tuple(folder / f"{name}.parquet" for name in found)
+
+
 def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
     """Write the files inside the log to `folder`; returns the files.
 
@@ -134,7 +143,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Any]:
+def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Column]:
     """Its fields, with seconds in place of nanoseconds."""
     fields = {**vars(record), "t_ns": record.t_ns / 1e9}
     return {"t_s" if name == "t_ns" else name: value for name, value in fields.items()}
@@ -169,7 +178,7 @@ def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, ob
             }
 
 
-def _columns(rows: Iterable[dict[str, object]]) -> dict[str, Column]:
+def _columns(rows: Iterable[Mapping[str, object]]) -> dict[str, Column]:
     rows = list(rows)
     return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
 

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
@@ -16,10 +16,11 @@ from mission.log import topics
 from mission.log.errors import DamagedLogError, ForeignLogError
 from mission.log.read import framing
 from mission.log.read.framing import BrokenRecordError
-from mission.log.read.salvage import salvage
+from mission.log.read.salvage import Salvaged, salvage
 from mission.log.topics import Topic
 from mission.log.values import area_from_text
 
+Json: TypeAlias = dict[str, Any]  # an object, as it is parsed
 Row = tuple[int, Any]
 
 
@@ -90,34 +91,19 @@ def load(path: Path) -> Contents:
     Raises:
         LogError: it cannot be read, is no MCAP file, or is damaged; the message says where.
     """
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    messages: dict[str, list[Message]] = defaultdict(list)
-    metadata: dict[str, dict[str, str]] = {}
-    attachments: dict[str, bytes] = {}
+    whole = Salvaged()
     for frame in framing.verify(path):
         try:
-            if frame.opcode == Opcode.CHUNK:
-                for item in framing.chunk_records(frame):
-                    if isinstance(item, Message):
-                        messages[channels[item.channel_id].topic].append(item)
-                    elif isinstance(item, Channel):
-                        channels[item.id] = item
-                    else:
-                        schemas[item.id] = item
-            elif frame.opcode == Opcode.METADATA:
-                found = framing.metadata(frame)
-                metadata[found.name] = dict(found.metadata)
-            elif frame.opcode == Opcode.ATTACHMENT:
-                file = framing.attachment(frame)
-                attachments[file.name] = file.data
+            whole.take(frame)
         except BrokenRecordError as broken:
             raise DamagedLogError(path, broken.reason, broken.offset) from None
-        except KeyError as error:
-            raise DamagedLogError(
-                path, f"a message of channel {error}, which was never declared", frame.offset
-            ) from None
-    return _contents(path, schemas, channels, messages, metadata, attachments)
+        batch = whole.batches[-1] if frame.opcode == Opcode.CHUNK else ()
+        if isinstance(batch, list):
+            undeclared = {message.channel_id for message in batch} - whole.channels.keys()
+            if undeclared:
+                why = f"a message of channel {min(undeclared)}, which was never declared"
+                raise DamagedLogError(path, why, frame.offset)
+    return _contents(path, whole, whole.schemas, whole.channels)
 
 
 def load_damaged(path: Path) -> Contents:
@@ -127,7 +113,12 @@ def load_damaged(path: Path) -> Contents:
         LogError: it cannot be read, or is no MCAP file.
     """
     saved = salvage(path)
-    schemas, channels = saved.declarations()
+    return _contents(path, saved, *saved.declarations())
+
+
+def _contents(
+    path: Path, saved: Salvaged, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]
+) -> Contents:
     messages: dict[str, list[Message]] = defaultdict(list)
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
@@ -140,17 +131,6 @@ def load_damaged(path: Path) -> Contents:
             for message in batch:
                 if message.channel_id in channels:
                     messages[channels[message.channel_id].topic].append(message)
-    return _contents(path, schemas, channels, messages, metadata, attachments)
-
-
-def _contents(
-    path: Path,
-    schemas: Mapping[int, Schema],
-    channels: Mapping[int, Channel],
-    messages: Mapping[str, list[Message]],
-    metadata: dict[str, dict[str, str]],
-    attachments: dict[str, bytes],
-) -> Contents:
     by_topic = {channel.topic: channel for channel in channels.values()}
     return Contents(
         path=path,

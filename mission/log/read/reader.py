@@ -3,14 +3,13 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mission.base.arrays import Floats
 from mission.log import topics
 from mission.log.errors import ForeignLogError
-from mission.log.read.contents import Contents, Row, load
+from mission.log.read.contents import Contents, Json, Row, load
 from mission.log.records import RoundRecord, TimedUplinkRecord, UplinkRecord
 from mission.log.topics import Topic
 from mission.log.values import (
@@ -117,7 +116,7 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
     )
 
 
-def _plan(t_ns: int, row: dict[str, Any], devices: int) -> PlanRecord:
+def _plan(t_ns: int, row: Json, devices: int) -> PlanRecord:
     waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
     schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
     altitude_m = _number(row["altitude_m"])
@@ -157,7 +156,7 @@ def _stops_at(route_m: Floats, waypoints_m: Floats) -> list[int]:
     return found[1:]
 
 
-def _round(row: dict[str, Any]) -> RoundRecord:
+def _round(row: Json) -> RoundRecord:
     values = _with_nan(row)
     values["accuracy"] = _with_nan(row["accuracy"])
     values["cov"] = _with_nan(row["cov"])
@@ -165,7 +164,7 @@ def _round(row: dict[str, Any]) -> RoundRecord:
     return RoundRecord(**values)
 
 
-def _uplink(row: dict[str, Any]) -> UplinkRecord:
+def _uplink(row: Json) -> UplinkRecord:
     kind = TimedUplinkRecord if "late" in row else UplinkRecord
     return kind(**_with_nan(row))
 
@@ -177,7 +176,7 @@ def _in_file_order(contents: Contents) -> Iterator[Row]:
     yield from sorted(rows, key=lambda row: (row[1]["round"], row[1]["step"], row[1]["device"]))
 
 
-def _event(t_ns: int, row: dict[str, Any]) -> EventRecord:
+def _event(t_ns: int, row: Json) -> EventRecord:
     return EventRecord(
         t_ns=t_ns,
         kind=row["kind"],
@@ -225,5 +224,5 @@ def _number(value: float | None) -> float:
     return _NAN if value is None else float(value)
 
 
-def _with_nan(row: dict[str, Any]) -> dict[str, Any]:
+def _with_nan(row: Json) -> Json:
     return {key: _NAN if value is None else value for key, value in row.items()}

@@ -46,6 +46,33 @@ class Salvaged:
     channels: dict[int, Channel] = field(default_factory=dict)
     losses: list[Gap] = field(default_factory=list)
 
+    def take(self, frame: Frame) -> None:
+        """Keep what a frame holds.
+
+        Raises:
+            BrokenRecordError: it does not unpack.
+        """
+        if frame.opcode == Opcode.CHUNK:
+            messages: list[Message] = []
+            for item in framing.chunk_records(frame):
+                if isinstance(item, Message):
+                    messages.append(item)
+                else:
+                    self._declare(item)
+            self.batches.append(messages)
+        elif frame.opcode == Opcode.ATTACHMENT:
+            self.batches.append(framing.attachment(frame))
+        elif frame.opcode == Opcode.METADATA:
+            self.batches.append(framing.metadata(frame))
+        elif frame.opcode in _SUMMARY:  # repeated after the data, in case the first was lost
+            self._declare(framing.declaration(frame))
+
+    def _declare(self, item: Schema | Channel) -> None:
+        if isinstance(item, Channel):
+            self.channels.setdefault(item.id, item)
+        else:
+            self.schemas.setdefault(item.id, item)
+
     def declarations(self) -> tuple[dict[int, Schema], dict[int, Channel]]:
         """What was found, completed by what every log of ours declares.
 
@@ -72,33 +99,11 @@ def salvage(source: Path) -> Salvaged:
     saved = Salvaged()
     with framing.open_log(source) as stream:
         for frame in _sound_frames(stream, source.stat().st_size, saved.losses):
-            _take(frame, saved)
+            try:
+                saved.take(frame)
+            except BrokenRecordError as broken:
+                saved.losses.append(Gap(frame.offset, frame.end, broken.reason))
     return saved
-
-
-def _take(frame: Frame, saved: Salvaged) -> None:
-    """Keep what a frame holds; one that does not unpack becomes a loss."""
-    try:
-        if frame.opcode == Opcode.CHUNK:
-            messages: list[Message] = []
-            for item in framing.chunk_records(frame):
-                if isinstance(item, Message):
-                    messages.append(item)
-                elif isinstance(item, Channel):
-                    saved.channels.setdefault(item.id, item)
-                else:
-                    saved.schemas.setdefault(item.id, item)
-            saved.batches.append(messages)
-        elif frame.opcode == Opcode.ATTACHMENT:
-            saved.batches.append(framing.attachment(frame))
-        elif frame.opcode == Opcode.METADATA:
-            saved.batches.append(framing.metadata(frame))
-        elif frame.opcode in _SUMMARY:  # repeated after the data, in case the first was lost
-            item = framing.declaration(frame)
-            table = saved.channels if isinstance(item, Channel) else saved.schemas
-            table.setdefault(item.id, item)
-    except BrokenRecordError as broken:
-        saved.losses.append(Gap(frame.offset, frame.end, broken.reason))
 
 
 class _ExhaustedError(Exception):

@@ -36,7 +36,7 @@ def classic(layout: bytes) -> bytes:
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
 
 
-def _node(content: dict[str, Any], panels: dict[str, dict[str, Any]]) -> Any:
+def _node(content: dict[str, Any], panels: dict[str, dict[str, object]]) -> object:
     """A panel's name, or a pair; `panels` gets every panel's configuration."""
     if content["type"] == "panel":
         kind = _KINDS[content["panelType"]]
@@ -63,7 +63,7 @@ def _pairs(
     }
 
 
-def _config(kind: str, content: dict[str, Any]) -> dict[str, Any]:
+def _config(kind: str, content: dict[str, Any]) -> dict[str, object]:
     config = dict(content["config"]) | dict.fromkeys(_TITLE_KEYS, content["title"])
     if "paths" in config:
         config["paths"] = [_SERIES | series for series in config["paths"]]

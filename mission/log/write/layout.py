@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from importlib.resources import files
 from string import Template
-from typing import Any
 
 from mission.base.area import Area
 from mission.base.palette import FLOWN, PLANNED, community_colour
@@ -47,7 +46,7 @@ def layout(area: Area, communities: Sequence[str]) -> bytes:
     return json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode()
 
 
-def _of_community(series: dict[str, Any], name: str, colour: str) -> dict[str, Any]:
+def _of_community(series: dict[str, str], name: str, colour: str) -> dict[str, str]:
     value = series["value"].replace("$name", name)
     return series | {"color": colour, "label": name, "value": value}
 

@@ -8,7 +8,6 @@ the log: the zeroed bits compress. Records of plans, rounds and uplinks stay exa
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from foxglove import messages as fox
@@ -48,7 +47,7 @@ _LEVELS = {
 }
 
 
-def timestamp(t_ns: int) -> Any:
+def timestamp(t_ns: int) -> fox.Timestamp:
     """Simulated nanoseconds as a Foxglove timestamp."""
     return fox.Timestamp(t_ns // NS_PER_S, t_ns % NS_PER_S)
 
@@ -59,13 +58,13 @@ def area_xyz(area: Area, pos_ned_m: Vector) -> XYZ:
     return (east + area.home_m[0], north + area.home_m[1], -down)
 
 
-def vector(xyz: Sequence[float], *, grid: float) -> Any:
+def vector(xyz: Sequence[float], *, grid: float) -> fox.Vector3:
     """A Foxglove vector, rounded to `grid` cells a unit."""
     x, y, z = xyz
     return fox.Vector3(x=round(x * grid) / grid, y=round(y * grid) / grid, z=round(z * grid) / grid)
 
 
-def _pose(stamp: Any, numbers: Sequence[float]) -> Any:
+def _pose(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.PoseInFrame:
     """Of an example: in the area's frame, position and orientation (x, y, z, w)."""
     x, y, z, *turn = numbers
     place = fox.Pose(
@@ -75,7 +74,7 @@ def _pose(stamp: Any, numbers: Sequence[float]) -> Any:
     return fox.PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=place)
 
 
-def _transform(stamp: Any, numbers: Sequence[float]) -> Any:
+def _transform(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.FrameTransform:
     """The same, as that from the area's frame to the aircraft's."""
     x, y, z, *turn = numbers
     return fox.FrameTransform(
@@ -100,15 +99,17 @@ def places(area: Area, states: Sequence[Kinematics]) -> Floats:
     there = np.array([[*s.pos_ned_m.tolist(), *s.q_frd_to_ned.tolist()] for s in states]).T
     north, east, down, w, x, y, z = there
     half = math.sqrt(0.5) * QUATERNION_GRID
-    numbers = np.array((
-        (east + area.home_m[0]) * POSITION_GRID,
-        (north + area.home_m[1]) * POSITION_GRID,
-        -down * POSITION_GRID,
-        (x + y) * half,
-        (x - y) * half,
-        (w - z) * half,
-        (w + z) * half,
-    ))  # fmt: skip
+    numbers = np.array(
+        (
+            (east + area.home_m[0]) * POSITION_GRID,
+            (north + area.home_m[1]) * POSITION_GRID,
+            -down * POSITION_GRID,
+            (x + y) * half,
+            (x - y) * half,
+            (w - z) * half,
+            (w + z) * half,
+        )
+    )
     return np.asarray(np.rint(numbers).T / _PLACE_GRID)
 
 
@@ -119,7 +120,7 @@ def velocity(vel_ned_mps: Vector) -> bytes:
     return data
 
 
-def point(stamp: Any, xyz: XYZ) -> bytes:
+def point(stamp: fox.Timestamp, xyz: XYZ) -> bytes:
     """Point3InFrame in the area's frame."""
     x, y, z = (round(value * POSITION_GRID) / POSITION_GRID for value in xyz)
     data: bytes = fox.Point3InFrame(
@@ -128,7 +129,7 @@ def point(stamp: Any, xyz: XYZ) -> bytes:
     return data
 
 
-def path(stamp: Any, points_m: Floats) -> bytes:
+def path(stamp: fox.Timestamp, points_m: Floats) -> bytes:
     """PosesInFrame of (n, 3) points in the area's frame, without orientation."""
     level = fox.Quaternion(w=1.0)
     data: bytes = fox.PosesInFrame(
@@ -142,7 +143,7 @@ def path(stamp: Any, points_m: Floats) -> bytes:
     return data
 
 
-def _fix(stamp: Any, numbers: Sequence[float]) -> Any:
+def _fix(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.LocationFix:
     """Of an example: where, and the variances north, east and down."""
     lat, lon, alt, north, east, down = numbers
     return fox.LocationFix(
@@ -171,13 +172,13 @@ def gnss(frame: LocalFrame, fixes: Sequence[GnssFix]) -> list[bytes]:
     return _FIX.fill(t_ns, np.array(numbers))
 
 
-def location(stamp: Any, where: GeodeticPoint) -> bytes:
+def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
     """LocationFix of a position without error."""
     data: bytes = fox.LocationFix(timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where)).encode()
     return data
 
 
-def geojson(features: Sequence[Mapping[str, Any]]) -> bytes:
+def geojson(features: Sequence[Mapping[str, object]]) -> bytes:
     """GeoJson of a collection of features (RFC 7946)."""
     text = json.dumps(
         {"type": "FeatureCollection", "features": list(features)}, separators=(",", ":")
@@ -242,7 +243,7 @@ def battery(state: BatteryState) -> bytes:
 
 def innovations(items: Sequence[Innovation]) -> bytes:
     """Our record of one instant's innovations, to four significant digits."""
-    values: dict[str, Any] = {"t_s": items[0].t_ns / NS_PER_S}
+    values: dict[str, object] = {"t_s": items[0].t_ns / NS_PER_S}
     values |= dict.fromkeys(sensor.replace(" ", "_") for sensor in SENSORS)
     for item in items:
         values[item.kind.replace(" ", "_")] = {
@@ -258,7 +259,7 @@ def _brief(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def record(values: Mapping[str, Any]) -> bytes:
+def record(values: Mapping[str, object]) -> bytes:
     """One of our own records as JSON; numbers in their shortest exact form, NaN as null."""
     try:
         text = _ENCODER.encode(values)
@@ -267,7 +268,7 @@ def record(values: Mapping[str, Any]) -> bytes:
     return text.encode()
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: object) -> object:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

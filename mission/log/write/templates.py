@@ -25,7 +25,9 @@ _MORE = np.array([0x80, 0x80, 0x80, 0x80, 0])
 class Template:
     """One kind of message with a timestamp and so many numbers."""
 
-    def __init__(self, example: Callable[[Any, Sequence[float]], Any], numbers: int) -> None:
+    def __init__(
+        self, example: Callable[[fox.Timestamp, Sequence[float]], Any], numbers: int
+    ) -> None:
         """`example` makes a message of a timestamp and numbers, each of which it uses once."""
         markers = [-1e200 * (number + 1) for number in range(numbers)]
         whole: bytes = example(fox.Timestamp(_SECONDS, _NANOSECONDS), markers).encode()

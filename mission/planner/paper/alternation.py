@@ -10,7 +10,6 @@ from fl.radio.channel import Channel, LogisticFit, fit_logistic, smooth_per
 from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
-    check_problem,
     distances,
     finish,
     fit_budget,
@@ -46,7 +45,6 @@ class PaperPlanner:
         Raises:
             PlanInputError: the problem makes no sense.
         """
-        check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
@@ -74,7 +72,6 @@ class LiteralPlanner:
         Raises:
             PlanInputError: the problem makes no sense.
         """
-        check_problem(problem)
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
         program = path_program(problem.steps, len(problem.devices_m), exact_cone=False)

@@ -1,6 +1,7 @@
 """The choice between the engines of a sweep."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -11,42 +12,44 @@ from mission.sweep.execute.engine import Engine
 EngineName = Literal["joblib", "ray"]
 
 
-def check_options(name: EngineName, *, jobs: int | None, address: str | None) -> None:
-    """Refuse options that do not fit the engine.
+@dataclass(frozen=True)
+class EngineChoice:
+    """Which engine flies the runs of a sweep."""
 
-    Raises:
-        InputError: naming the option.
-    """
-    if jobs is not None and jobs < 1:
-        raise InputError(f"--jobs {jobs}: at least 1")
-    if address is not None and name != "ray":
-        raise InputError(f"--address {address}: belongs to --engine ray")
-    if address is not None and "://" in address:
-        raise InputError(
-            f"--address {address}: must be HOST:PORT of a cluster that this machine is part of; "
-            "ray start --address=HOST:PORT makes it one"
-        )
+    name: EngineName = "joblib"
+    jobs: int | None = None  # runs at a time; None: one a core
+    address: str | None = None  # of a Ray cluster
 
+    def check(self) -> None:
+        """Refuse options that do not fit the engine.
 
-def make_engine(
-    name: EngineName,
-    *,
-    jobs: int | None,
-    address: str | None,
-    configs: Sequence[RunConfig],
-    data_dir: Path | None,
-) -> Engine:
-    """The engine of that name for runs of these configurations. Its library is imported here.
+        Raises:
+            InputError: naming the option.
+        """
+        if self.jobs is not None and self.jobs < 1:
+            raise InputError(f"--jobs {self.jobs}: at least 1")
+        if self.address is not None and self.name != "ray":
+            raise InputError(f"--address {self.address}: belongs to --engine ray")
+        if self.address is not None and "://" in self.address:
+            raise InputError(
+                f"--address {self.address}: must be HOST:PORT of a cluster that this machine is "
+                "part of; ray start --address=HOST:PORT makes it one"
+            )
 
-    Raises:
-        InputError: it is not installed, or the options do not fit it.
-        LinkLostError: it cannot be reached.
-    """
-    check_options(name, jobs=jobs, address=address)
-    if name == "ray":
-        from mission.sweep.execute.cluster import RayEngine
+    def make(self, configs: Sequence[RunConfig], *, data_dir: Path | None) -> Engine:
+        """The engine, for runs of these configurations. Its library is imported here.
 
-        return RayEngine(jobs=jobs, address=address, configs=configs, data_dir=data_dir)
-    from mission.sweep.execute.local import LocalEngine
+        Raises:
+            InputError: it is not installed, or the options do not fit it.
+            LinkLostError: it cannot be reached.
+        """
+        self.check()
+        if self.name == "ray":
+            from mission.sweep.execute.cluster import RayEngine
 
-    return LocalEngine(jobs)
+            return RayEngine(
+                jobs=self.jobs, address=self.address, configs=configs, data_dir=data_dir
+            )
+        from mission.sweep.execute.local import LocalEngine
+
+        return LocalEngine(self.jobs)

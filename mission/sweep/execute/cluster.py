@@ -10,12 +10,13 @@ import os
 import pickle
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from fl.data.load import Source
 from fl.errors import LearningInputError, first_line
 from mission.base.errors import AerofedError, InputError, LinkLostError
 from mission.base.run_folder import LIBRARIES
@@ -81,7 +82,7 @@ class RayEngine:
             _generator_backpressure_num_objects=_PARCELS_AHEAD,
         )(_flying())
         self._versions = {name: version(name) for name in LIBRARIES}
-        self._flights: dict[Any, _Flight] = {}
+        self._flights: dict[Iterator[object], _Flight] = {}
         self._ended: list[RunFinished] = []
 
     def _connect(self, address: str | None, jobs: int | None, *, code: str | None) -> None:
@@ -148,7 +149,7 @@ class RayEngine:
         ended, self._ended = tuple(self._ended), []
         return ended
 
-    def _receive(self, stream: Any) -> None:
+    def _receive(self, stream: Iterator[object]) -> None:
         """Take in what comes next from a run."""
         flight, lost = self._flights[stream], self._ray.exceptions
         try:
@@ -179,7 +180,7 @@ class RayEngine:
             self._ray.cancel(stream, force=True)
             self._end(stream, failed(error, flight.order.folder))
 
-    def _end(self, stream: Any, end: RunEnd | None) -> None:
+    def _end(self, stream: Iterator[object], end: RunEnd | None) -> None:
         flight = self._flights.pop(stream)
         flight.inbox.close()
         self._ended.append(RunFinished(flight.order, end))
@@ -208,10 +209,10 @@ class _OtherVersionsError(InputError):
         )
 
 
-def _flying() -> Any:
+def _flying() -> Callable[..., Iterator[object]]:
     """What a machine does. It is sent as code, and so says itself if Aerofed is missing there."""
 
-    def fly(wanted: dict[str, str], packed: bytes, data: dict[Any, Any]) -> Iterator[Any]:
+    def fly(wanted: dict[str, str], packed: bytes, data: dict[Source, object]) -> Iterator[object]:
         import importlib.metadata
         import pickle
         import socket

@@ -20,16 +20,12 @@ class Engine(Protocol):
     @property
     def slots(self) -> int:
         """How many runs it executes at a time."""
-        ...
 
     def start(self, order: RunOrder) -> None:
         """Begin a run; there must be a free slot."""
-        ...
 
     def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """The runs that ended since the last call, waiting at most so long for one."""
-        ...
 
     def close(self) -> None:
         """End the workers, also those that are at work."""
-        ...

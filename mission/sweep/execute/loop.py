@@ -14,11 +14,7 @@ Watch = Callable[[SweepRun | None, RunEnd | None, Sequence[SweepRun]], None]
 
 
 def execute_all(
-    runs: Sequence[SweepRun],
-    engine: Engine,
-    *,
-    order: Callable[[SweepRun], RunOrder],
-    watch: Watch,
+    runs: Sequence[SweepRun], engine: Engine, *, order: Callable[[SweepRun], RunOrder], watch: Watch
 ) -> dict[str, RunEnd]:
     """Execute every run; how each ended, by name. A run whose worker dies is handed to another.
 

@@ -1,6 +1,5 @@
 """One run of a sweep, in whatever process an engine gives it."""
 
-import json
 import shutil
 import sys
 from dataclasses import dataclass
@@ -15,11 +14,7 @@ from mission.config.models import RunConfig
 from mission.run.resume import read_checkpoint
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
-ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
+ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -91,10 +86,10 @@ def begun(path: Path) -> bool:
 
 
 def _goes_on(folder: RunFolder) -> bool:
+    summary = folder.told()
+    if summary.get("status") not in ("running", "interrupted") or not summary.get("resumable"):
+        return False
     try:
-        summary = json.loads(folder.summary.read_text(encoding="utf-8"))
-        if summary["status"] not in ("running", "interrupted") or not summary["resumable"]:
-            return False
         read_checkpoint(folder.path)
     except (OSError, ValueError, KeyError, TypeError, InputError):
         return False

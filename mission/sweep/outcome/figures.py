@@ -39,11 +39,13 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     about = f"{name} · seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
     pictures: dict[str, Chart] = {
         f"{item.name}.png": stacked(
-            curve_charts(item), title=item.title, one_key=True,
+            curve_charts(item),
+            title=item.title,
+            one_key=True,
             about=" · ".join(part for part in (about, item.about) if part),
         )
         for item in pictures_of(results)
-    }  # fmt: skip
+    }
     ends = [final_chart(results, community) for community in communities_of(results)]
     title = f"Final accuracy: {final_rounds(results)}"
     pictures["final.png"] = stacked(ends, title=title, about=about)
@@ -56,7 +58,7 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
             [beside(pair) for pair in gain_maps(results, other)],
             title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
             about=about,
-        )  # fmt: skip
+        )
     return pictures
 
 
@@ -93,8 +95,11 @@ def _curves(picture: Picture, panel: Panel) -> LayerChart:
     return line_chart(
         panel.title,
         [_series(label, picture.order.index(label), curve) for label, curve in curves],
-        x=picture.x_label, y=panel.axis, most=panel.most, whole_x=picture.sampling is by_round,
-    )  # fmt: skip
+        x=picture.x_label,
+        y=panel.axis,
+        most=panel.most,
+        whole_x=picture.sampling is by_round,
+    )
 
 
 def _series(label: str, index: int, curve: Curve) -> Series:

@@ -34,15 +34,7 @@ _POSITION_COMMANDS = frozenset(
 
 
 def _command_long(msg: MavlinkMessage) -> m.CommandOrder:
-    params = (
-        msg.param1,
-        msg.param2,
-        msg.param3,
-        msg.param4,
-        msg.param5,
-        msg.param6,
-        msg.param7,
-    )
+    params = (msg.param1, msg.param2, msg.param3, msg.param4, msg.param5, msg.param6, msg.param7)
     return m.CommandOrder(msg.command, params, confirmation=msg.confirmation)
 
 

@@ -65,10 +65,7 @@ def _mission_current(body: m.MissionCurrent, _: m.Peer) -> MavlinkMessage:
 
 def _command_ack(body: m.CommandAck, to: m.Peer) -> MavlinkMessage:
     return mav.MAVLink_command_ack_message(
-        body.command,
-        int(body.result),
-        target_system=to.system,
-        target_component=to.component,
+        body.command, int(body.result), target_system=to.system, target_component=to.component
     )
 
 

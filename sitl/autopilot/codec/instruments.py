@@ -161,9 +161,7 @@ def _servos(s: Snapshot, d: Dials) -> MavlinkMessage:
 def _actuators(s: Snapshot, d: Dials) -> MavlinkMessage:
     motors = d.instruments.motors
     return mav.MAVLink_actuator_output_status_message(
-        time_usec=u.us(s.t_ns),
-        active=len(motors),
-        actuator=[*motors, *[0.0] * (32 - len(motors))],
+        time_usec=u.us(s.t_ns), active=len(motors), actuator=[*motors, *[0.0] * (32 - len(motors))]
     )
 
 

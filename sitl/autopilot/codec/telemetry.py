@@ -116,9 +116,7 @@ def _attitude(s: Snapshot) -> MavlinkMessage:
 
 def _attitude_quaternion(s: Snapshot) -> MavlinkMessage:
     return mav.MAVLink_attitude_quaternion_message(
-        u.ms(s.t_ns),
-        *map(float, s.belief.q_frd_to_ned),
-        *map(float, s.belief.omega_frd_radps),
+        u.ms(s.t_ns), *map(float, s.belief.q_frd_to_ned), *map(float, s.belief.omega_frd_radps)
     )
 
 

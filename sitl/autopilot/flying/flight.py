@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,14 +32,6 @@ class _Goal:
     yaw_rad: float | None
 
 
-class SpeedLimits(NamedTuple):
-    """What whoever flies the vehicle may ask for at most."""
-
-    speed_mps: float
-    climb_mps: float
-    descent_mps: float
-
-
 class Flight:
     """Mode and manoeuvre of one aircraft.
 
@@ -62,7 +53,14 @@ class Flight:
         self.rally: tuple[MissionItem, ...] = ()
         self.position_ok = permissions.position_ok
         self.forbidden = permissions.forbidden
-        self.needs = permissions.needs
+        # What modes need; each pilot adds what its own mode does.
+        self.needs: dict[Need, Callable[[], bool]] = {
+            Need.ARMED: lambda: aircraft.armed,
+            Need.ON_GROUND: lambda: aircraft.on_ground,
+            Need.AIRBORNE: lambda: not aircraft.on_ground,
+            Need.MISSION: lambda: bool(self.mission.items),
+            Need.POSITION: permissions.position_ok,
+        }
         self.motors = Motors(aircraft, reporter)
         self.frame = aircraft.frame
         self._aircraft = aircraft
@@ -104,14 +102,7 @@ class Flight:
     @property
     def home_ned_m(self) -> Vector:
         """Home in the aircraft's frame."""
-        home = self.home
-        return self.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
-
-    @property
-    def speed_limits(self) -> SpeedLimits:
-        """The limits that the parameters set."""
-        p = self._parameters
-        return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+        return self.frame.to_ned(self.home.lat_deg, self.home.lon_deg, self.home.alt_msl_m)
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
@@ -125,7 +116,7 @@ class Flight:
 
     def here(self) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
-        return self._here()
+        return self.navigator.here(resting=not self.moving)
 
     def not_at_rest(self) -> str:
         """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
@@ -133,27 +124,21 @@ class Flight:
             return "armed"
         return "" if self._aircraft.on_ground else "in the air"
 
-    def too_far(self, pos_ned_m: Vector) -> str:
-        """How a place is farther away than anything may be; empty if it is not."""
-        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
-
     def tick(self) -> bool:
         """Look after the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre
         if manoeuvre is None:
             return False
         try:
-            if manoeuvre.tick():
-                self._finished()
-                return self._manoeuvre is not None
+            if not manoeuvre.tick():
+                return True
+            self._finished()
         except do.StuckError as stuck:
             self._stuck(str(stuck))
-            return self._manoeuvre is not None
         except Exception as error:
             self._report.internal_error("flying", error)
             self._give_up()
-            return self._manoeuvre is not None
-        return True
+        return self._manoeuvre is not None
 
     def _stuck(self, why: str) -> None:
         """What is being flown leads nowhere: land; if that is what leads nowhere, let go."""
@@ -180,11 +165,9 @@ class Flight:
         """Release the motors."""
         if self._aircraft.armed:
             return None
-        reason = self.not_ready()
-        if reason:
-            return reason
-        self.motors.release()
-        return None
+        if not (reason := self.not_ready()):
+            self.motors.release()
+        return reason or None
 
     def disarm(self, *, force: bool = False) -> str | None:
         """Stop the motors; in the air only by force, which ends the flight."""
@@ -221,13 +204,13 @@ class Flight:
             return None
         height = self._parameters["MIS_TAKEOFF_ALT"]
         altitude = self.home.alt_msl_m + height if altitude_msl_m is None else altitude_msl_m
-        here = self._here()
+        here = self.here()
         down_m = self.frame.origin.alt_msl_m - altitude
         if down_m > here[2] - _LEAST_CLIMB_M:
             return f"take-off altitude {altitude:.1f} m is not above the aircraft"
         if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
             return f"the end of the take-off is {forbidden}"
-        return self._order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
+        return self.order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
@@ -239,7 +222,7 @@ class Flight:
         paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
         if paths and (forbidden := self.forbidden(np.vstack(paths))):
             return f"the mission leads {forbidden}"
-        return self._order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+        return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
         """Have another mission on board, to be started; not while one is being flown."""
@@ -266,7 +249,7 @@ class Flight:
         """Brake and stay."""
         if self.mode is Mode.HOLD and self._goal is None:
             return None
-        return self._order(Trigger.ORDER_HOLD, self.navigator.stop, why)
+        return self.order(Trigger.ORDER_HOLD, self.navigator.stop, why)
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
@@ -275,7 +258,7 @@ class Flight:
             return None
         if forbidden := self.forbidden(np.array(goal.pos_ned_m)):
             return f"the position is {forbidden}"
-        reason = self._order(Trigger.ORDER_GOTO, lambda: self._go(goal))
+        reason = self.order(Trigger.ORDER_GOTO, lambda: self._go(goal))
         if reason is None:
             self._goal = goal
         return reason
@@ -284,29 +267,19 @@ class Flight:
         """Turn to a heading on the spot."""
         if self.mode is not Mode.HOLD or self.moving:
             return "the heading can be set only while holding"
-        place = self._here()
-        return self._order(
-            Trigger.ORDER_GOTO,
-            lambda: self.navigator.turn(place, yaw_rad),
-        )
+        return self.order(Trigger.ORDER_GOTO, lambda: self.navigator.turn(self.here(), yaw_rad))
 
     def return_home(self, why: str | None = None) -> str | None:
         """Fly home, or to a rally point that is closer, at a safe height and land."""
         if self.mode is Mode.RETURN:
             return None
-        return self._order(Trigger.ORDER_RETURN, self._return, why)
+        return self.order(Trigger.ORDER_RETURN, self._return, why)
 
     def land(self, why: str | None = None) -> str | None:
         """Land here."""
         if self.mode is Mode.LAND:
             return None
-        return self._order(Trigger.ORDER_LAND, self._land_here, why)
-
-    def fly_by(
-        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
-    ) -> str | None:
-        """Let somebody else fly, by the manoeuvre that `make` begins."""
-        return self._order(trigger, make, why)
+        return self.order(Trigger.ORDER_LAND, self._land_here, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
         """Speed for what is being flown and what will be, until disarmed; None for the default."""
@@ -324,19 +297,17 @@ class Flight:
 
     # --- transitions ----------------------------------------------------------------------------
 
-    def _order(
-        self,
-        trigger: Trigger,
-        make: Callable[[], do.Manoeuvre],
-        why: str | None = None,
+    def order(
+        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
     ) -> str | None:
+        """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
         if self._settling:
             return _STARTING
         row = transition(self.mode, trigger)
         if row is None:
             return f"not possible in mode {self.mode.name}"
         for need in row.needs:
-            if not self._met(need):
+            if not self.needs[need]():
                 return need.value
         if row.target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()
@@ -344,21 +315,6 @@ class Flight:
         else:
             self._enter(row.target, why or trigger.value, make())
         return None
-
-    def _met(self, need: Need) -> bool:
-        match need:
-            case Need.ARMED:
-                return self._aircraft.armed
-            case Need.ON_GROUND:
-                return self._aircraft.on_ground
-            case Need.AIRBORNE:
-                return not self._aircraft.on_ground
-            case Need.MISSION:
-                return bool(self.mission.items)
-            case Need.POSITION:
-                return self.position_ok()
-            case _:
-                return self.needs[need]()
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
@@ -374,7 +330,10 @@ class Flight:
         self._manoeuvre = None
         if self._settling:
             self._settling = False
-            self._ready()
+            if self._aircraft.ready:
+                self._report.say(Severity.INFO, "Ready for takeoff")
+            else:
+                self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
@@ -382,18 +341,11 @@ class Flight:
         elif self.mode is Mode.LAND or self.mode in PILOTED:
             self._landed()
         else:
-            self._follow_up(Trigger.DONE)
+            self._done()
 
-    def _follow_up(self, trigger: Trigger) -> None:
-        row = transition(self.mode, trigger)
-        if row is not None:
-            self._enter(row.target, trigger.value, None)
-
-    def _ready(self) -> None:
-        if self._aircraft.ready:
-            self._report.say(Severity.INFO, "Ready for takeoff")
-        else:
-            self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
+    def _done(self) -> None:
+        if row := transition(self.mode, Trigger.DONE):
+            self._enter(row.target, Trigger.DONE.value, None)
 
     def _mission_ended(self) -> None:
         last = self._mission_flight.finish()
@@ -404,11 +356,11 @@ class Flight:
         if isinstance(last, route.Land):
             self._landed()
         else:
-            self._follow_up(Trigger.DONE)
+            self._done()
 
     def _landed(self) -> None:
         self._stop_motors()
-        self._follow_up(Trigger.DONE)
+        self._done()
 
     def _stop_motors(self) -> None:
         if self.motors.stop():
@@ -416,14 +368,14 @@ class Flight:
 
     def _go(self, goal: _Goal) -> do.Manoeuvre:
         return self.navigator.go_to(
-            self._here(),
+            self.here(),
             np.array(goal.pos_ned_m),
             speed_mps=self._ordered_speed_mps,
             yaw_rad=goal.yaw_rad,
         )
 
     def _return(self) -> do.Manoeuvre:
-        here = self._here()
+        here = self.here()
         goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
         self._report.say(Severity.INFO, f"Returning to {goal.name}")
         return self.navigator.return_to(
@@ -433,12 +385,9 @@ class Flight:
             speed_mps=self._ordered_speed_mps,
         )
 
-    def _here(self) -> Vector:
-        return self.navigator.here(resting=not self.moving)
-
     def _land_here(self) -> do.Manoeuvre:
         return self.navigator.land(
-            self._here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
+            self.here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
         )
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
@@ -446,5 +395,5 @@ class Flight:
 
     def _stages(self) -> tuple[route.Stage, ...]:
         return self._mission_flight.stages(
-            self._here(), home=self.home, speed_mps=self._ordered_speed_mps
+            self.here(), home=self.home, speed_mps=self._ordered_speed_mps
         )

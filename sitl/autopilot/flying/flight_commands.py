@@ -248,5 +248,5 @@ class FlightCommands:
         known = lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE
         if not (known and z in ranges.ALTITUDE):
             return Refusal(Result.DENIED, f"no such position: {lat_deg:g}, {lon_deg:g}, {z:g}")
-        far = self._flight.too_far(self._aircraft.frame.to_ned(lat_deg, lon_deg, z))
+        far = self._flight.navigator.too_far(self._aircraft.frame.to_ned(lat_deg, lon_deg, z))
         return Refusal(Result.DENIED, far) if far else GeodeticPoint(lat_deg, lon_deg, z)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -21,12 +21,26 @@ _UNSURE = 3.0  # times the height from which the landing speed rules, without GN
 MissionEnd: TypeAlias = Callable[[route.Stage], None]
 
 
+class SpeedLimits(NamedTuple):
+    """What whoever flies the vehicle may ask for at most."""
+
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+
+
 class Navigator:
     """Makes manoeuvres of one aircraft. A manoeuvre starts when it is made."""
 
     def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
         self._aircraft = aircraft
         self._parameters = parameters
+
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """The limits that the parameters set."""
+        p = self._parameters
+        return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
     def here(self, *, resting: bool) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
@@ -36,6 +50,10 @@ class Navigator:
             return np.array(belief)
         near = float(np.linalg.norm(held - belief)) < _SAME_PLACE_M
         return np.array(held if near else belief)
+
+    def too_far(self, pos_ned_m: Vector) -> str:
+        """How a place is farther away than anything may be; empty if it is not."""
+        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
     def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:
         """Straight up."""

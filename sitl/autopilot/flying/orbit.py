@@ -98,14 +98,14 @@ class Orbits:
         orbit = self._asked(order)
         if isinstance(orbit, Refusal):
             return orbit
-        if far := self._flight.too_far(np.array(orbit.center_ned_m)):
+        if far := self._flight.navigator.too_far(np.array(orbit.center_ned_m)):
             return Refusal(Result.DENIED, f"the orbit is {far}")
         circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
         if forbidden := self._flight.forbidden(circle):
             return Refusal(Result.DENIED, f"the orbit leads {forbidden}")
         if orbit == self.current:
             return None
-        reason = self._flight.fly_by(Trigger.ORDER_ORBIT, lambda: self._fly(orbit))
+        reason = self._flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit))
         if reason is not None:
             return Refusal(Result.TEMPORARILY_REJECTED, reason)
         self._orbit = orbit

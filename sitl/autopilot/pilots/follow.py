@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 
-from flightdyn.aircraft import Aircraft
 from flightdyn.frames import Triple, wrap_pi
 from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Trigger
-from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.pilots.stream import WallClock
+from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values import setpoints as s
@@ -25,13 +22,9 @@ _PERIOD_S = 0.1
 class Follower:
     """Takes the target's positions, and flies beside it in the mode FOLLOW."""
 
-    def __init__(
-        self, aircraft: Aircraft, flight: Flight, parameters: Parameters, *, clock: WallClock
-    ) -> None:
-        self._aircraft = aircraft
-        self._flight = flight
-        self._parameters = parameters
-        self._clock = clock
+    def __init__(self, cockpit: Cockpit) -> None:
+        self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
+        self._parameters, self._clock = cockpit.parameters, cockpit.clock
         self._heard_at = -math.inf
         self._pos: Triple = (0.0, 0.0, 0.0)
         self._vel: Triple = (0.0, 0.0, 0.0)
@@ -65,7 +58,7 @@ class Follower:
         """Follow from now on; until there is a target the vehicle stays where it is."""
         if self._flight.mode is Mode.FOLLOW:
             return None
-        return self._flight.fly_by(Trigger.ORDER_FOLLOW, self._piloted)
+        return self._flight.order(Trigger.ORDER_FOLLOW, self._piloted)
 
     def _piloted(self) -> do.Manoeuvre:
         self._aircraft.pursue(Target())  # brakes and stays
@@ -92,7 +85,8 @@ class Follower:
             y + distance * math.sin(beside),
             min(floor - p["FLW_TGT_HT"], float(self._flight.home_ned_m[2]) - _LOWEST_M),
         )
-        limits, own_mps = self._flight.speed_limits, math.hypot(self._vel[0], self._vel[1])
+        limits = self._flight.navigator.speed_limits
+        own_mps = math.hypot(self._vel[0], self._vel[1])
         here = self._aircraft.belief.pos_ned_m
         self._aircraft.pursue(
             Target(

@@ -8,17 +8,14 @@ import math
 
 import numpy as np
 
-from flightdyn.aircraft import Aircraft
 from flightdyn.frames import Triple, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
 from flightdyn.guidance.pursuit import OPEN, Target
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Need, Trigger
-from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.pilots.stream import Stream, WallClock
+from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.safety.failsafe import Cause
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values import setpoints as s
@@ -29,32 +26,18 @@ class _InvalidError(Exception):
     """A setpoint that cannot be flown; says why."""
 
 
-class Offboard:
+class Offboard(StreamPilot):
     """Takes setpoints, and flies by them in the mode OFFBOARD."""
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        parameters: Parameters,
-        *,
-        clock: WallClock,
-        failsafes: Failsafes,
-        reporter: Reporter,
-    ) -> None:
-        self._aircraft = aircraft
-        self._flight = flight
-        self._parameters = parameters
+    def __init__(self, cockpit: Cockpit, reporter: Reporter) -> None:
+        parameters, cause = cockpit.parameters, Cause.SETPOINTS_LOST
+        super().__init__(
+            cockpit, {Mode.OFFBOARD}, cause, patience_s=lambda: parameters["COM_OF_LOSS_T"]
+        )
         self._report = reporter
         self._order: Target | AttitudeOrder = Target()
         self._complaint = ""
-        self._stream = Stream(
-            clock,
-            failsafes,
-            Cause.SETPOINTS_LOST,
-            patience_s=lambda: parameters["COM_OF_LOSS_T"],
-        )
-        flight.needs[Need.SETPOINTS] = self._flyable
+        self._flight.needs[Need.SETPOINTS] = self._flyable
 
     def receive(self, body: m.Incoming) -> bool:
         """Take a setpoint; False for what is none."""
@@ -69,31 +52,20 @@ class Offboard:
             self._complain(f"Setpoint refused: {error}")
             return True
         self._complaint = ""
-        self._stream.heard()
-        if self._flight.mode is Mode.OFFBOARD:
+        self._heard()
+        if self._flies:
             self._fly()
         return True
 
     def enter(self) -> str | None:
         """Fly by setpoints from now on; the reason if that cannot be."""
-        if self._flight.mode is Mode.OFFBOARD:
+        if self._flies:
             return None
-        return self._flight.fly_by(Trigger.ORDER_OFFBOARD, self._piloted)
-
-    def poll(self) -> None:
-        """Look after the stream."""
-        if self._aircraft.armed:
-            self._stream.watch(flown_by=self._flight.mode is Mode.OFFBOARD)
-        else:
-            self._stream.forget()
-
-    def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
-        return self._stream.due() if self._flight.mode is Mode.OFFBOARD else None
+        return self._flight.order(Trigger.ORDER_OFFBOARD, self._piloted)
 
     def _flyable(self) -> bool:
         placed = isinstance(self._order, AttitudeOrder) or self._flight.position_ok()
-        return self._stream.alive and placed
+        return self._alive and placed
 
     def _piloted(self) -> do.Manoeuvre:
         self._fly()
@@ -124,7 +96,8 @@ class Offboard:
             raise _InvalidError(f"frame {body.frame}; 0, 1, 3, 5, 6 and 8 are supported")
         if all(map(math.isnan, (*pos, *vel, *acc))):
             raise _InvalidError("neither position nor velocity nor acceleration")
-        return Target(pos, vel, acc, body.yaw_rad, body.yaw_rate_radps, *self._flight.speed_limits)
+        limits = self._flight.navigator.speed_limits
+        return Target(pos, vel, acc, body.yaw_rad, body.yaw_rate_radps, *limits)
 
     def _local(self, body: s.PositionTarget) -> Triple:
         lat_deg, lon_deg, altitude = body.place

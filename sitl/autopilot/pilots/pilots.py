@@ -2,18 +2,14 @@
 
 from collections.abc import Callable, Mapping
 
-from flightdyn.aircraft import Aircraft
-from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.orbit import Orbit, Orbits
 from sitl.autopilot.modes import Mode
-from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.pilots.follow import Follower
 from sitl.autopilot.pilots.offboard import Offboard
 from sitl.autopilot.pilots.sticks import Sticks
-from sitl.autopilot.pilots.stream import WallClock
+from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.protocol.commands import Handler
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.safety.failsafe import Failsafes
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values.enums import Command
 
@@ -21,23 +17,13 @@ from sitl.autopilot.values.enums import Command
 class Pilots:
     """Takes what is streamed to the vehicle, and the orders to fly by it."""
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        parameters: Parameters,
-        *,
-        failsafes: Failsafes,
-        reporter: Reporter,
-    ) -> None:
-        self._clock = clock = WallClock()
-        self._offboard = Offboard(
-            aircraft, flight, parameters, clock=clock, failsafes=failsafes, reporter=reporter
-        )
-        self._sticks = Sticks(aircraft, flight, parameters, clock=clock, failsafes=failsafes)
-        failsafes.by_sticks = self._sticks.enter
-        self._follower = Follower(aircraft, flight, parameters, clock=clock)
-        self._orbits = Orbits(aircraft, flight)
+    def __init__(self, cockpit: Cockpit, reporter: Reporter) -> None:
+        self._clock = cockpit.clock
+        self._offboard = Offboard(cockpit, reporter)
+        self._sticks = Sticks(cockpit)
+        cockpit.failsafes.by_sticks = self._sticks.enter
+        self._follower = Follower(cockpit)
+        self._orbits = Orbits(cockpit.aircraft, cockpit.flight)
 
     @property
     def orbit(self) -> Orbit | None:

@@ -7,16 +7,13 @@ NAV_RCL_ACT).
 import math
 from collections.abc import Callable, Mapping
 
-from flightdyn.aircraft import Aircraft
 from flightdyn.frames import quaternion_from_euler, wrap_pi, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
 from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Need, Trigger
-from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.pilots.stream import Stream, WallClock
-from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
+from sitl.autopilot.safety.failsafe import Cause
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values import setpoints as s
 
@@ -31,28 +28,16 @@ _ORDERS: Mapping[Mode, Trigger] = {
 }
 
 
-class Sticks:
+class Sticks(StreamPilot):
     """Takes the position of the sticks, and flies by it in the modes for that."""
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        parameters: Parameters,
-        *,
-        clock: WallClock,
-        failsafes: Failsafes,
-    ) -> None:
-        self._aircraft = aircraft
-        self._flight = flight
-        self._parameters = parameters
+    def __init__(self, cockpit: Cockpit) -> None:
+        parameters, cause = cockpit.parameters, Cause.STICKS_LOST
+        super().__init__(cockpit, _ORDERS, cause, patience_s=lambda: parameters["COM_RC_LOSS_T"])
         self._at = s.ManualControl(0.0, 0.0, 0.0, 0.0)
         self._channels_us = [0] * 8
         self._yaw_rad = 0.0  # wanted
-        self._stream = Stream(
-            clock, failsafes, Cause.STICKS_LOST, patience_s=lambda: parameters["COM_RC_LOSS_T"]
-        )
-        flight.needs[Need.STICKS] = lambda: self._stream.alive
+        self._flight.needs[Need.STICKS] = lambda: self._alive
 
     def receive(self, body: m.Incoming) -> bool:
         """Take a position of the sticks; False for what is none."""
@@ -64,7 +49,7 @@ class Sticks:
                     return True
             case _:
                 return False
-        self._stream.heard()
+        self._heard()
         return True
 
     def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
@@ -75,18 +60,7 @@ class Sticks:
         """Fly by the sticks from now on; the reason if that cannot be."""
         if self._flight.mode is mode:
             return None
-        return self._flight.fly_by(_ORDERS[mode], lambda: self._piloted(mode), why)
-
-    def poll(self) -> None:
-        """Look after the stream."""
-        if self._aircraft.armed:
-            self._stream.watch(flown_by=self._flight.mode in _ORDERS)
-        else:
-            self._stream.forget()
-
-    def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
-        return self._stream.due() if self._flight.mode in _ORDERS else None
+        return self._flight.order(_ORDERS[mode], lambda: self._piloted(mode), why)
 
     def _override(self, channels_us: tuple[int, ...]) -> bool:
         """Take channels in the usual order: roll, pitch, throttle, yaw. False: all let go."""
@@ -122,9 +96,8 @@ class Sticks:
         yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
         c, s_ = math.cos(yaw), math.sin(yaw)
         velocity = (c * forward - s_ * right, s_ * forward + c * right, -self._climb_mps())
-        self._aircraft.pursue(
-            Target(vel=velocity, yaw_rate=self._yaw_rate(), **self._flight.speed_limits._asdict())
-        )
+        limits = self._flight.navigator.speed_limits._asdict()
+        self._aircraft.pursue(Target(vel=velocity, yaw_rate=self._yaw_rate(), **limits))
 
     def _fly_altitude(self) -> None:
         """Sticks lean the aircraft; the height is kept."""

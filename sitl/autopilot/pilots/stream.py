@@ -1,9 +1,13 @@
-"""Something that has to be heard again and again, in wall time, as long as it is flown by."""
+"""Whoever has to be heard again and again, in wall time, as long as he flies the vehicle."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 
+from flightdyn.aircraft import Aircraft
+from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.modes import Mode
+from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.safety.failsafe import Cause, Failsafes
 
 
@@ -14,42 +18,54 @@ class WallClock:
     now: float = 0.0
 
 
-class Stream:
-    """When it was heard, and what follows when it is not."""
+@dataclass(frozen=True, slots=True)
+class Cockpit:
+    """What whoever flies the vehicle from outside has at hand."""
+
+    aircraft: Aircraft
+    flight: Flight
+    parameters: Parameters
+    failsafes: Failsafes
+    clock: WallClock = field(default_factory=WallClock)
+
+
+class StreamPilot:
+    """Flies in its `modes` by what it streams. Silence for `patience_s` then is a failsafe."""
 
     def __init__(
         self,
-        clock: WallClock,
-        failsafes: Failsafes,
+        cockpit: Cockpit,
+        modes: Collection[Mode],
         cause: Cause,
         *,
         patience_s: Callable[[], float],
     ) -> None:
-        self._clock = clock
-        self._failsafes = failsafes
-        self._cause = cause
-        self._patience_s = patience_s
+        self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
+        self._parameters = cockpit.parameters
+        self._failsafes, self._clock = cockpit.failsafes, cockpit.clock
+        self._modes, self._cause, self._patience_s = modes, cause, patience_s
         self._heard_at = -math.inf
 
     @property
-    def alive(self) -> bool:
+    def _alive(self) -> bool:
         """Whether it was heard a short while ago."""
         return self._clock.now - self._heard_at < self._patience_s()
 
-    def heard(self) -> None:
+    @property
+    def _flies(self) -> bool:
+        return self._flight.mode in self._modes
+
+    def _heard(self) -> None:
         """Note that it was heard now."""
         self._heard_at = self._clock.now
 
-    def watch(self, *, flown_by: bool) -> None:
+    def poll(self) -> None:
         """Look for a loss; one that has come stays until the stream is back or nobody flies."""
-        missed = flown_by or self._failsafes.present(self._cause)
+        missed = self._flies or self._failsafes.present(self._cause)
+        lost = self._aircraft.armed and missed and not self._alive
         silence_s = self._clock.now - self._heard_at
-        self._failsafes.update(self._cause, missed and not self.alive, lambda: f"{silence_s:.1f} s")
-
-    def forget(self) -> None:
-        """A loss does not matter any more."""
-        self._failsafes.update(self._cause, False)
+        self._failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")
 
     def due(self) -> float | None:
         """When a loss will show; None where there is nothing to lose."""
-        return self._heard_at + self._patience_s() if self.alive else None
+        return self._heard_at + self._patience_s() if self._flies and self._alive else None

@@ -36,12 +36,7 @@ class LogServer:
     """Serves one download at a time, as PX4 does; a new one ends it."""
 
     def __init__(
-        self,
-        outbox: m.Outbox,
-        folder: LogFolder,
-        *,
-        reporter: Reporter,
-        armed: Callable[[], bool],
+        self, outbox: m.Outbox, folder: LogFolder, *, reporter: Reporter, armed: Callable[[], bool]
     ) -> None:
         self._outbox = outbox
         self._folder = folder

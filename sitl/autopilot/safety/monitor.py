@@ -42,12 +42,7 @@ class Monitor:
     """Watches the aircraft in simulated time and describes it for telemetry."""
 
     def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        *,
-        reporter: Reporter,
-        fenced: Callable[[], bool],
+        self, aircraft: Aircraft, flight: Flight, *, reporter: Reporter, fenced: Callable[[], bool]
     ) -> None:
         self._aircraft = aircraft
         self._flight = flight

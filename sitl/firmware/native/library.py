@@ -23,40 +23,41 @@ NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, _FAILED = range(7)
 
 class _World(ctypes.Structure):
     _fields_ = (
-        ("drive", _POINTER), ("read_gauges", _POINTER), ("let_go", _POINTER), ("take", _POINTER),
-        ("driven", _POINTER), ("interpreter", _POINTER), ("gauges", _POINTER), ("past", _POINTER),
-        ("t_ns", _LONG), ("dt_ns", _LONG),
-    )  # fmt: skip
+        *((name, _POINTER) for name in ("drive", "read_gauges", "let_go", "take")),
+        *((name, _POINTER) for name in ("driven", "interpreter", "gauges", "past")),
+        *(("t_ns", _LONG), ("dt_ns", _LONG)),
+    )
 
 
 class _HilSensor(ctypes.Structure):
     _fields_ = (
-        ("t_us", _UNSIGNED), ("sample", _SIX), ("field_gauss", _THREE),
-        ("pressure_hpa", _DOUBLE), ("height_m", _DOUBLE), ("temperature_c", _DOUBLE),
+        *(("t_us", _UNSIGNED), ("sample", _SIX), ("field_gauss", _THREE)),
+        *((name, _DOUBLE) for name in ("pressure_hpa", "height_m", "temperature_c")),
         ("fields", _UNSIGNED),
-    )  # fmt: skip
+    )
 
 
 class Hil(ctypes.Structure):
     """PX4 behind a TCP connection; `sensor` is what the next frame says."""
 
     _fields_ = (
-        ("world", _World), ("sensor", _HilSensor), ("motors", _FOUR), ("sent_us", _UNSIGNED),
-        ("answered_us", _UNSIGNED), ("socket", _LONG), ("error", _LONG), ("sequence", _LONG),
-        ("came", _LONG), ("size", _LONG), ("left", _LONG), ("stream", ctypes.c_uint8 * 4096),
-        ("out", ctypes.c_uint8 * 560),
-    )  # fmt: skip
+        *(("world", _World), ("sensor", _HilSensor), ("motors", _FOUR)),
+        *((name, _UNSIGNED) for name in ("sent_us", "answered_us")),
+        *((name, _LONG) for name in ("socket", "error", "sequence", "came", "size", "left")),
+        *(("stream", ctypes.c_uint8 * 4096), ("out", ctypes.c_uint8 * 560)),
+    )
 
 
 class Json(ctypes.Structure):
     """ArduPilot behind a connected UDP socket; `errors` are those of position and velocity."""
 
     _fields_ = (
-        ("world", _World), ("sample", _SIX), ("state", _DOUBLE * 9), ("errors", _SIX),
-        ("motors", _FOUR), ("count", _LONG), ("answered", _LONG), ("asked", _LONG),
-        ("came", _LONG), ("socket", _LONG), ("length", _LONG), ("magic", _LONG), ("size", _LONG),
+        *(("world", _World), ("sample", _SIX), ("state", _DOUBLE * 9), ("errors", _SIX)),
+        ("motors", _FOUR),
+        *((name, _LONG) for name in ("count", "answered", "asked", "came")),
+        *((name, _LONG) for name in ("socket", "length", "magic", "size")),
         ("reply", ctypes.c_uint8 * 1024),
-    )  # fmt: skip
+    )
 
 
 _LIBRARY = load(library("bridge"))
@@ -82,10 +83,8 @@ class Stepped:
         vehicle.drive((0.0,) * 4)
         self._driven = Driven(imu, vehicle.set_motors, plant.run)
         lock = of_python("PyEval_SaveThread", "PyEval_RestoreThread")
-        link.world = _World(
-            DRIVE_AT, READ_AT, *lock, self._driven.at, PYTHON_AT, vehicle.all.at,
-            self.rows.address, plant.t_ns, plant.dt_ns,
-        )  # fmt: skip
+        places = self._driven.at, PYTHON_AT, vehicle.all.at, self.rows.address
+        link.world = _World(DRIVE_AT, READ_AT, *lock, *places, plant.t_ns, plant.dt_ns)
         self.at = ctypes.addressof(link)
 
     def hil_run(self, ticks: int) -> int:

@@ -38,7 +38,7 @@ def play(
     federation: fed.Federation, state: fed.FederationState, *heard: int
 ) -> tuple[fed.FederationState, fed.RoundLearning]:
     got = np.isin(np.arange(3), heard)
-    return fed.play_round(federation, state, scheduled=got, delivered=got)
+    return fed.play_round(federation, state, fed.Participation(got, got))
 
 
 @pytest.fixture(autouse=True)

@@ -70,9 +70,8 @@ def play(
     since = np.full(count, state.rounds + 1)
     for device, number in (begun or {}).items():
         since[device] = number
-    return fed.play_round(
-        federation, state, scheduled=got, delivered=got, begun=since, kept=flags(count, *kept)
-    )
+    who = fed.Participation(got, got, since, flags(count, *kept))
+    return fed.play_round(federation, state, who)
 
 
 @pytest.mark.parametrize("algorithm", ["fedprox", "scaffold"])

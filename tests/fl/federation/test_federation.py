@@ -43,7 +43,7 @@ def play(
     federation: fed.Federation, state: fed.FederationState, *delivered: int
 ) -> tuple[fed.FederationState, fed.RoundLearning]:
     got = flags(federation.p.size, *delivered)
-    return fed.play_round(federation, state, scheduled=got, delivered=got)
+    return fed.play_round(federation, state, fed.Participation(got, got))
 
 
 def test_setup_numbers_devices_through_and_shares_sum_to_one() -> None:
@@ -89,8 +89,8 @@ def test_devices_whose_update_is_lost_change_nothing() -> None:
     federation = build()
     state = fed.init(federation)
     everyone, some = flags(4, 0, 1, 2, 3), flags(4, 1, 3)
-    lost, _ = fed.play_round(federation, state, scheduled=everyone, delivered=some)
-    alone, _ = fed.play_round(federation, state, scheduled=some, delivered=some)
+    lost, _ = fed.play_round(federation, state, fed.Participation(everyone, some))
+    alone, _ = fed.play_round(federation, state, fed.Participation(some, some))
     np.testing.assert_array_equal(lost.models[0], alone.models[0])
     # Each on its own, then averaged: what arrives does not depend on who else trained.
     single = [play(federation, state, k)[0].models[0] for k in (1, 3)]
@@ -162,9 +162,8 @@ def test_cov_and_importance_over_rounds_are_as_specified() -> None:
 
 def test_a_scheduled_device_whose_update_is_lost_counts_as_missed() -> None:
     federation = build()
-    state, _ = fed.play_round(
-        federation, fed.init(federation), scheduled=flags(4, 0, 1), delivered=flags(4, 1)
-    )
+    who = fed.Participation(flags(4, 0, 1), flags(4, 1))
+    state, _ = fed.play_round(federation, fed.init(federation), who)
     assert state.missed.tolist() == [True, False, True, True]
     assert np.isnan(state.eps_received).tolist() == [True, False, True, True]
 
@@ -240,9 +239,8 @@ def test_who_missed_a_round_is_the_papers_text_or_its_equation() -> None:
         ("unscheduled", [False, False, True, True]),
     ):
         federation = build(FAST.model_copy(update={"missed": missed}))
-        state, _ = fed.play_round(
-            federation, fed.init(federation), scheduled=scheduled, delivered=delivered
-        )
+        who = fed.Participation(scheduled, delivered)
+        state, _ = fed.play_round(federation, fed.init(federation), who)
         assert state.missed.tolist() == expected
 
 
@@ -294,7 +292,7 @@ def test_any_number_of_workers_gives_the_same_bytes() -> None:
         to_bytes(
             federation,
             fed.play_round(
-                federation, state, scheduled=everyone, delivered=everyone, workers=workers
+                federation, state, fed.Participation(everyone, everyone), workers=workers
             )[0],
         )
         for workers in (1, 2, 5)
@@ -388,9 +386,9 @@ def test_delivering_without_being_scheduled_is_a_bug() -> None:
     federation = build()
     state = fed.init(federation)
     with pytest.raises(ValueError, match="cannot deliver"):
-        fed.play_round(federation, state, scheduled=flags(4), delivered=flags(4, 1))
+        fed.play_round(federation, state, fed.Participation(flags(4), flags(4, 1)))
     with pytest.raises(ValueError, match="must be of shape"):
-        fed.play_round(federation, state, scheduled=flags(5), delivered=flags(5))
+        fed.play_round(federation, state, fed.Participation(flags(5), flags(5)))
 
 
 def test_real_data_learns(shared_data: Path) -> None:

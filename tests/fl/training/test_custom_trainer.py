@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from fl.arrays import Vector
 from fl.config import LearningConfig
 from fl.federation import rounds
 from fl.training.custom_trainer import DeviceData, TrainingDevice
-from fl.training.local import LocalResult, Vector
+from fl.training.local import LocalResult
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 
@@ -55,9 +56,8 @@ def played(**more: str) -> tuple[rounds.FederationState, rounds.RoundLearning]:
     config = load_config(Path("quickstart"), {**DENSE, **more})
     federation = build_scenario(config, data_dir=None).federation
     delivered = np.arange(federation.p.size) % 2 == 0
-    return rounds.play_round(
-        federation, rounds.init(federation), scheduled=delivered, delivered=delivered, workers=4
-    )
+    who = rounds.Participation(delivered, delivered)
+    return rounds.play_round(federation, rounds.init(federation), who, workers=4)
 
 
 def test_a_trainer_that_does_what_we_do_finds_what_we_find() -> None:

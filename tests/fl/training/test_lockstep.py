@@ -14,11 +14,12 @@ from devices import DEVICES
 from own_modules import Dense, Drops, Grouped, HostsTable, Looks, Mixes, Noisy
 from torch import nn
 
+from fl.arrays import Vector
 from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
 from fl.federation import rounds as fed
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Network, Vector, scaling_of
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Network, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import BuiltInNetwork, PlainNet
 from fl.training.modules.lockstep import Step
@@ -76,7 +77,7 @@ def train(
 ) -> list[LocalResult]:
     tasks = [LocalTask(SHARES[k], rng(50 + k), (corrections or {}).get(k)) for k in devices]
     model = network.initial(rng(3))
-    return network.train(split, model, tasks, scaling=scaling_of(split), settings=settings)
+    return network.train(LocalWork(split, model, tasks, scaling_of(split), settings))
 
 
 @pytest.mark.slow
@@ -237,9 +238,8 @@ def test_rounds_in_lockstep_are_those_of_the_native_network(
         state = fed.init(federation)
         for arrived in rounds:
             delivered = np.isin(np.arange(4), arrived)
-            state, _ = fed.play_round(
-                federation, state, scheduled=np.ones(4, bool), delivered=delivered, workers=2
-            )
+            who = fed.Participation(np.ones(4, bool), delivered)
+            state, _ = fed.play_round(federation, state, who, workers=2)
         return state
 
     def in_torch(name: str, *, device: str, **sizes: Any) -> Network:

@@ -12,7 +12,7 @@ from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.errors import NetworkError
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.local import LocalSettings, LocalTask, LocalWork, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import PlainNet
 
@@ -91,7 +91,7 @@ def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> No
     def run(devices: list[int]) -> list[np.ndarray]:
         tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
         before = torch.random.get_rng_state()
-        results = net.train(split, model, tasks, scaling=scaling, settings=settings)
+        results = net.train(LocalWork(split, model, tasks, scaling, settings))
         assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
         assert results[0].loss < 2.0
         return [result.model for result in results]
@@ -122,12 +122,10 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     shift = 0.01 * rng(4).standard_normal(model.size).astype(np.float32) if corrected else None
     settings = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
     mine, theirs = (
-        network.train(
-            split, model, [LocalTask(np.arange(70), rng(1), shift)],
-            scaling=scaling, settings=settings,
-        )[0]
+        network.train(LocalWork(split, model, [task], scaling, settings))[0]
         for network in (own, net)
-    )  # fmt: skip
+        for task in [LocalTask(np.arange(70), rng(1), shift)]
+    )
     assert (mine.steps, theirs.steps) == (10, 10)
     assert mine.loss == pytest.approx(theirs.loss, rel=1e-4)
     np.testing.assert_allclose(mine.model, theirs.model, rtol=2e-3, atol=2e-4)
@@ -193,6 +191,6 @@ def test_images_too_small_for_the_built_in_networks() -> None:
             assert net.shapes == expected
             task = LocalTask(np.arange(3), rng(1))
             (result,) = net.train(
-                split, net.initial(rng(1)), [task], scaling=scaling_of(split), settings=ONE
+                LocalWork(split, net.initial(rng(1)), [task], scaling_of(split), ONE)
             )
             assert np.isfinite(result.model).all()

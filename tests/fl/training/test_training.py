@@ -12,7 +12,7 @@ from reference_net import train_plainly
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.training.convnet import ConvNet
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
+from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Scaling, scaling_of
 from fl.training.models import make_network
 from fl.training.modules.builtin import PlainNet
 
@@ -91,7 +91,7 @@ def test_training_is_textbook_fedprox(
     # No multiple of the batch, and less than a batch.
     for samples in (np.arange(0, 72), np.arange(70, 74)):
         (result,) = net.train(
-            split, model, [LocalTask(samples, rng(10))], scaling=scaling, settings=settings
+            LocalWork(split, model, [LocalTask(samples, rng(10))], scaling, settings)
         )
         plain = PlainNet(net).load(model)
         batches = batches_of(samples, 10, settings)
@@ -111,9 +111,7 @@ def test_one_step_follows_the_gradient_to_rounding(name: str | ConvNetConfig) ->
     net = conv_net(name, (32, 32, 3))
     model, scaling = net.initial(rng(1)), scaling_of(split)
     step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
-    (moved,) = net.train(
-        split, model, [LocalTask(np.arange(16), rng(1))], scaling=scaling, settings=step
-    )
+    (moved,) = net.train(LocalWork(split, model, [LocalTask(np.arange(16), rng(1))], scaling, step))
     plain = PlainNet(net).load(model).double()
     x = torch.from_numpy(floats(split, scaling).astype(np.float64)).permute(0, 3, 1, 2)
     loss = torch.nn.functional.cross_entropy(plain(x), torch.from_numpy(split.labels.copy()))
@@ -129,7 +127,7 @@ def test_correction_is_added_to_every_gradient() -> None:
     shift = rng(3).standard_normal(model.size).astype(np.float32)
     one_step = LocalSettings(learning_rate=0.1, momentum=0.9, mu=0.1, batch_size=40, epochs=1)
     tasks = [LocalTask(np.arange(40), rng(1), c) for c in (None, shift)]
-    plain, corrected = net.train(split, model, tasks, scaling=scaling, settings=one_step)
+    plain, corrected = net.train(LocalWork(split, model, tasks, scaling, one_step))
     np.testing.assert_allclose(plain.model - corrected.model, 0.1 * shift, atol=1e-6)
 
 
@@ -140,7 +138,7 @@ def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
 
     def train(k: int) -> LocalResult:
         task = LocalTask(np.arange(k, 80, 3), rng(k))
-        return net.train(split, model, [task], scaling=scaling, settings=SETTINGS)[0]
+        return net.train(LocalWork(split, model, [task], scaling, SETTINGS))[0]
 
     alone = [train(k) for k in range(3)]
     with ThreadPoolExecutor(3) as pool:
@@ -185,7 +183,7 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     net = conv_net("lenet", (28, 28, 1))
     scaling, start = scaling_of(split), net.initial(rng(4))
     task = LocalTask(np.arange(330), rng(1))
-    model = net.train(split, start, [task], scaling=scaling, settings=SETTINGS)[0].model
+    model = net.train(LocalWork(split, start, [task], scaling, SETTINGS))[0].model
     plain = PlainNet(net).load(model)
     with torch.no_grad():
         x = torch.from_numpy(floats(split, scaling)).permute(0, 3, 1, 2)

@@ -250,8 +250,7 @@ def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
     monkeypatch: pytest.MonkeyPatch,
     wait: Callable[[Any], object],
 ) -> None:
-    from mission.run.recorder import FolderRecorder
-    from mission.run.round_result import RoundResult
+    from mission.run.recorder import FolderRecorder, RoundResult
 
     finished = FolderRecorder.finished
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_runs
 from patience import HANG_S, until
 from serving import free_port, served
 
@@ -22,15 +23,7 @@ from mission.flight.pilot.connection import connect
 pytestmark = pytest.mark.slow
 
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
-SMALL = (
-    "--set", "mission.steps=5",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--set", "planner.kind=paper",
-    "--quiet",
-)  # fmt: skip
+SMALL = (*small_runs.SMALL, "--set", "planner.kind=paper")
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -10,17 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_runs
 
 from mission.cli import call
 
-SMALL = (
-    "--set", "mission.steps=6",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--quiet",
-)  # fmt: skip
+SMALL = (*small_runs.SMALL, "--set", "mission.steps=6")
 REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
 
 

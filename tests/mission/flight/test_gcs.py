@@ -7,22 +7,14 @@ import time
 from pathlib import Path
 
 import pytest
+import small_runs
 from mcap.reader import make_reader
 from pymavlink import mavutil
 from serving import free_port
 
 from mission.cli import call
 
-SMALL = (
-    "--rounds", "2",
-    "--set", "mission.steps=5",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--set", "planner.kind=paper",
-    "--quiet",
-)  # fmt: skip
+SMALL = ("--rounds", "2", *small_runs.SMALL, "--set", "planner.kind=paper")
 
 
 class GroundStation(threading.Thread):

@@ -7,10 +7,10 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from fl.arrays import Floats
 from fl.radio.channel import (
     CHANNEL_PRESETS,
     Channel,
-    Floats,
     LogisticFit,
     average_per,
     fit_logistic,

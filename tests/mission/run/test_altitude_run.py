@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_runs
 from cutting import cut_after
 
 from mission.analysis.load import load_run
@@ -15,16 +16,8 @@ from mission.log.tables import read_table
 pytestmark = pytest.mark.slow
 
 # An urban channel, which is best from higher up: the climb before the first round is a long one.
-SMALL = (
-    "--set", "mission.altitude_m=[40,120]",
-    "--set", "channel.preset=urban",
-    "--set", "mission.steps=5",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--quiet",
-)  # fmt: skip
+URBAN = ("--set", "mission.altitude_m=[40,120]", "--set", "channel.preset=urban")
+SMALL = (*small_runs.SMALL, *URBAN)
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:

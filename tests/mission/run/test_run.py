@@ -14,21 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_runs
 from mcap.reader import make_reader
 from patience import HANG_S, until
 
 from mission.cli import call
 
-# Small enough for a test, large enough that something can be lost and something learnt.
-SMALL = (
-    "--set", "mission.steps=5",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--set", "planner.kind=paper",
-    "--quiet",
-)  # fmt: skip
+SMALL = (*small_runs.SMALL, "--set", "planner.kind=paper")
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:

@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+import small_runs
 
 from mission.base.errors import InputError
 from mission.cli import call
@@ -21,15 +22,7 @@ from mission.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
-SMALL = (
-    "--set", "mission.flight=none",
-    "--set", "mission.steps=5",
-    "--set", "mission.path_budget_m=300",
-    "--set", "communities.0.devices=3",
-    "--set", "communities.1.devices=3",
-    "--set", "learning.local_epochs=1",
-    "--quiet",
-)  # fmt: skip
+SMALL = (*small_runs.SMALL, "--set", "mission.flight=none")
 NAMES = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
 
 

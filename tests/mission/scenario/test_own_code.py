@@ -14,8 +14,7 @@ from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
 from mission.log.errors import LogError
 from mission.planner.errors import SolverError
-from mission.run.recorder import FolderRecorder
-from mission.run.round_result import RoundResult
+from mission.run.recorder import FolderRecorder, RoundResult
 from mission.scenario.custom_strategies import RoundInfo
 
 SMALL = (

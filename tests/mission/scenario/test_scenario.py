@@ -10,7 +10,7 @@ import pytest
 from fl.data.custom_dataset import Samples
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
-from mission.run.setup import set_up
+from mission.flight.flyers.open import set_up
 from mission.scenario.scenario import build_scenario
 
 

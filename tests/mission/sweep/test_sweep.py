@@ -64,7 +64,7 @@ class Inline:
 
 def call_inline(tokens: list[str]) -> int:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Inline())
+        patch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Inline())
         return call(tokens)
 
 
@@ -233,7 +233,7 @@ class Deadly(Inline):
 def test_a_run_whose_worker_always_dies_is_given_up(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Deadly())
+    monkeypatch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Deadly())
     assert call(command(tmp_path / "dead", seeds=1)) == 1
     printed = capsys.readouterr()
     assert printed.out.count("cov-seed1: its worker died; another goes on with the run") == 2
@@ -303,7 +303,7 @@ def test_the_engine_is_closed_where_the_sweep_cannot_begin(
         def close(self) -> None:
             closed.append(self)
 
-    monkeypatch.setattr("mission.sweep.sweep.make_engine", lambda *_, **__: Noted())
+    monkeypatch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Noted())
     part = tmp_path / "part"
     shutil.copytree(swept, part)
     shutil.rmtree(part / "runs" / "ideal-seed2")

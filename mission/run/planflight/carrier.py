@@ -21,7 +21,7 @@ from mission.flight.pilot.limits import Demand, Limits
 from mission.flight.pilot.pilot import Pilot
 from mission.log.values import PlanRecord
 from mission.log.write.writer import FlightLog
-from mission.planflight.prepare import PreparedPlan, prepare_plan
+from mission.run.planflight.prepare import PreparedPlan, prepare_plan
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
@@ -36,18 +36,11 @@ _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
 class PlanCarrier(ABC):
     """Carries out one plan, from the ground to the ground."""
 
+    position_source: str  # where the positions come from, for people
+    t_ns = 0  # the vehicle's time, once it has flown
+
     def __init__(self, ready: PreparedPlan) -> None:
         self.ready = ready
-
-    @property
-    @abstractmethod
-    def t_ns(self) -> int:
-        """The vehicle's time."""
-
-    @property
-    @abstractmethod
-    def position_source(self) -> str:
-        """Where the positions come from, for people."""
 
     @abstractmethod
     async def fly(self, log: FlightLog) -> None:
@@ -69,23 +62,17 @@ class PlanCarrier(ABC):
 class SimulatedCarrier(PlanCarrier):
     """The simulated vehicle, whose time stands still while it is given its mission."""
 
-    @property
-    def t_ns(self) -> int:
-        """Simulated time."""
-        return self.ready.vehicle.t_ns
-
-    @property
-    def position_source(self) -> str:
-        """Where the positions come from, for people."""
-        return SIMULATED_POSITIONS
+    position_source = SIMULATED_POSITIONS
 
     async def fly(self, log: FlightLog) -> None:
-        """Fly the plan."""
         ready = self.ready
-        async with open_simulated(
-            ready.config, ready.vehicle, area=ready.area, observers=(log,)
-        ) as flyer:
-            await self._carry_out(flyer, log)
+        try:
+            async with open_simulated(
+                ready.config, ready.vehicle, area=ready.area, observers=(log,)
+            ) as flyer:
+                await self._carry_out(flyer, log)
+        finally:
+            self.t_ns = ready.vehicle.t_ns
 
     async def _carry_out(self, flyer: SimulatedFlyer, log: FlightLog) -> None:
         pilot, plan = flyer.pilot, self.ready.imported
@@ -118,21 +105,10 @@ class ExternalCarrier(PlanCarrier):
         say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
         limits = asyncio.run(look_at_vehicle(link, area=ready.area, say=say))
         super().__init__(prepare_plan(_with_limits(ready.config, limits), ready.plan))
+        self.position_source = telemetry_of(link)
         self._say = say
-        self._t_ns = 0
-
-    @property
-    def position_source(self) -> str:
-        """Where the positions come from, for people."""
-        return telemetry_of(self.ready.config.link)
-
-    @property
-    def t_ns(self) -> int:
-        """The vehicle's time since its first position."""
-        return self._t_ns
 
     async def fly(self, log: FlightLog) -> None:
-        """Fly the plan."""
         ready = self.ready
         async with open_external(
             ready.config.link,
@@ -145,7 +121,7 @@ class ExternalCarrier(PlanCarrier):
             try:
                 await self._carry_out(flyer, log)
             finally:
-                self._t_ns = flyer.t_ns
+                self.t_ns = flyer.t_ns
 
     def _notice(self, log: FlightLog, text: str) -> None:
         log.note(text, severity=4)

@@ -353,7 +353,7 @@ def test_a_flight_that_misses_its_end_has_failed(
     def short(run: FlightData) -> dict[int, EventRecord]:
         return {0: reached(run)[0]}
 
-    monkeypatch.setattr("mission.planflight.fly.reached", short)
+    monkeypatch.setattr("mission.run.planflight.fly.reached", short)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
     said = "item 1 was never reached"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.compare import RunComparison, compare_run, plain
 from mission.analysis.comparison_text import tables
 from mission.analysis.load import load_run, reached
 from mission.base import csv_text
@@ -24,9 +24,9 @@ from mission.flight.plan_file import read_plan_file
 from mission.log.live.view import LiveView, live_views
 from mission.log.values import Devices, FlightData, PlanFileRecord
 from mission.log.write.writer import FlightLog
-from mission.planflight.carrier import PlanCarrier, area_xyz, make_carrier
-from mission.planflight.prepare import PreparedPlan, prepare_plan
 from mission.run.budget import RunTotals
+from mission.run.planflight.carrier import PlanCarrier, area_xyz, make_carrier
+from mission.run.planflight.prepare import PreparedPlan, prepare_plan
 from mission.run.recorded import fly_recorded
 from mission.run.summary import Summary
 
@@ -97,7 +97,7 @@ class _PlanFlight:
         self.totals.add(run.data.rounds[0])
         write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
         self.comparison = compare_run(run)
-        numbers = self.comparison.to_json()["total"].items()
+        numbers = plain(self.comparison.total).items()
         summary.add(planned_and_flown={key: value for key, value in numbers if value is not None})
         last = max(self.carrier.ready.path.places)
         if self.ended and last not in reached(run.data):

@@ -15,7 +15,7 @@ from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone
-from mission.planflight.check import PlannedPath, check_items, here_means
+from mission.run.planflight.check import PlannedPath, check_items, here_means
 from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.vehicle import Vehicle
 
