@@ -142,7 +142,7 @@ def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
 def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:
     places = [Place(ring.where, corner, geodetic=True) for corner in ring.corners_deg]
     corners = np.array([_on_ground(place, area) for place in places])
-    _check_near(places, corners - np.array(area.home_m), blame.source, area)
+    _check_near(places, corners - np.array(area.home_m), blame.source, _home(area))
     return tuple((round(x, 3), round(y, 3)) for x, y in corners.tolist())
 
 
@@ -230,7 +230,8 @@ def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig
     home = area.model_copy(update={**known, "home_m": (0.0, 0.0)})
     offsets = np.array([_on_ground(place, home) for place in globe]).reshape(-1, 2)
     if globe:
-        _check_near(globe, offsets, source, home)
+        named = {"home_lat_deg", "home_lon_deg"} <= given
+        _check_near(globe, offsets, source, _home(home) if named else "the middle of all places")
     if globe and not {"home_m", "home_lat_deg", "home_lon_deg"} <= given:
         # The extent lies in the middle of the area.
         low, high = offsets.min(axis=0), offsets.max(axis=0)
@@ -287,7 +288,7 @@ def _moved(area: AreaConfig, by_m: Floats) -> dict[str, float]:
     return {"home_lat_deg": round(place.lat_deg, 7), "home_lon_deg": round(place.lon_deg, 7)}
 
 
-def _check_near(globe: Sequence[Place], offsets: Floats, source: str, home: AreaConfig) -> None:
+def _check_near(globe: Sequence[Place], offsets: Floats, source: str, middle: str) -> None:
     """Refuse places that are not on one ground, as swapped coordinates are not."""
     far = np.hypot(*offsets.T)
     worst = int(far.argmax())
@@ -296,9 +297,13 @@ def _check_near(globe: Sequence[Place], offsets: Floats, source: str, home: Area
     lat, lon = globe[worst].at
     raise InputError(
         f"{source}: {globe[worst].where}: lat {lat:g}, lon {lon:g} lies {far[worst] / 1000:.0f} km "
-        f"from home (lat {home.home_lat_deg:g}, lon {home.home_lon_deg:g}), {_FAR_M / 1000:.0f} km "
-        "at most are allowed; are lat and lon of either swapped? (GeoJSON has [lon, lat])"
+        f"from {middle}, {_FAR_M / 1000:.0f} km at most are allowed; are lat and lon of one "
+        "swapped? (GeoJSON has [lon, lat])"
     )
+
+
+def _home(area: AreaConfig) -> str:
+    return f"home (lat {area.home_lat_deg:g}, lon {area.home_lon_deg:g})"
 
 
 def _margin(extent: Floats) -> float:

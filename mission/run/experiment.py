@@ -86,10 +86,11 @@ class Experiment(ABC):
         gaps = [gap for gap in self.totals.gaps if gap > planner.gap + _ROUNDING]
         if planner.kind != "certified" or not gaps:
             return ""
+        verb = "is" if len(gaps) == 1 else "are"
         return (
-            f"{len(gaps)} of {self.totals.rounds_done} plans are proven less closely than "
+            f"{len(gaps)} of {self.totals.rounds_done} plans {verb} proven less closely than "
             f"planner.gap = {planner.gap:g} asks, the loosest to {100.0 * max(gaps):.1f} % of the "
-            "best possible: the search ended first (docs/planner.md)"
+            "best possible; docs/planner.md says what is proven where"
         )
 
     @abstractmethod

@@ -3,6 +3,7 @@
 Nothing of the vehicle is imported: with its filter it takes longer than planning does.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -186,7 +187,7 @@ def _check_uploads(config: RunConfig, bits: Floats) -> None:
         raise InputError(
             f"channel.upload_rate_bps = {rate_bps:g}: the largest update, {bits.max():.0f} bits, "
             f"takes {bits.max() / rate_bps:.0f} s to send; {_LONGEST_UPLOAD_S:g} s at most are "
-            f"allowed, so at least {bits.max() / _LONGEST_UPLOAD_S:.0f} bits a second"
+            f"allowed, so at least {math.ceil(bits.max() / _LONGEST_UPLOAD_S)} bits a second"
         )
 
 

@@ -624,7 +624,7 @@ static int64_t descend(
             between_rates(course->rate, course->last_rate, done) * course->slower[mesh - 1];
         const Pace pace = {rate / among, 1.0 - mean_left, 1.0 - square_left};
         turn_down(all, between_rates(HEAT, course->last_heat, done), pace);
-        if (turn + 1 == turn_of_mesh(turns, all->meshes, mesh)) {
+        if (turn + 1 == turns || turn + 1 == turn_of_mesh(turns, all->meshes, mesh)) {
             *bound = least(*bound, bound_by_potentials(all));
             if (*bound <= enough) return turn + 1;
         }

@@ -84,10 +84,14 @@ static int64_t lower_potentials(
         delta = claim(&kept, devices->count, sizeof(double));
         const Devices dear = dear_devices(devices, price, at, delta, &left_out);
         const Mesh first = mesh_of(&dear, limits->length);
-        if (meshes == MOST_MESHES && count_values(&dear, &first, MOST_MESHES) > MOST_VALUES) meshes--;
-        const int64_t samples = count_samples(&dear, limits, (int)meshes);
-        *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
-        if (provide(&arena)) {
+        const int too_many =
+            meshes == MOST_MESHES && count_values(&dear, &first, MOST_MESHES) > MOST_VALUES;
+        const int64_t samples = too_many ? 0 : count_samples(&dear, limits, (int)meshes);
+        if (!too_many) *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
+        if (too_many) { /* nothing is proven by it */
+            taken = 0;
+            *bound = INFINITY;
+        } else if (provide(&arena)) {
             *all = lay_out_descent(&arena, &dear, limits, (int)meshes, samples);
             all->least_nu = left_out;
             taken = descend(all, fewer(turns, most_turns(all)), price, value, enough, bound);

@@ -132,3 +132,9 @@ def test_the_table_fits_eighty_columns_with_all_that_may_be_limited(
     assert row.split()[0] == "round-1"
     assert 40.0 <= float(row.split()[5]) <= 120.0
     assert float(row.split()[6]) <= 40.0
+
+
+def test_no_problem_has_no_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "none.json").write_text("[]")
+    assert call(["plan", "--problem", str(tmp_path / "none.json")]) == 0
+    assert "problem" in capsys.readouterr().out

@@ -34,7 +34,9 @@ def write(tmp_path: Path):
     return _write
 
 
-@pytest.mark.parametrize(("name", "steps"), [("quickstart.toml", 10), ("paper.toml", 3)])
+@pytest.mark.parametrize(
+    ("name", "steps"), [("quickstart.toml", 10), ("paper.toml", 3), ("paper-sweep.toml", 3)]
+)
 def test_built_in_configurations_load(name: str, steps: int) -> None:
     config = load_config(builtin_config(name))
     mission = config.mission

@@ -144,7 +144,7 @@ BAD_TABLES = {
     "lat,lon\n95,7\n": "row 2: lat = 95: must be from -85 to 85 degrees",
     "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat",
     "lat,lon\n43,190\n": "row 2: lon = 190: must be from -180 to 180 degrees",
-    "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon of either swapped?",
+    "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon of one swapped?",
     "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m, outside the area: x must be from 0 to",
     "x,y\n0,0\n3e6,4\n": "an area has 100 km at most",
     "x,y,share\n1,2,0\n": "row 2: share = 0: must be above 0",
@@ -219,7 +219,7 @@ def test_wrong_geojson_is_one_line(load, tmp_path: Path, text: str) -> None:
         ("[area]\nhome_lat_deg = 43.0\n", "area.home_lon_deg: missing"),
         (
             "[area]\nhome_lat_deg = 7.12\nhome_lon_deg = 43.58\n",
-            "100 km at most are allowed; are lat and lon of either swapped?",
+            "100 km at most are allowed; are lat and lon of one swapped?",
         ),
     ],
 )
@@ -369,7 +369,7 @@ def test_wrong_areas_in_the_configuration_are_refused(load, keys: str) -> None:
 FAR = tuple((lon, lat) for lat, lon in SCHOOL)
 BAD_RINGS = {
     points(*TOWN): "features[0]: geometry is 'Point': must be 'Polygon' or 'MultiPolygon'",
-    zones(({}, FAR)): "100 km at most are allowed; are lat and lon of either swapped?",
+    zones(({}, FAR)): "100 km at most are allowed; are lat and lon of one swapped?",
     zones(({}, SCHOOL[:2])): "a ring of 3 positions: there must be 4 at least",
     zones(({"from_m": "low"}, SCHOOL)): "features[0]: from_m = 'low': must be a number",
     zones(({"to_m": -5}, SCHOOL)): "to_m = -5 must be above from_m = 0",
