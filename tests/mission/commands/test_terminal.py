@@ -22,7 +22,8 @@ AEROFED = [sys.executable, "-m", "mission"]
 @pytest.mark.slow
 def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    command = [*AEROFED, "run", "--rounds", "1", "--out", str(out), *SMALL[:-1]]
+    loud = [option for option in SMALL if option != "--quiet"]
+    command = [*AEROFED, "run", "--rounds", "1", "--out", str(out), *loud]
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert process.returncode == 2
