@@ -75,9 +75,8 @@ def flown_in_parts(problem, places, *, neighbours):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_no_path_in_parts_lies_above_the_bound(seed):
-    problem = random_problem(seed, devices=100, steps=50, preset="suburban+10dB")
+def test_no_path_in_parts_lies_above_the_bound():
+    problem = random_problem(1, devices=100, steps=50, preset="suburban+10dB")
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
     places = places_of(problem, plan.waypoints_m, apart_m=50.0, most=22)
@@ -113,7 +112,7 @@ def exchanged(problem, *, turns, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("devices", "channel", "turns"),
-    [(100, "suburban+10dB", 150), (100, "suburban+30dB", 150), (1000, "suburban", 20)],
+    [(100, "suburban+10dB", 150), (100, "suburban+30dB", 150), (1000, "suburban", 10)],
 )
 def test_paths_changed_at_random_lie_below_the_bound(devices, channel, turns):
     problem = random_problem(devices, devices=devices, steps=50, preset=channel)
