@@ -31,8 +31,8 @@ def hear_interruptions() -> None:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         signal.signal(signal.SIGINT, signal.default_int_handler)
     # From batch systems, containers, timeout(1); from a terminal that goes away, unless nohup has
-    # had it ignored.
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    # had it ignored; from `_unraisable`.
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGALRM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: _thread.interrupt_main())
     sys.unraisablehook = _unraisable
@@ -178,8 +178,7 @@ def end_deaf() -> None:
 
 def _unraisable(lost: "sys.UnraisableHookArgs") -> None:
     if lost.exc_type is KeyboardInterrupt:
-        again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
-        again.daemon = True
-        again.start()
+        # By a signal, which wakes whoever sleeps or waits.
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:
         sys.__unraisablehook__(lost)

@@ -50,6 +50,12 @@ def flown_as(out: Path, **more: Any) -> aerofed.Run:
     return fly(out, {key.replace("__", "."): value for key, value in more.items()})
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
+    """A run without any plug-in."""
+    return fly(tmp_path_factory.mktemp("plain") / "run", {})
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_an_example_is_short(path: Path) -> None:
     assert len(path.read_text().splitlines()) < 60
@@ -86,8 +92,8 @@ def test_an_example_is_short(path: Path) -> None:
 )
 # A library that TensorBoard brings.
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_an_example_flies(more: dict[str, Any], tmp_path: Path) -> None:
-    plain, run = fly(tmp_path / "plain", {}), fly(tmp_path / "own", more)
+def test_an_example_flies(more: dict[str, Any], plain: aerofed.Run, tmp_path: Path) -> None:
+    run = fly(tmp_path / "own", more)
     assert run.status == "finished"
     assert run.uplinks["delivered"].sum() > 0
     told = "callbacks" in more

@@ -157,7 +157,7 @@ def interrupted():
 hear_interruptions()
 try:
     ctypes.CFUNCTYPE(None)(interrupted)()
-    time.sleep(30)
+    time.sleep(900)
 except KeyboardInterrupt:
     sys.exit(130)
 """
