@@ -40,7 +40,18 @@ class ArduPilotDouble(threading.Thread):
         self.mode = STABILIZE
         self.armed = False
         self.armed_in: list[int] = []  # modes
-        self.parameters = {"WPNAV_SPEED": 500.0, "WPNAV_RADIUS": 1000.0, "FENCE_ENABLE": 0.0}
+        # All that are asked for: as ArduCopter, it says nothing of those that it lacks, and MAVSDK
+        # asks for such a one again and again, for some seconds.
+        self.parameters = {
+            "WPNAV_SPEED": 500.0,
+            "WPNAV_ACCEL": 250.0,
+            "WPNAV_RADIUS": 1000.0,
+            "ANGLE_MAX": 3000.0,
+            "FENCE_ENABLE": 0.0,
+            "FENCE_TYPE": 7.0,
+            "FENCE_RADIUS": 300.0,
+            "FENCE_ALT_MAX": 100.0,
+        }
         self.set_to: list[tuple[str, float]] = []
         self.flown = False
         self._home = (lat, lon)
