@@ -145,7 +145,7 @@ def _row(named: "NamedPlan") -> dict[str, float]:
     row = {"value": made.value, "upper\nbound": made.upper_bound, "gap\n%": 100.0 * made.gap}
     row["path\nm"] = made.path_m
     if made.altitude_m is not None:
-        row["height\nm"] = made.altitude_m
+        row["alt.\nm"] = made.altitude_m
     if made.foreseen is not None:  # where time or energy is limited
         row["takes\ns"] = made.foreseen.duration_s
         row["takes\nkJ"] = made.foreseen.energy_j / 1000.0
