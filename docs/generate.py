@@ -8,10 +8,11 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from pages import architecture, channels, checks, commands, configuration, formats, outcomes
+from pages import api, architecture, channels, checks, commands, configuration, formats, outcomes
 
 DOCS = Path(__file__).parent
 PAGES = {
+    "api.md": api.page,
     "architecture.md": architecture.page,
     "channels.md": channels.page,
     "commands.md": commands.page,

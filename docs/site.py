@@ -1,5 +1,6 @@
 """Hooks of the site (mkdocs.yml): pages that lie outside docs/ belong to it, too."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -29,4 +30,5 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
         markdown = markdown.replace(f"](../{path}", f"]({name}")
     if page.file.src_uri in OUTSIDE:
         markdown = markdown.replace("](docs/", "](")
-    return markdown
+    # The repository's README is no page: its name stays.
+    return re.sub(r"\[([^]]+)\]\(\.\./README\.md[^)]*\)", r"\1", markdown)

@@ -21,6 +21,8 @@ from fl.errors import LearningError, LearningInputError, first_line, kind_of
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 GROUP = "aerofed.plugins"
+# What code of others may raise; sys.exit() in it ends no run either.
+FAILURES = (Exception, SystemExit)
 
 
 @dataclass(eq=False)
@@ -68,7 +70,7 @@ def problem_of(name: str) -> str | None:
     module, _, _ = _path(name).partition(":")
     try:
         found = importlib.util.find_spec(module)
-    except Exception as error:
+    except FAILURES as error:
         return f"cannot be imported: {first_line(error)}"
     return None if found else f"cannot be imported: No module named {module!r}"
 
@@ -83,7 +85,7 @@ def find(name: str, *, key: str) -> Callable[..., Any]:
     module, _, attribute = _path(name).partition(":")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except Exception as error:
+    except FAILURES as error:
         raise PluginError(key, name, f"cannot be imported: {first_line(error)}") from error
     if not callable(found):
         raise PluginError(key, name, f"is {kind_of(found)}, not callable")
@@ -100,7 +102,7 @@ def make(name: str, *arguments: object, key: str, members: tuple[str, ...]) -> A
     factory = find(name, key=key)
     try:
         made = factory(*arguments)
-    except Exception as error:
+    except FAILURES as error:
         raise PluginError(key, name, f"calling it fails: {first_line(error)}") from error
     missing = [member for member in members if not hasattr(made, member)]
     if missing:
@@ -123,7 +125,7 @@ def guarded(name: str, *, key: str, doing: str) -> Iterator[None]:
         yield
     except LearningError:
         raise
-    except Exception as error:
+    except FAILURES as error:
         raise PluginError(key, name, told(name, doing, error)) from error
 
 

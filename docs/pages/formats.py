@@ -36,7 +36,7 @@ and [learning](learning.md#fairness-and-importance) the formulas.
 - CSV files are UTF-8 with one header line. Numbers are written in their shortest exact form. `nan`
   stands where there is no value (`null` in the log).
 - The same configuration and seed give the same bytes in a folder of the same name. Only
-  `summary.json` differs, by its wall times.
+  `summary.json` and `report.html` differ, by the wall times in them.
 
 ## Files
 

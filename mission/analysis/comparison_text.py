@@ -9,10 +9,10 @@ from rich.table import Table
 from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.measure import CORNER_M
 from mission.base.columns import number, told
+from mission.base.terminal import TABLE_WIDTH
 
 _Cell = Callable[[Comparison], str]
 
-_WIDE = 80
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
@@ -74,7 +74,7 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     A flight of a plan file has none of them but numbers, one below the other.
     """
     if comparison.run.data.plan_file is not None:
-        return side_by_side([comparison], width=_WIDE)
+        return side_by_side([comparison], width=TABLE_WIDTH)
     some_late = _LATE if comparison.total.unready else ()
     energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
@@ -111,9 +111,21 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 
     As many tables as it takes for none to be wider than `width` characters.
     """
-    names = [item.run.name for item in comparisons]
+    names = names_of(comparisons)
     title = "Planned and flown" if len(comparisons) == 1 else "Runs side by side"
     return _columns(title, "whole run", names, labelled(comparisons), width)
+
+
+def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
+    """What the runs are called, with as many of the folders above as tell them apart."""
+    paths = [item.run.path.resolve().parts for item in comparisons]
+    return ["/".join(path[-_telling(path, paths) :]) for path in paths]
+
+
+def _telling(path: tuple[str, ...], others: Sequence[tuple[str, ...]]) -> int:
+    counts = range(1, len(path))
+    alike = {n: sum(other[-n:] == path[-n:] for other in others) for n in counts}
+    return min(counts, key=lambda n: (alike[n], n), default=1)
 
 
 def labelled(comparisons: Sequence[RunComparison]) -> list[tuple[str, int, list[float]]]:

@@ -6,8 +6,8 @@
     run.rounds                                   # a pandas DataFrame
     aerofed.load("out").figure("map")            # a picture, shown in a notebook
 
-Names that are not here may change without notice. Whatever is wrong with what you give raises an
-`AerofedError` whose message is what the command line prints.
+Names that are not here may change without notice. A wrong value raises an `AerofedError` whose
+message is what the command line prints.
 """
 
 from fl.config import LearningConfig

@@ -1,15 +1,15 @@
 """Many runs side by side: strategies, seeds and settings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, SupportsIndex
 
 from mission.api.configuring import Source, config, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run
-from mission.base.errors import INTERRUPTED
+from mission.base.errors import INTERRUPTED, InputError
 from mission.config import STRATEGIES
 
 if TYPE_CHECKING:
@@ -118,9 +118,14 @@ def sweep(
 
     chosen = EngineChoice(engine, jobs, address)
     chosen.check()
+    for name, values in {"strategies": strategies, **(settings or {})}.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")
+    if not isinstance(seeds, SupportsIndex):
+        raise InputError(f"seeds = {seeds!r}: must be a whole number")
     base = config(source, overrides)
     axes = [Axis(key, tuple(values)) for key, values in (settings or {}).items()]
-    grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes)
+    grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes, giver="sweep")
     path = Path(out) if out is not None else RUNS / f"sweep-{grid.base.name}"
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute

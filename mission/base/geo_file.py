@@ -140,10 +140,17 @@ def _table_places(path: Path, text: str) -> Iterator[Place]:
 
 def _columns(path: Path, head: list[str]) -> tuple[int, int, bool]:
     """Where x and y stand, or latitude and longitude."""
+    if twice := next((name for name in head if name and head.count(name) > 1), None):
+        raise InputError(f"{path}: row 1: the column {twice} is there twice")
+    found = []
     for pair, geodetic in (((_X, _Y), False), ((_LAT, _LON), True)):
         first, second = (_at(head, names) for names in pair)
         if first is not None and second is not None:
-            return first, second, geodetic
+            found.append((first, second, geodetic))
+    if len(found) > 1:
+        raise InputError(f"{path}: row 1: has metres and degrees; leave x and y, or lat and lon")
+    if found:
+        return found[0]
     raise InputError(
         f"{path}: row 1: the columns are {', '.join(head) or 'none'}; there must be x and y "
         "(metres east and north of the area's south-west corner), or lat and lon (degrees)"

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from rich.console import Console
 
+TABLE_WIDTH = 80  # characters: what tables are made for
 # Lines as they are: neither wrapped, coloured, nor read as markup.
 PLAIN: dict[str, Any] = {"soft_wrap": True, "highlight": False, "markup": False}
 
@@ -19,6 +20,12 @@ class Terminal(Console):
     """
 
     failure: ClassVar[str | None] = None
+
+    @classmethod
+    def for_tables(cls, **options: Any) -> "Terminal":
+        """One for tables: where the terminal is narrow, lines break, and no number is cut off."""
+        console = cls(**options)
+        return console if console.width >= TABLE_WIDTH else cls(width=TABLE_WIDTH, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich does, or drop it."""

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from fl.errors import LearningError
-from fl.plugins import PluginError, make, told
+from fl.plugins import FAILURES, PluginError, make, told
 from mission.base.errors import AerofedError, InputError, UsersCodeError
 
 
@@ -20,7 +20,7 @@ def users_code(path: str, *, key: str, doing: str) -> Iterator[None]:
         yield
     except (AerofedError, LearningError):
         raise
-    except Exception as error:
+    except FAILURES as error:
         raise UsersCodeError(f"{key} = {path!r}: {told(path, doing, error)}") from error
 
 

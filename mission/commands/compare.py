@@ -52,7 +52,7 @@ def compare(
         from mission.figures.run import draw_comparison
 
         draw_comparison(found, figure)
-    console = Terminal()
+    console = Terminal.for_tables()
     if as_json:
         console.print_json(json.dumps([item.to_json() for item in found]))
     else:
@@ -65,9 +65,11 @@ def compare(
 
 
 def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
+    from mission.analysis.comparison_text import names_of
+
     counts = [len(item.rounds) for item in found]
     if len(set(counts)) > 1:
-        each = ", ".join(f"{item.run.name} {n}" for item, n in zip(found, counts, strict=True))
+        each = ", ".join(f"{name} {n}" for name, n in zip(names_of(found), counts, strict=True))
         aside.print(
             f"runs of different length (rounds: {each}): their sums do not compare; "
             f"--rounds {min(counts)} takes the rounds that all of them have"

@@ -65,7 +65,7 @@ def info(log: Path, *, as_json: Json = False) -> int:
         topics = [{**plain(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
         print_json({**plain(found), "messages": found.messages, "topics": topics})
         return 0
-    console = Terminal(**PLAIN)
+    console = Terminal.for_tables(**PLAIN)
     console.print(
         f"{log}: {found.size_bytes / 1e6:.2f} MB, {found.messages} messages, "
         f"{found.end_s - found.start_s:.1f} s of simulated time, "

@@ -39,7 +39,8 @@ def plan(
     config
         TOML file whose first round is planned. Without one, the quick start's.
     problem
-        JSON file with a list of problems to plan instead; docs/planner.md describes it.
+        JSON file with a list of problems to plan instead; docs/planner.md describes it. Of the
+        configuration only the table planner counts then.
     out
         JSON file for the plans.
     figure
@@ -77,6 +78,8 @@ def plan(
         problems = (NamedProblem("round-1", scenario.first_problem()),)
     elif qgc is not None:
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
+    elif stray := [text for text in set_ if not text.startswith("planner.")]:
+        raise InputError(f"--set {stray[0]}: of a problem file only planner.* can be set")
     else:
         problems = read_problems(problem)
     about = f"{problem or resolved.name} · planner {resolved.planner.kind}"
@@ -170,4 +173,4 @@ def _print(plans: "tuple[NamedPlan, ...]") -> None:
             number(row.get(heading, math.nan), _DIGITS.get(heading, 1)) for heading in headings
         )
         table.add_row(named.id, *cells)
-    Terminal().print(table)
+    Terminal.for_tables().print(table)

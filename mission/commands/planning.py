@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
-from mission.base.errors import PlanError
+from mission.base.errors import InputError, PlanError
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
@@ -41,9 +41,14 @@ def plan_problems(
     against its problem before anything is written. `about` says on the pictures whose they are.
 
     Raises:
-        InputError: the output cannot be written.
+        InputError: the output cannot be written, or a picture is there already.
         PlanError: none of the problems can be planned; nothing is written.
     """
+    files = {entry.id: _file_name(n, entry.id) for n, entry in enumerate(problems)}
+    there = [] if figure_dir is None else [figure_dir / file for file in files.values()]
+    for picture in there:
+        if picture.exists():
+            raise InputError(f"{picture}: exists already; give another folder")
     method = make_planner(planner)
     plans: dict[str, NamedPlan] = {}
     failures = []
@@ -68,10 +73,10 @@ def plan_problems(
         from mission.figures.render import save_all
 
         pictures = {
-            _file_name(number, entry.id): plan_picture(
+            files[entry.id]: plan_picture(
                 entry.problem, plans[entry.id].plan, title=entry.id, about=about
             )
-            for number, entry in enumerate(problems)
+            for entry in problems
             if entry.id in plans
         }
         save_all(pictures, figure_dir)

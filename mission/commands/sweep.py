@@ -81,7 +81,7 @@ def sweep(
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
 
-    console = Terminal(quiet=as_json)
+    console = Terminal.for_tables(quiet=as_json)
     if not console.is_terminal:
         console = Terminal(width=_PIPE_WIDTH, quiet=as_json)
     folder = out or RUNS / f"sweep-{grid.base.name}"

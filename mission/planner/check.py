@@ -8,10 +8,11 @@ from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundPlan, RoundProblem
 
 LENGTH_TOLERANCE_M = 1e-3
+VALUE_TOLERANCE = 1e-9  # relative
 
 
 def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> None:
-    """Verify every constraint of a plan and the value it claims, from scratch.
+    """Verify every constraint of a plan, and the value and bound it claims, from scratch.
 
     It hovers `hold_s` at every stop (`stops_of`).
 
@@ -52,8 +53,12 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
     if most > 1:
         raise InfeasiblePlanError(f"a device is scheduled {most} times: at most once")
     real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, plan.schedule)
-    if not np.isclose(real, plan.value, rtol=1e-9, atol=1e-12):
+    if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=1e-12):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
+    if plan.upper_bound < real * (1.0 - VALUE_TOLERANCE):  # NaN: none is claimed
+        raise InfeasiblePlanError(
+            f"the plan claims that none is worth more than {plan.upper_bound}, and is worth {real}"
+        )
 
 
 def _checked_altitude(problem: RoundProblem, plan: RoundPlan) -> float | None:

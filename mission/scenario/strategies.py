@@ -28,6 +28,16 @@ class Sortie:
     hold_s: float = 0.0  # seconds of hover at each stop, 0 or more
     cost_m: float | None = None  # of L_total; None: the metres flown, L_max at most
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be flown.
+
+        Raises:
+            ValueError: negative or not finite.
+        """
+        for name, value in (("hold_s", self.hold_s), ("cost_m", self.cost_m or 0.0)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} = {value}: must be a finite number of 0 or more")
+
 
 class Strategy(Protocol):
     """Chooses path and schedule, round by round."""

@@ -90,16 +90,20 @@ def make_grid(
     seeds: int,
     rounds: int | None = None,
     axes: Sequence[Axis] = (),
+    giver: str = "command line",
 ) -> Grid:
     """Every run of a sweep over a configuration, or that in a file, each validated.
 
-    Seeds count up from the configuration's.
+    Seeds count up from the configuration's. `giver` is what an error calls where the values come
+    from.
 
     Raises:
         InputError: a value is refused, named twice, or belongs to an option of its own.
     """
     if seeds < 1:
         raise InputError(f"seeds = {seeds}: at least 1")
+    if not strategies:
+        raise InputError("strategies: at least one")
     for axis in axes:
         if axis.key in _OPTIONS:
             raise InputError(f"{axis.key}: use {_OPTIONS[axis.key]} in a sweep")
@@ -112,12 +116,12 @@ def make_grid(
     axes = [axis for axis in axes if len(axis.values) > 1]
     if rounds is not None:
         common["mission.rounds"] = rounds
-    base = load_config(source, common)
+    base = load_config(source, common, giver=giver)
     numbers = tuple(range(base.seed, base.seed + seeds))
     runs = []
     for point in points(strategies, numbers, axes):
         own = {"mission.strategy": point.strategy, "seed": point.seed}
-        config = load_config(source, {**common, **dict(point.settings), **own})
+        config = load_config(source, {**common, **dict(point.settings), **own}, giver=giver)
         if config.link.kind != "in_process":
             raise InputError(
                 f"link.kind = {config.link.kind!r}: the runs of a sweep fly side by side, "

@@ -87,12 +87,15 @@ class _Sweep:
             set_up(todo[0].config, data_dir=self.data_dir)
         ends: dict[str, RunEnd] = {}
         with folder.lock():
-            folder.claim(grid, data_dir=self.data_dir)
             if todo:
                 # Workers may start elsewhere: every path is made absolute here.
                 data_dir = None if self.data_dir is None else self.data_dir.resolve()
                 with closing(engine.make([r.config for r in todo], data_dir=data_dir)) as workers:
+                    # Only now: an engine that is refused leaves nothing behind.
+                    folder.claim(grid, data_dir=self.data_dir)
                     ends = self._execute(todo, workers, data_dir)
+            else:
+                folder.claim(grid, data_dir=self.data_dir)
             if any(folder.done(run) for run in grid.runs):
                 _report(folder.path, self.console, page)
         return ends

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from flightdyn.plant import Plant
-from mission.base.errors import LinkLostError
+from mission.base.errors import InputError
 from mission.base.interrupts import run_flight
 from mission.config.models import RunConfig
 from mission.flight.failures import of_settings
@@ -68,7 +68,8 @@ class Flyers(ABC):
         """Refuse what cannot work, before anything is written.
 
         Raises:
-            LinkLostError: a port is taken; the firmware's binary is not there.
+            LinkLostError: a port is taken.
+            InputError: the firmware's binary is not there.
         """
         check_link(self.scenario.config.link)
 
@@ -133,7 +134,7 @@ class FirmwareFlyers(Flyers):
         try:
             check_binary(path)
         except FirmwareSilentError as error:
-            raise LinkLostError(str(error)) from None
+            raise InputError(str(error)) from None
         super().check()
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:

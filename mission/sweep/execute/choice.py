@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
@@ -21,11 +21,14 @@ class EngineChoice:
     address: str | None = None  # of a Ray cluster
 
     def check(self) -> None:
-        """Refuse options that do not fit the engine.
+        """Refuse options that do not fit the engine, before anything is written.
 
         Raises:
             InputError: naming the option.
         """
+        if self.name not in get_args(EngineName):
+            names = " or ".join(get_args(EngineName))
+            raise InputError(f"--engine {self.name}: must be {names}")
         if self.jobs is not None and self.jobs < 1:
             raise InputError(f"--jobs {self.jobs}: at least 1")
         if self.address is not None and self.name != "ray":

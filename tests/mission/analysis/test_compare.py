@@ -13,7 +13,7 @@ from synthetic_flight import AREA, CHANNEL, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.comparison_text import side_by_side, tables
+from mission.analysis.comparison_text import names_of, side_by_side, tables
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
@@ -218,6 +218,14 @@ def test_no_number_wraps_however_many_runs(tmp_path: Path, runs: int, width: int
     assert "…" not in captured.get()
     assert "difference" not in captured.get()  # of two tables' columns there is none
     assert len(found) == math.ceil(runs / ((width - 28) // 13))
+
+
+def test_runs_of_one_name_are_told_apart_by_the_folders_above(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=1)
+    loaded = load_run(tmp_path)
+    paths = ("a/x/long", "b/x/long", "b/y/short", "b/y/short")
+    many = [compare_run(dataclasses.replace(loaded, path=Path(path))) for path in paths]
+    assert names_of(many) == ["a/x/long", "b/x/long", "short", "short"]
 
 
 def test_two_runs_stay_together_on_a_narrow_terminal(tmp_path: Path) -> None:

@@ -61,6 +61,8 @@ def test_the_public_names() -> None:
 def test_every_public_name_is_documented(name: str) -> None:
     found = getattr(aerofed, name)
     assert inspect.getdoc(found)
+    page = (Path(__file__).parents[3] / "docs" / "api.md").read_text(encoding="utf-8")
+    assert f"\n### {name}\n" in page or f"`{name}`" in page
     if inspect.isclass(found) and found.__module__.startswith("mission.api"):
         for member, value in vars(found).items():
             if not member.startswith("_") and (callable(value) or hasattr(value, "func")):
@@ -214,6 +216,12 @@ def test_configurations(tmp_path: Path) -> None:
         ),
         (lambda: aerofed.sweep(strategies=["cov", "cov"]), "'cov' is named twice"),
         (lambda: aerofed.sweep(jobs=0), "jobs 0: at least 1"),
+        (lambda: aerofed.sweep(engine="spark"), "engine spark: must be joblib or ray"),
+        (lambda: aerofed.sweep(seeds=1.5), "seeds = 1.5: must be a whole number"),
+        (lambda: aerofed.sweep(strategies="cov"), "strategies = 'cov': must be a list"),
+        (lambda: aerofed.sweep(strategies=[]), "strategies: at least one"),
+        (lambda: aerofed.sweep(strategies=["c"]), "^sweep: mission.strategy = 'c'"),
+        (lambda: aerofed.sweep(settings={"seed": 3}), "seed = 3: must be a list of values"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:

@@ -105,6 +105,35 @@ def test_a_wrong_problem_is_named(
     assert not out.exists()
 
 
+def test_what_a_problem_file_cannot_be_told_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "problems.json"
+    source.write_text(json.dumps([PROBLEM]))
+    assert call(["plan", "--problem", str(source), "--set", "planner.gap=0.1"]) == 0
+    assert call(["plan", "--problem", str(source), "--set", "mission.steps=3"]) == 2
+    assert "--set mission.steps=3: of a problem file only" in capsys.readouterr().err
+
+
+def test_pictures_that_are_there_already_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, picture = tmp_path / "problems.json", tmp_path / "000-pair.png"
+    source.write_text(json.dumps([PROBLEM]))
+    picture.write_text("mine")
+    assert call(["plan", "--problem", str(source), "--figure", str(tmp_path)]) == 2
+    assert f"{picture}: exists already" in capsys.readouterr().err
+    assert picture.read_text() == "mine"
+
+
+def test_a_narrow_terminal_cuts_no_number(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    assert call(["plan", "--set", "planner.gap=0.5"]) == 0
+    assert "…" not in capsys.readouterr().out
+
+
 def test_a_wrong_method_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["plan", "--method", "best"]) == 2
     assert "--method best: must be one of" in capsys.readouterr().err

@@ -140,6 +140,8 @@ BAD_TABLES = {
     "x,y\n1,2\n3\n": "d.csv: row 3: has 1 cells, the header has 2",
     "a,b\n1,2\n": "row 1: the columns are a, b; there must be x and y",
     "": "row 1: the columns are none",
+    "x,x,y\n1,2,3\n": "d.csv: row 1: the column x is there twice",
+    "x,y,lat,lon\n1,2,43.6,7.1\n": "d.csv: row 1: has metres and degrees; leave x and y, or lat",
     "x,y\n": "holds no device; it must hold a point a device",
     "lat,lon\n95,7\n": "row 2: lat = 95: must be from -85 to 85 degrees",
     "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat",

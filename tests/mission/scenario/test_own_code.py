@@ -59,6 +59,18 @@ class Fails(Weighs):
     def deeper(self, problem):
         return np.linalg.inv(np.zeros((2, 2)))  # the culprit
 
+class Leaves(Weighs):
+    def sortie(self, round_index, problem):
+        raise SystemExit(3)
+
+class Hovers(Weighs):
+    def sortie(self, round_index, problem):
+        return Sortie(Stay().plan(problem), hold_s=-4.0)
+
+class Overdone:
+    def plan(self, problem):
+        return finish(problem, np.tile(problem.start_m, (problem.steps, 1)), upper_bound=1e-9)
+
 class FailsPlanning:
     def plan(self, problem):
         raise KeyError("no such thing")
@@ -72,6 +84,8 @@ def fails(setting): return Fails(np.ones(6))
 def wrong_shape(setting): return Weighs(np.ones(3))
 def negative(setting): return Weighs(-np.ones(6))
 def jumps(setting): return Weighs(np.ones(6))
+def leaves(setting): return Leaves(np.ones(6))
+def hovers(setting): return Hovers(np.ones(6))
 def lazy(setting): return object()
 number = 3
 """
@@ -180,6 +194,9 @@ def test_an_own_planner_flies(tmp_path: Path) -> None:
         ("mission.strategy=own_code:wrong_shape", 2, ["shape (3,), not (6,)"]),
         ("mission.strategy=own_code:negative", 2, ["negative or not finite", "-1.0"]),
         ("mission.strategy=own_code:jumps", 3, ["own_code:jumps", "round 1", "1.4142 m from"]),
+        ("mission.strategy=own_code:leaves", 2, ["own_code:leaves", "round 1: SystemExit: 3"]),
+        ("mission.strategy=own_code:hovers", 2, ["hold_s = -4.0: must be a finite number of 0"]),
+        ("planner.kind=import planner.factory=own_code:Overdone", 3, ["none is worth more than"]),
         ("planner.kind=import planner.factory=own_code:lazy", 2, ["planner.factory", "lazy"]),
         ("planner.kind=import planner.factory=own_code:Jump", 3, ["own_code:Jump", "1.4142 m"]),
         ("planner.kind=import", 2, ["planner", "factory belongs to kind = 'import'"]),

@@ -313,6 +313,16 @@ def test_the_engine_is_closed_where_the_sweep_cannot_begin(
     assert len(closed) == 1
 
 
+def test_an_engine_that_is_not_there_leaves_nothing_that_blocks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    out = tmp_path / "s"
+    assert call(["sweep", "quickstart", "--engine", "ray", "--out", str(out)]) == 2
+    assert "Ray is not installed" in capsys.readouterr().err
+    assert not (out / "sweep.json").exists()
+
+
 class Finished:
     """A pool whose runs are over at once; those of a name with a bug raise."""
 
