@@ -174,11 +174,11 @@ def aircraft_table(seconds: float) -> None:
     vehicle: Any = aircraft.vehicle
     vehicle.run = aircraft.plant.run = watch.wrap("physics", vehicle.run)
     navigation: Any = aircraft.navigation
-    navigation.run = watch.wrap("physics, IMU and rates at every tick", navigation.run)
+    navigation.fly = watch.wrap("the same with IMU and guidance steps in C", navigation.fly)
     navigation.sense = watch.wrap("the other sensors, when due", navigation.sense)
-    navigation.update = watch.wrap("estimator: increments, filter", navigation.update)
+    navigation.update = watch.wrap("estimator: filter", navigation.update)
     guidance: Any = aircraft._guidance
-    guidance.step = watch.wrap("guidance and outer loop, 50 Hz", guidance.step)
+    guidance.step = watch.wrap("guidance steps after what is due", guidance.step)
     plant: Any = aircraft.plant
     plant._look_around = watch.wrap("battery, faults, ground", plant._look_around)
     advance(aircraft, seconds)

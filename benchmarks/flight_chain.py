@@ -137,7 +137,7 @@ def flown_without_link(length_m: float, *, log: bool) -> Cost:
         order(vehicle, config, zigzag(config, length_m))
         meter = Meter(lambda: vehicle.t_ns)
         while vehicle.moving:
-            vehicle.step()
+            vehicle.stride()
         return meter.read()
 
 

@@ -67,26 +67,34 @@ class Aircraft:
         self.advance(1)
 
     def advance(self, most: int) -> int:
-        """The ticks up to the next guidance step, `most` at most; one where each of them matters,
-        near the ground and at a corner. Returns how many.
+        """Ticks up to where there is more to do than to fly on, `most` at most: something is
+        measured or corrected, the ground or a corner is near, or the path's progress has changed.
+        Returns how many.
         """
-        plant, navigation, tick = self.plant, self.navigation, self._clock.tick
+        plant, navigation, guidance = self.plant, self.navigation, self._guidance
         if self._near or plant.low:
-            ticks = 1
-        else:
-            ticks = min(most, self._interval - tick % self._interval, navigation.due - tick)
-        navigation.run(ticks)
+            most = 1
+        elif guidance.pursuing:  # the reference is made anew for each guidance step
+            most = min(most, self.to_guidance_step)
+        most = min(most, plant.due - self._clock.tick)
+        ticks = navigation.fly(most, self.controller.guide)
         plant.passed(ticks)
-        tick += ticks
+        if guidance.look():  # flown up to a guidance step, which is the one that tells
+            self._near = guidance.corner_near
+            return ticks
         if plant.impact_mps is not None and self.armed:
             self.disarm()
-        if tick >= navigation.due:
-            navigation.sense()
-        if tick % self._interval == 0:
+        navigation.sense()
+        if self._clock.tick % self._interval == 0:
             self._guide()
         elif self._near:
             self._pass_corners()
         return ticks
+
+    @property
+    def to_guidance_step(self) -> int:
+        """Ticks up to the next one."""
+        return self._interval - self._clock.tick % self._interval
 
     def _guide(self) -> None:
         navigation, guidance = self.navigation, self._guidance

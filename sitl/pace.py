@@ -10,12 +10,9 @@ from sitl.block import Block
 from sitl.links import Link
 from sitl.vehicle import Vehicle
 
-_CHUNK_S = 1.0  # simulated time between looks at the links
-_CHUNK_WALL_S = 0.02  # and wall time, where the pace is ordered
-# MAVSDK's threads need this one's lock to hand on what they heard: a pause now and then in wall
-# time, as telemetry comes in wall time.
-_BREATH_EVERY_S = 0.02
-_BREATH_S = 0.001
+_STRETCH_S = 0.02  # wall time between looks at the links
+_FLAT_OUT_S = 0.05  # and where time runs as fast as it can: half of telemetry's interval
+_BREATH_S = 0.001  # then: MAVSDK's threads need this one's lock to hand on what they heard
 
 
 class Simulation:
@@ -33,13 +30,11 @@ class Simulation:
             raise ValueError(f"speed = {speed}: must be positive")
         self.vehicle = vehicle
         self._links: Sequence[Link] = links
-        self._chunk_ns = 1e9 * min(_CHUNK_S, _CHUNK_WALL_S * speed)
         self._speed = speed
         self._free_running = free_running
         self._wake = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
         self._block: Block | None = None
-        self._breathed = -math.inf  # wall time
         self._on_time = -math.inf  # wall time at which the present simulated time is due
 
     async def __aenter__(self) -> Self:
@@ -114,27 +109,30 @@ class Simulation:
 
     async def _advance(self) -> None:
         """A stretch of simulated time, and the pause that the pace asks for."""
-        vehicle, step = self.vehicle, self.vehicle.step
-        began, started_ns = time.monotonic(), vehicle.t_ns
-        until_ns = started_ns + self._stretch_ns(began)
-        while (step() or self._free_running) and vehicle.t_ns < until_ns:
-            pass
+        began = time.monotonic()
         if math.isinf(self._speed):
-            breath = time.monotonic() > self._breathed + _BREATH_EVERY_S
-            await asyncio.sleep(_BREATH_S if breath else 0)
-            if breath:
-                self._breathed = time.monotonic()
+            self._run_until(began + _FLAT_OUT_S)
+            await asyncio.sleep(_BREATH_S)
         else:
-            sim_s = (vehicle.t_ns - started_ns) * 1e-9
-            # A machine that falls behind does not rush afterwards.
-            self._on_time = max(self._on_time, began - _CHUNK_WALL_S) + sim_s / self._speed
+            # No more than until telemetry is due. A machine that falls behind does not rush later.
+            sim_s = self._run_for(min(_STRETCH_S, self.vehicle.due() - began) * self._speed)
+            self._on_time = max(self._on_time, began - _STRETCH_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
-    def _stretch_ns(self, now: float) -> float:
-        """Of the next stretch; where the pace is ordered, no more than until telemetry is due."""
-        if math.isinf(self._speed):
-            return self._chunk_ns
-        return min(self._chunk_ns, (self.vehicle.due() - now) * self._speed * 1e9)
+    def _run_until(self, wall_s: float) -> None:
+        """As fast as it can, while there is something to do."""
+        stride, now, free = self.vehicle.stride, time.monotonic, self._free_running
+        while (stride() or free) and now() < wall_s:
+            pass
+
+    def _run_for(self, sim_s: float) -> float:
+        """About so many simulated seconds, while there is something to do; how many it were."""
+        vehicle = self.vehicle
+        before_ns = vehicle.t_ns
+        until_ns = before_ns + sim_s * 1e9
+        while (vehicle.step() or self._free_running) and vehicle.t_ns < until_ns:
+            pass
+        return (vehicle.t_ns - before_ns) * 1e-9
 
     def _close(self) -> None:
         for link in self._links:

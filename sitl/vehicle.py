@@ -97,8 +97,17 @@ class Vehicle:
         """Simulated time up to the next guidance step, a single tick where each of them matters;
         whether a manoeuvre is under way after it.
         """
+        return self._advance(self.aircraft.to_guidance_step)
+
+    def stride(self) -> bool:
+        """The same over all guidance steps up to where there is more to do than to fly on."""
+        if not self.autopilot.flight.patient:
+            return self.step()
+        return self._advance(self._next_look - self._tick)
+
+    def _advance(self, most: int) -> bool:
         tick = self._tick
-        self._tick = tick = tick + self.aircraft.advance(self._next_look - tick)
+        self._tick = tick = tick + self.aircraft.advance(min(most, self._next_look - tick))
         moving = self.autopilot.tick()
         if tick == self._next_look:
             if tick % self._watch_every == 0:

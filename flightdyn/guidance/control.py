@@ -63,15 +63,15 @@ class Controller:
         k = gains or Gains()
         full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
         slope = math.tan(math.radians(limits.tilt_deg))
-        self._guide = Guide((
+        self.guide = Guide((
             dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
             k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
             k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
         ), inner)  # fmt: skip
-        self.memory = self._guide.memory
+        self.memory = self.guide.memory
         self.memory.effectiveness = 1.0
         self.memory.thrust[2] = -1.0
-        self.track, self.step = self._guide.track, self._guide.step
+        self.track, self.step = self.guide.track, self.guide.step
 
     @property
     def wanted_thrust(self) -> Triple:

@@ -51,7 +51,7 @@ class Guidance:
         memory.soon = math.inf
         self.corner_near = False  # it may be passed before the next guidance step
         self._target = Target()
-        self._noted = 0
+        self._known = 0  # of what is noted of the trajectory
         self.progress = PathProgress()
 
     @property
@@ -72,7 +72,7 @@ class Guidance:
     def command(self) -> Triple | None:
         """Where the aircraft is wanted; None while no order holds it anywhere."""
         memory = self._memory
-        return _triple(memory.p) if memory.pointed else None
+        return _triple(memory.p[:]) if memory.pointed else None
 
     @property
     def setpoint(self) -> Setpoint | None:
@@ -125,7 +125,8 @@ class Guidance:
 
     def _forget_corners(self) -> None:
         """What was flown is over; its progress stays with whoever asked for it."""
-        self._corners, self._memory.soon, self._noted = [], math.inf, 0
+        self._corners, self._memory.soon, self._memory.noted = [], math.inf, 0
+        self._known, self.corner_near = 0, False
         self.progress = PathProgress()
 
     def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
@@ -165,19 +166,26 @@ class Guidance:
     def step(self, carried: Strapdown, state: Callable[[], NavState]) -> None:
         """One guidance step from where the aircraft is, which `state` puts into words."""
         m = self._memory
-        pursuing = m.mode == TARGET
+        pursuing = self.pursuing
         if pursuing and m.armed:
             self._after_target(state())
-        flags = self._controller.step(carried)
+        self._controller.step(carried)
         if pursuing:
             m.mode = TARGET
-        self.corner_near = bool(flags & NEAR)
-        if flags & ~NEAR != self._noted:
-            self._note(flags & ~NEAR)
+        self.look()
 
-    def _note(self, flags: int) -> None:
-        """What is new of the trajectory."""
-        self._noted = flags
+    @property
+    def pursuing(self) -> bool:
+        """Whether a target is gone after."""
+        return bool(self._memory.mode == TARGET)
+
+    def look(self) -> bool:
+        """See what is noted of the trajectory; whether something is new."""
+        flags = self._memory.noted
+        if flags == self._known:
+            return False
+        self._known = flags
+        self.corner_near = bool(flags & NEAR)
         progress = self.progress
         progress.speed_limited = bool(flags & LIMITED)
         progress.stalled = progress.stalled or bool(flags & STALLED)
@@ -188,6 +196,7 @@ class Guidance:
                 progress.passed = self._corners[-1].count
                 self._next = len(self._corners)
                 self._look_ahead()
+        return True
 
     def _look_ahead(self) -> None:
         """When the next corner may be passed at the earliest."""

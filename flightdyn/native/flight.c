@@ -9,6 +9,8 @@ SIZE_OF(Flight);
 SIZE_OF(Strapdown);
 SIZE_OF(Trajectory);
 SIZE_OF(Guide);
+SIZE_OF(Guidance);
+SIZE_OF(Loop);
 SIZE_OF(Interpreter);
 SIZE_OF(Gauge);
 SIZE_OF(Imu);
@@ -18,7 +20,7 @@ SIZE_OF(Ticks);
 
 EXPORTED const Ticks *ticks(void)
 {
-    static const Ticks TICKS = {read_gauges, sample, fly_ticks, drive_tick};
+    static const Ticks TICKS = {read_gauges, sample, drive_tick};
     return &TICKS;
 }
 

@@ -4,6 +4,7 @@
 #define FLIGHT_H
 
 #include "inner.h"
+#include "ticks.h"
 #include <stdint.h>
 
 /* Error state, by `flightdyn.navigation.error_model`: where its parts begin. */
@@ -64,7 +65,7 @@ typedef struct {
 } Gains;
 
 enum { NOTHING, TRACK, TARGET, ATTITUDE };                 /* what is ordered */
-enum { FINISHED = 1, STALLED = 2, LIMITED = 4, NEAR = 8 }; /* what `guide` returns */
+enum { FINISHED = 1, STALLED = 2, LIMITED = 4, NEAR = 8 }; /* what there is to note of it */
 
 /* The guidance's memory, its orders and what comes of them. */
 typedef struct {
@@ -86,7 +87,25 @@ typedef struct {
     double error[3], feed[3], collective, lift, descend, sink, knock;
     /* The land detector: seconds of quiet, and what it believes. */
     double quiet, touching, contact, landed;
+    int64_t noted; /* of the trajectory, at the last step */
 } Guide;
+
+typedef struct {
+    Guide *memory;
+    const Gains *gains;
+    const Trajectory *path; /* may be missing where none is tracked */
+} Guidance;
+
+/* What carries a state from guidance step to guidance step: so many ticks of the IMU lie between
+   them, `dt` each, of whose samples so many are taken. */
+typedef struct {
+    Imu *imu;
+    Inner *inner;
+    Strapdown *carried;
+    double *samples; /* (interval, 6): the newest ones */
+    int64_t interval, taken;
+    double dt;
+} Loop;
 
 typedef struct {
     /* Sum samples (count,), each held for `dt`; biases are left in. Carry a state by the sum, if
@@ -106,11 +125,15 @@ typedef struct {
     /* Position, velocity and acceleration (9) of a trajectory at `t`, the acceleration of `lead`
        later. */
     void (*reference)(const Trajectory *, double t, double lead, double *pva);
-    /* A guidance step from where a state was carried to, handed on to the inner loops; the
-       trajectory may be missing where none is tracked. */
-    int (*guide)(Guide *, const Gains *, const Trajectory *, const Strapdown *, Inner *);
+    /* A guidance step from where a state was carried to, handed on to the inner loops. Whether it
+       went well: where not, Python has an error set. */
+    int (*guide)(const Guidance *, const Strapdown *, Inner *);
     /* The land detector's part of it, `dt` after the last. */
     void (*land)(Guide *, double dt);
+    /* So many ticks, and the guidance steps between them, but none after the last tick. It ends
+       before, with a guidance step, where that notes something else. Sums of the samples up to each
+       step are left in `sums`. Returns the ticks, -1 where Python has an error set. */
+    int64_t (*cruise)(Loop *, void *run, int64_t ticks, Increment *sums, const Guidance *);
 } Flight;
 
 extern const Flight flight_baseline, flight_avx2, flight_avx512;

@@ -157,9 +157,10 @@ static int near_corner(const Guide *g, const Gains *k, const State *nav)
     return beyond + 2 * k->dt * speed + NEAR_M > 0;
 }
 
-static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdown *carried,
-                 Inner *inner)
+static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inner)
 {
+    Guide *g = guidance->memory;
+    const Gains *k = guidance->gains;
     const State *nav = &carried->state;
     const double *force = carried->force;
     double r[3][3];
@@ -172,7 +173,7 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdo
     }
     g->descend = 0;
     if (mode == TRACK || mode == TARGET) {
-        if (mode == TRACK) track(g, k, path, nav);
+        if (mode == TRACK) track(g, k, guidance->path, nav);
         else turn(g, k);
         g->pointed = 1;
         g->descend = g->v[2];
@@ -192,11 +193,11 @@ static int guide(Guide *g, const Gains *k, const Trajectory *path, const Strapdo
     /* Against what the motors give by now, not against an order that they have yet to follow. */
     g->knock = -force[2] - g->lagged * k->full * g->effectiveness;
     land(g, k->dt);
-    if (!order(inner, g->error, g->feed, g->collective)) return 0;
     const int slow = g->too_fast || g->smooth_rate < LIMITED_RATE;
-    return (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
-           (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0) |
-           (near_corner(g, k, nav) ? NEAR : 0);
+    g->noted = (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
+               (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0) |
+               (near_corner(g, k, nav) ? NEAR : 0);
+    return order(inner, g->error, g->feed, g->collective);
 }
 
 #endif

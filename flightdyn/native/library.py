@@ -5,12 +5,12 @@ The calls take well under a microsecond, so they keep Python's lock.
 
 import ctypes
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdyn.native.ticks import Inner
+from flightdyn.native.ticks import Imu, Inner
 from native.building import library
 from native.loading import address, check_sizes, functions, load
 
@@ -36,9 +36,10 @@ class _Functions(ctypes.Structure):
         ("innovate", ctypes.PYFUNCTYPE(
             None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
-        ("guide", ctypes.PYFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("guide", ctypes.PYFUNCTYPE(ctypes.c_int, _POINTER, _POINTER, _POINTER)),
         ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
+        ("cruise", ctypes.PYFUNCTYPE(
+            _INT, _POINTER, ctypes.py_object, _INT, _POINTER, _POINTER)),
     )  # fmt: skip
 
 
@@ -47,6 +48,7 @@ _FUNCTIONS = functions(_LIBRARY, _Functions)
 _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
+_CRUISE = _FUNCTIONS.cruise
 
 
 _ROOM = 8  # times as many increments, so that they are seldom moved to the front
@@ -74,14 +76,24 @@ class Increments:
         """
         numbers = samples if isinstance(samples, array) else array("d", samples)
         where, count = numbers.buffer_info()
-        if count % SAMPLE or self.count >= self.most:
-            raise ValueError(f"{count} numbers of samples, {self.count} of {self.most} increments")
-        if self._first + self.count == len(self._rows):
-            self._rows[: self.count] = self._rows[self._first :]
-            self._first = 0
-        to = self._at + (self._first + self.count) * self._size
+        if count % SAMPLE:
+            raise ValueError(f"{count} numbers of samples, not {SAMPLE} each")
+        to = self.room(1)
         _INTEGRATE(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
         self.count += 1
+
+    def room(self, count: int) -> int:
+        """Where so many more go.
+
+        Raises:
+            ValueError: they are too many.
+        """
+        if self.count + count > self.most:
+            raise ValueError(f"{count} more than {self.count} of {self.most} increments")
+        if self._first + self.count + count > len(self._rows):
+            self._rows[: self.count] = self._rows[self._first : self._first + self.count]
+            self._first = 0
+        return self._at + (self._first + self.count) * self._size
 
     def drop(self, count: int) -> None:
         """Forget the oldest ones."""
@@ -272,6 +284,7 @@ class Memory(ctypes.Structure):
         ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
         ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
         ("quiet", _DOUBLE), ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
+        ("noted", _INT),
     )  # fmt: skip
 
     def land(self, dt_s: float) -> None:
@@ -283,7 +296,21 @@ class _Strapdown(ctypes.Structure):
     _fields_ = (("numbers", _DOUBLE * DOWN),)
 
 
-check_sizes(_LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory)
+class _Guidance(ctypes.Structure):
+    _fields_ = (("memory", _POINTER), ("gains", _POINTER), ("path", _POINTER))
+
+
+class _Loop(ctypes.Structure):
+    _fields_ = (
+        ("imu", _POINTER), ("inner", _POINTER), ("carried", _POINTER), ("samples", _POINTER),
+        ("interval", _INT), ("taken", _INT), ("dt", _DOUBLE),
+    )  # fmt: skip
+
+
+check_sizes(
+    _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
+    Guidance=_Guidance, Loop=_Loop,
+)  # fmt: skip
 
 
 class Guide:
@@ -299,21 +326,69 @@ class Guide:
         self._gains = np.array(gains, dtype=np.float64)
         self._inner = inner
         self._pieces: Pieces | None = None
-        self._at = ctypes.addressof(self.memory), address(self._gains, np.float64, (GAINS,))
-        self._path: int | None = None
+        where = address(self._gains, np.float64, (GAINS,))
+        self._guidance = _Guidance(ctypes.addressof(self.memory), where)
+        self._at = ctypes.addressof(self._guidance)
 
     def track(self, pieces: Pieces | None) -> None:
         """Track a trajectory, or none."""
         self._pieces = pieces
-        self._path = None if pieces is None else pieces.at
+        self._guidance.path = None if pieces is None else pieces.at
 
-    def step(self, nav: Strapdown) -> int:
-        """One guidance step from where the aircraft is; what is to be noted of it.
+    @property
+    def at(self) -> int:
+        """Where it lies.
 
         Raises:
             ValueError: a trajectory is to be tracked, and there is none.
         """
-        if self._path is None and self.memory.mode == TRACK:
+        if self._pieces is None and self.memory.mode == TRACK:
             raise ValueError("there is no trajectory to track")
-        flags: int = _GUIDE(*self._at, self._path, nav.at, self._inner.at)
-        return flags
+        return self._at
+
+    def step(self, nav: Strapdown) -> None:
+        """One guidance step from where the aircraft is; what there is to note is `memory.noted`."""
+        _GUIDE(self.at, nav.at, self._inner.at)
+
+
+class Loop:
+    """From tick to tick, and over the guidance steps on the way."""
+
+    def __init__(
+        self, imu: Imu, inner: Inner, carried: Strapdown, *, interval: int, dt_s: float
+    ) -> None:
+        """`interval`: ticks of the IMU between guidance steps, by which `carried` is carried."""
+        self.interval = interval
+        self.samples = array("d", bytes(8 * SAMPLE * interval))  # the newest ones
+        self._imu, self._kept = imu, (inner, carried)
+        where, _ = self.samples.buffer_info()
+        self._memory = _Loop(imu.at, inner.at, carried.at, where, interval, 0, dt_s)
+        self._at = ctypes.addressof(self._memory)
+
+    @property
+    def count(self) -> int:
+        """Ticks since the last guidance step."""
+        count: int = self._memory.taken
+        return count
+
+    @property
+    def taken(self) -> "array[float]":
+        """The IMU's samples of these: six numbers a tick, end to end."""
+        return self.samples[: SAMPLE * self.count]
+
+    def fly(
+        self, run: Callable[[], object], ticks: int, increments: Increments, guide: Guide
+    ) -> int:
+        """So many ticks, each run by `run`, and the guidance steps between them, but none after the
+        last tick. It ends before, with a guidance step, where that notes something else. The
+        samples up to each step are added to `increments`. Returns the ticks.
+
+        Raises:
+            ValueError: there is no room for the increments, or no trajectory to track.
+        """
+        self._imu.draw(ticks)
+        before = self.count
+        sums = increments.room((before + ticks) // self.interval)
+        flown: int = _CRUISE(self._at, run, ticks, sums, guide.at)
+        increments.count += (before + flown) // self.interval
+        return flown

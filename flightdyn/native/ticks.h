@@ -1,9 +1,8 @@
-/* What is done at every tick of the physics: drive the motors or feed the inner loops, step JSBSim,
-   read the IMU. */
+/* What is done at every tick of the physics: step JSBSim, read the IMU, drive the motors where it is
+   another brain than ours that flies. */
 #ifndef TICKS_H
 #define TICKS_H
 
-#include "inner.h"
 #include "interpreter.h"
 
 enum { AXES = 6 }; /* body rates (rad/s), specific force (m/s2) */
@@ -27,15 +26,13 @@ typedef struct { /* motors that a brain other than ours drives */
 typedef struct {
     int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
     int (*sample)(Imu *, double values[AXES]);
-    /* Ticks of our own brain's: samples (count, 6). */
-    int (*fly)(void *run, int64_t count, Imu *, Inner *, double *samples);
     /* A tick of another brain's. */
     int (*drive)(Driven *, const double motors[4], double values[AXES]);
 } Ticks;
 
 /* The IMU's sample of this tick. The force that JSBSim shows is that of the tick before: the rates
    of then go with it. */
-static int sample(Imu *imu, double *values)
+static inline int sample(Imu *imu, double *values)
 {
     double now[AXES];
     if (!read_gauges(imu->python, imu->gauges, AXES, now)) return 0;
@@ -49,17 +46,7 @@ static int sample(Imu *imu, double *values)
     return 1;
 }
 
-static int fly_ticks(void *run, int64_t count, Imu *imu, Inner *inner, double *samples)
-{
-    for (int64_t i = 0; i < count; i++) {
-        if (!call(imu->python, run)) return 0;
-        if (!sample(imu, samples + AXES * i)) return 0;
-        if (!feed(inner, imu->rates)) return 0;
-    }
-    return 1;
-}
-
-static int drive_tick(Driven *driven, const double motors[4], double *values)
+static inline int drive_tick(Driven *driven, const double motors[4], double *values)
 {
     const Interpreter *python = driven->imu->python;
     for (int i = 0; i < 4; i++) {

@@ -5,7 +5,6 @@ from one such call to the next costs more than what is done in them. The calls k
 """
 
 import ctypes
-from array import array
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -68,7 +67,6 @@ class _Ticks(ctypes.Structure):
     _fields_ = (
         ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
         ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
-        ("fly", ctypes.PYFUNCTYPE(_OK, _OBJECT, _INT, _POINTER, _POINTER, _POINTER)),
         ("drive", _POINTER),  # called from C
     )
 
@@ -80,7 +78,7 @@ check_sizes(
 )  # fmt: skip
 _LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
 _TICKS = _LIBRARY.ticks().contents
-_READ, _SAMPLE, _FLY = _TICKS.read_gauges, _TICKS.sample, _TICKS.fly
+_READ, _SAMPLE = _TICKS.read_gauges, _TICKS.sample
 PYTHON_AT = ctypes.addressof(_PYTHON)
 # For C: a gauge's reading, and a tick of an aircraft that another brain drives.
 READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
@@ -154,7 +152,7 @@ class Imu:
     @property
     def rates(self) -> tuple[float, float, float]:
         """Body rates of the last tick (rad/s), as read."""
-        p, q, r = self._memory.rates
+        p, q, r = self._memory.rates[:]
         return p, q, r
 
     def fail(self, fault: Sequence[float]) -> None:
@@ -179,47 +177,6 @@ class Imu:
         self.draw(1)
         _SAMPLE(self.at, ctypes.addressof(self._sample))
         return self._sample[:]
-
-    def fly(self, run: Callable[[], object], ticks: int, inner: Inner, samples: "Samples") -> None:
-        """Run ticks; sample each, and hand its rates to the inner loops."""
-        if self._end - self._memory.errors < ticks * _ROW:
-            self.draw(ticks)
-        _FLY(run, ticks, self.at, inner.at, samples.room(ticks))
-
-
-class Samples:
-    """The IMU's samples of a while."""
-
-    def __init__(self, most: int) -> None:
-        self._numbers = array("d", bytes(8 * AXES * most))
-        self._at = self._numbers.buffer_info()[0]
-        self._most, self.count = most, 0
-
-    def room(self, count: int) -> int:
-        """Where so many more go.
-
-        Raises:
-            ValueError: they are too many.
-        """
-        before, self.count = self.count, self.count + count
-        if self.count > self._most:
-            raise ValueError(f"{self.count} samples, {self._most} at most")
-        return self._at + _ROW * before
-
-    def take(self) -> "array[float]":
-        """All of them, six numbers a tick, end to end; none is left."""
-        count, self.count = self.count, 0
-        return self._numbers[: AXES * count]
-
-    @property
-    def at(self) -> int:
-        """Where they lie."""
-        return self._at
-
-    @property
-    def numbers(self) -> "array[float]":
-        """Six a tick, end to end."""
-        return self._numbers[: AXES * self.count]
 
 
 class Driven:

@@ -135,14 +135,14 @@ class Estimator:
             (0.0, 0.0, 0.0),
             level(align, declination_rad=self._declination),
         )
-        # Those since the horizon, from which the state of now is carried.
-        most = increments + math.ceil(self._delay_ns / self._increment_ns) + 1
-        self._increments = Increments(most)
+        # Those since the horizon, by which whoever reads the IMU carries the state of now on.
+        most = math.ceil((_CORRECT_NS + self._step_ns + self._delay_ns) / self._increment_ns)
+        self.increments = Increments(most)
         self._from_horizon = Strapdown(earth, most=most)
         self.to_now = Strapdown(earth, most=most)
         self._few, self._ahead = Increments(1), Strapdown(earth, most=1)
         self._take_over()
-        self._t_ns = t_ns
+        self.t_ns = t_ns  # of the last update
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
         self._baro: deque[BaroSample] = deque()
@@ -151,6 +151,7 @@ class Estimator:
         self._mag: deque[MagSample] = deque()
         self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
+        self._look_ahead()
         self._refused: Counter[str] = Counter()  # in a row
         self.innovations: deque[Innovation] = deque(maxlen=64)
         # When each kind was last believed; the first fix is where the filter starts.
@@ -176,8 +177,8 @@ class Estimator:
 
     @property
     def now(self) -> NavState:
-        """The state at the end of the last step."""
-        return NavState.of(self._t_ns, self.to_now)
+        """The state at the last update."""
+        return NavState.of(self.t_ns, self.to_now)
 
     @property
     def covariance(self) -> Vector:
@@ -188,19 +189,25 @@ class Estimator:
         """Standard deviations of one part of the error state."""
         return np.sqrt(np.diag(self._kf.P)[part])
 
-    def step(
-        self, samples: Sequence[float], t_ns: int, fix: GnssFix | None, *, dt_s: float
-    ) -> None:
-        """The IMU's samples up to now, each held for `dt_s`, and a GNSS solution if one arrived."""
-        increments = self._increments
-        increments.add(samples, dt_s=dt_s, carried=self.to_now)
+    def update(self, t_ns: int, fix: GnssFix | None) -> None:
+        """Correct what the increments have led to by now; a GNSS solution if one arrived."""
+        self.t_ns = t_ns
         if fix is not None:
             self._fixes.append(fix)
+        elif t_ns < self.due_ns:
+            return
+        increments = self.increments
         while self.horizon.t_ns + self._step_ns <= t_ns - self._delay_ns:
             self._advance()
             if self._correct():
                 self.to_now.carry(increments, 0, increments.count)
-        self._t_ns = t_ns
+        self._look_ahead()
+
+    def _look_ahead(self) -> None:
+        """Note when the horizon comes to where it may be corrected: `update` is due by then."""
+        here, step_ns = self.horizon.t_ns, self._step_ns
+        steps = 1 if self._fixes else math.ceil((self._corrected_ns + _CORRECT_NS - here) / step_ns)
+        self.due_ns = here + max(1, steps) * step_ns + self._delay_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
         """The state after a few samples more."""
@@ -233,8 +240,8 @@ class Estimator:
         """Carry the horizon over one filter step."""
         b, dt, count = self._biases, self._step_s, self._per_step
         carried = self._from_horizon
-        carried.carry(self._increments, 0, count)
-        self._increments.drop(count)
+        carried.carry(self.increments, 0, count)
+        self.increments.drop(count)
         n, e, d = carried.gained
         gn, ge, gd = self._gained
         self._gained = (gn + n, ge + e, gd + d)

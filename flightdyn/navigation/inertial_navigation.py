@@ -1,7 +1,6 @@
 """The filter, fed by the sensors, as the source of what the aircraft flies on."""
 
 import math
-from collections.abc import Sequence
 from statistics import pstdev
 
 from flightdyn.errors import FlightInputError
@@ -9,7 +8,7 @@ from flightdyn.frames import Triple
 from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
-from flightdyn.native.ticks import Samples
+from flightdyn.native.library import Guide, Loop
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Biases, Estimator
 from flightdyn.physics.sensor_suite import SensorSuite
@@ -48,8 +47,7 @@ class InertialNavigation:
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
         self._dt_s = clock.dt_s
-        self._samples = Samples(plant.interval)
-        self._interval: Sequence[float] = ()  # samples of the guidance interval before
+        self._step_ns = plant.interval * clock.dt_ns
         self._increments = filter_ticks // plant.interval
         self.gnss: GnssFix | None = None
         self._earth = earth
@@ -57,6 +55,9 @@ class InertialNavigation:
         self._corrected: Biases | None = None  # by which the inner loops are
         self.carried = self.estimator.to_now
         self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
+        self._loop = Loop(
+            sensors.imu, inner, self.carried, interval=plant.interval, dt_s=self._dt_s
+        )
 
     def _align(self) -> Estimator:
         clock, sensors = self._clock, self.sensors
@@ -98,17 +99,20 @@ class InertialNavigation:
             increments=self._increments,
         )
 
-    @property
-    def due(self) -> int:
-        """The tick at which a sensor other than the IMU is read next."""
-        return self.sensors.due
-
-    def run(self, ticks: int) -> None:
-        """Ticks of physics, each sampled by the IMU; believed body rates to the inner loops."""
-        self.sensors.imu.fly(self._plant.run, ticks, self._inner, self._samples)
+    def fly(self, most: int, guide: Guide) -> int:
+        """Ticks of physics, and guidance steps before the last of them, up to where a sensor other
+        than the IMU is due, or a correction, or `guide` notes something else. Returns how many.
+        """
+        sensors, estimator, loop, tick = self.sensors, self.estimator, self._loop, self._clock.tick
+        due_ns = min(estimator.due_ns, sensors.receiver.due_ns)
+        steps = math.ceil(due_ns / self._step_ns)  # it is looked for at guidance steps
+        ticks = min(most, sensors.due - tick, steps * loop.interval - tick)
+        return loop.fly(self._plant.run, ticks, estimator.increments, guide)
 
     def sense(self) -> None:
         """Read the other sensors that are due."""
+        if self._clock.tick < self.sensors.due:
+            return
         pressure, field = self.sensors.slow()
         if pressure is not None:
             self.estimator.observe_baro(pressure)
@@ -116,22 +120,22 @@ class InertialNavigation:
             self.estimator.observe_mag(field)
 
     def update(self) -> None:
-        """Bring the filter up to this tick."""
+        """Bring the filter up to this guidance step."""
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
         estimator = self.estimator
-        self._interval = samples = self._samples.take()
-        estimator.step(samples, self._clock.t_ns, fix, dt_s=self._dt_s)
+        estimator.update(self._clock.t_ns, fix)
         if estimator.biases is not self._corrected:
             self._corrected = estimator.biases
             self._inner.correct(self._corrected.gyro)
 
     def state(self) -> NavState:
         """Believed state of this tick."""
-        if not self._samples.count:
-            return self.estimator.now
-        return self.estimator.ahead(self._samples.numbers, self._clock.t_ns, dt_s=self._dt_s)
+        loop, t_ns = self._loop, self._clock.t_ns
+        if not loop.count:
+            return NavState.of(t_ns, self.carried)
+        return self.estimator.ahead(loop.taken, t_ns, dt_s=self._dt_s)
 
     def position(self) -> Triple:
         """Believed position of this tick (m, NED)."""
@@ -140,7 +144,7 @@ class InertialNavigation:
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
         rates = self._believed_rates()
-        if not self._samples.count:
+        if not self._loop.count:
             return Kinematics.of(self._clock.t_ns, *self.carried.numbers, *rates)
         t_ns, p, v, q = self.state()
         return Kinematics.of(t_ns, *p, *v, *q, *rates)
@@ -152,8 +156,9 @@ class InertialNavigation:
     def readings(self) -> Readings:
         """Of this tick's IMU sample, and of the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
-        x, y, z = self._samples.numbers[-3:] or self.carried.force
-        bx, by, bz = b.accel if self._samples.count else (0.0, 0.0, 0.0)
+        samples = self._loop.taken
+        x, y, z = samples[-3:] or self.carried.force
+        bx, by, bz = b.accel if samples else (0.0, 0.0, 0.0)
         assert sensors.pressure is not None  # aligned by it
         return Readings(
             self._believed_rates(),
@@ -165,9 +170,7 @@ class InertialNavigation:
         )
 
     def _vibration(self) -> Triple:
-        if not self._interval:
-            return (0.0, 0.0, 0.0)
-        x, y, z = (pstdev(self._interval[axis::6]) for axis in (3, 4, 5))
+        x, y, z = (pstdev(self._loop.samples[axis::6]) for axis in (3, 4, 5))
         return x, y, z
 
     def _believed_rates(self) -> Triple:

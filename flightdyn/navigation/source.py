@@ -1,6 +1,6 @@
 """Where the autopilot's knowledge comes from, and the truth itself as one such source.
 
-Which source is used is chosen once, when the aircraft is made. `run` hands body rates to the inner
+Which source is used is chosen once, when the aircraft is made. `fly` hands body rates to the inner
 loops after each tick of the physics; `state` is what the guidance flies on.
 """
 
@@ -12,8 +12,8 @@ from flightdyn.frames import Triple, frozen
 from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
-from flightdyn.native.library import Strapdown
-from flightdyn.native.ticks import AXES, Imu, Samples
+from flightdyn.native.library import Guide, Increments, Loop, Strapdown
+from flightdyn.native.ticks import AXES, Imu
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -24,10 +24,7 @@ class Navigation(Protocol):
     gnss: GnssFix | None
     carried: Strapdown  # state and mean specific force of the last guidance interval
 
-    @property
-    def due(self) -> int: ...  # the tick at which `sense` has something to do next
-
-    def run(self, ticks: int, /) -> None: ...
+    def fly(self, most: int, guide: Guide, /) -> int: ...
 
     def sense(self) -> None: ...
 
@@ -52,25 +49,29 @@ class TrueNavigation:
     def __init__(self, plant: Plant, inner: InnerLoops) -> None:
         self._plant = plant
         self._vehicle = plant.vehicle
-        self._inner = inner
-        self._imu = Imu(plant.vehicle.imu, lambda: np.zeros((1000, AXES)))
-        self._samples = Samples(plant.interval)
         self._clock = plant.clock
         self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
         self.carried = Strapdown((0.0, 0.0, 0.0), most=1)
-        self.due = 0
+        imu = Imu(plant.vehicle.imu, lambda: np.zeros((1000, AXES)))
+        self._loop = Loop(imu, inner, self.carried, interval=plant.interval, dt_s=plant.clock.dt_s)
+        self._unused = Increments(1)
+        self._due = 0  # the tick of the next fix
         self.sense()
 
-    def run(self, ticks: int) -> None:
-        """Ticks of physics; true body rates to the inner loops."""
-        self._imu.fly(self._plant.run, ticks, self._inner, self._samples)
-        self._samples.take()
+    def fly(self, most: int, guide: Guide) -> int:
+        """Ticks of physics, up to a guidance step or fix; true body rates to the inner loops."""
+        tick, interval = self._clock.tick, self._loop.interval
+        ticks = min(most, interval - tick % interval, self._due - tick)
+        self._unused.drop(self._unused.count)
+        return self._loop.fly(self._plant.run, ticks, self._unused, guide)
 
     def sense(self) -> None:
-        """An exact fix."""
+        """An exact fix, when it is due."""
+        if self._clock.tick < self._due:
+            return
         v = self._vehicle
-        self.due += self._fix_ticks
+        self._due += self._fix_ticks
         self.gnss = GnssFix(
             t_ns=self._clock.t_ns,
             pos_ned_m=frozen(v.position_ned()),

@@ -1,14 +1,16 @@
 """The same configuration and seed give the same bits, wherever and however often."""
 
 import hashlib
+import itertools
 import os
 import subprocess
 import sys
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import BREEZE, legs, make, path_along, run
+from flights import BREEZE, legs, make, path_along, run, take_off
 
 from flightdyn.config import SensorsConfig
 
@@ -50,6 +52,35 @@ def test_in_another_process() -> None:
         timeout=900,
     )
     assert result.stdout.strip() == digest(5)
+
+
+def in_strides(*strides: int, gnss: bool) -> tuple[bytes, list[tuple[object, ...]]]:
+    """Where a windy flight round corners ends that is flown in strides of so many ticks at most,
+    and when its progress became another one.
+    """
+    aircraft = make(seed=4, wind=BREEZE, sensors=SensorsConfig())
+    take_off(aircraft, 20.0)
+    assert aircraft.plant.sensors is not None
+    aircraft.plant.sensors.receiver.on = gnss
+    turns = (0.0, 120.0, 100.0, -60.0, 90.0, -130.0, 60.0, 110.0, 170.0)
+    aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, turns, 30.0)))
+    lengths = itertools.cycle(strides)
+    progress = [(aircraft.t_ns, *astuple(aircraft.progress))]
+    while (left := 60 * 250 - aircraft.t_ns // aircraft.dt_ns) > 0:
+        aircraft.advance(min(left, next(lengths)))
+        now = astuple(aircraft.progress)
+        if progress[-1][1:] != now:
+            progress.append((aircraft.t_ns, *now))
+    states = (aircraft.truth, aircraft.belief)
+    return b"".join(part.tobytes() for state in states for part in state[1:]), progress
+
+
+@pytest.mark.parametrize("gnss", [True, False])
+def test_strides_and_single_ticks_are_the_same_flight(gnss: bool) -> None:
+    one_by_one = in_strides(1, gnss=gnss)
+    assert [seen[1] for seen in one_by_one[1]] == list(range(1, 11))
+    assert in_strides(250, gnss=gnss) == one_by_one
+    assert in_strides(3, 250, 17, 64, gnss=gnss) == one_by_one
 
 
 def test_another_seed_is_another_flight() -> None:

@@ -25,10 +25,11 @@ from flightdyn.native.library import (
     Guide,
     Increments,
     Innovations,
+    Loop,
     Strapdown,
     Transition,
 )
-from flightdyn.native.ticks import Inner
+from flightdyn.native.ticks import Gauges, Imu, Inner
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.problem import RoundProblem
 from sitl.firmware.native import library as bridge
@@ -111,7 +112,8 @@ def fly():
     gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
     told: list[float] = []
     axes = [told.append] * 3
-    guide = Guide(gains, Inner(axes, axes, axes, told.append, dt_s=dt))
+    inner = Inner(axes, axes, axes, told.append, dt_s=dt)
+    guide = Guide(gains, inner)
     guide.track(trajectory.pieces)
     memory = guide.memory
     memory.armed = memory.effectiveness = memory.course = memory.path = 1.0
@@ -129,8 +131,15 @@ def fly():
             carried.place(
                 (place[0], place[1], place[2]), (speed[0], speed[1], speed[2]), (w, x, y, z)
             )
-        flags = guide.step(carried)
-        digest.update(np.array([flags, *carried.numbers, *carried.gained]).tobytes())
+        guide.step(carried)
+        digest.update(np.array([*carried.numbers, *carried.gained]).tobytes())
+        digest.update(bytes(memory))
+    memory.mode = TRACK
+    imu = Imu(Gauges([(rng.standard_normal, 0.1, 0.3)] * 6), lambda: rng.normal(size=(50, 6)))
+    loop = Loop(imu, inner, carried, interval=5, dt_s=dt)
+    for _ in range(200):
+        increments.drop(increments.count)
+        digest.update(np.array([loop.fly(dict, 12, increments, guide), *carried.numbers]).tobytes())
         digest.update(bytes(memory))
     digest.update(np.array(told).tobytes())
     matrix, noise = rng.normal(size=(8, 22)), np.eye(8)

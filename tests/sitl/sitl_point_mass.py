@@ -126,6 +126,8 @@ class PointMass:
         self.step()
         return 1
 
+    to_guidance_step = 1
+
     def step(self) -> None:
         self.t_ns += self.dt_ns
         if self.gnss_works and self.t_ns % 200_000_000 == 0:

@@ -5,16 +5,21 @@ import errno
 import math
 import socket
 import time
+from collections.abc import Callable
 
+import numpy as np
 import pytest
 from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
+from flightdyn.frames import LocalFrame
+from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import LinkError
 from sitl.links import RawLink, UdpLink, _packed
 from sitl.pace import Simulation
+from sitl.vehicle import Vehicle
 
 
 @pytest.mark.parametrize(
@@ -285,3 +290,44 @@ def test_hovering_while_time_runs_freely() -> None:
     off = [s.belief.pos_ned_m - [0.0, 0.0, -12.0] for s in recorder.samples[-250:]]
     assert max(float(abs(d).max()) for d in off) < 1.5
     assert recorder.samples[-1].mode == "HOLD"
+
+
+def test_strides_tell_the_same_as_step_by_step() -> None:
+    """Corners, waits, a turn on the spot and a landing: every sample and event at its tick."""
+
+    def told(advance: Callable[[Vehicle], bool]) -> list[tuple[object, ...]]:
+        vehicle = make_vehicle(recorder := Recorder())
+        flight = vehicle.autopilot.flight
+        while advance(vehicle):
+            pass
+        to = LocalFrame(HOME).to_geodetic
+        items: list[MissionItem] = []
+        for command, params, north, east in (
+            (mav.MAV_CMD_NAV_TAKEOFF, (0.0,) * 4, 0.0, 0.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (0.0, 5.0, 0.0, math.nan), 25.0, 0.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (1.37, 5.0, 0.0, math.nan), 25.0, 20.0),
+            (mav.MAV_CMD_CONDITION_YAW, (77.0, 0.0, 0.0, 0.0), 0.0, 0.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (0.73, 5.0, 0.0, math.nan), 10.0, 30.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (0.91, 5.0, 0.0, math.nan), 10.0, 10.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (0.55, 5.0, 0.0, math.nan), 0.0, 10.0),
+            (mav.MAV_CMD_NAV_LAND, (0.0,) * 4, 0.0, 10.0),
+        ):
+            place = to(np.array([north, east, 0.0]))
+            items.append(
+                MissionItem(
+                    len(items), command, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, params,
+                    place.lat_deg, place.lon_deg, 15.0,
+                )
+            )  # fmt: skip
+        assert flight.arm() is None
+        flight.mission.replace(tuple(items))
+        assert flight.fly_mission() is None
+        while advance(vehicle):
+            pass
+        assert flight.mission.current == len(items) - 1
+        return [
+            *((s.t_ns, *s.truth.pos_ned_m, *s.belief.pos_ned_m) for s in recorder.samples),
+            *((e.t_ns, e.text, *e.truth.pos_ned_m) for e in recorder.events),
+        ]
+
+    assert told(Vehicle.stride) == told(Vehicle.step)

@@ -1,7 +1,5 @@
 """The flown path so far, as a message now and then."""
 
-import numpy as np
-
 from flightdyn.state import Kinematics
 from mission.base.area import Area
 from mission.log.values import NS_PER_S
@@ -24,15 +22,15 @@ class FlownPath:
 
     def forget(self) -> None:
         """Begin another path."""
-        self._points: list[messages.XYZ] = []
+        self._points, self._count = bytearray(), 0
         self._due = 1  # points at which it is written next
 
     def extend(self, t_ns: int, area: Area, truth: Kinematics) -> bool:
         """Take a position; whether the path is to be written now."""
         if not self._point.now(t_ns):
             return False
-        self._points.append(messages.area_xyz(area, truth.pos_ned_m))
-        count = len(self._points)
+        self._points += messages.path_points([messages.area_xyz(area, truth.pos_ned_m)])
+        self._count = count = self._count + 1
         if count < self._due:
             return False
         self._due = count + max(_EVERY, count // _SHARE)
@@ -40,6 +38,4 @@ class FlownPath:
 
     def message(self, t_ns: int) -> bytes | None:
         """The path as it is; None without a point."""
-        if not self._points:
-            return None
-        return messages.path(messages.timestamp(t_ns), np.array(self._points))
+        return messages.path(messages.timestamp(t_ns), self._points) if self._count else None

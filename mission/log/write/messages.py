@@ -7,7 +7,7 @@ the log: the zeroed bits compress. Records of plans, rounds and uplinks stay exa
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from foxglove import messages as fox
@@ -129,17 +129,20 @@ def point(stamp: fox.Timestamp, xyz: XYZ) -> bytes:
     return data
 
 
-def path(stamp: fox.Timestamp, points_m: Floats) -> bytes:
-    """PosesInFrame of (n, 3) points in the area's frame, without orientation."""
+def path(stamp: fox.Timestamp, points: bytes | bytearray) -> bytes:
+    """PosesInFrame of `path_points` in the area's frame.
+
+    Fields that are encoded one after another are one message: a path that grows is encoded once.
+    """
+    head: bytes = fox.PosesInFrame(timestamp=stamp, frame_id=FRAME).encode()
+    return head + points
+
+
+def path_points(points_m: Iterable[XYZ]) -> bytes:
+    """Points (x, y, z) of a path, without orientation."""
     level = fox.Quaternion(w=1.0)
-    data: bytes = fox.PosesInFrame(
-        timestamp=stamp,
-        frame_id=FRAME,
-        poses=[
-            fox.Pose(position=vector(row, grid=PATH_GRID), orientation=level)
-            for row in points_m.tolist()
-        ],
-    ).encode()
+    poses = [fox.Pose(position=vector(p, grid=PATH_GRID), orientation=level) for p in points_m]
+    data: bytes = fox.PosesInFrame(poses=poses).encode()
     return data
 
 

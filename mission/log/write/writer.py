@@ -137,7 +137,8 @@ class FlightLog:
         t_ns = self._now_ns = written.t_ns
         self._write(topics.PLAN, t_ns, messages.plan(written))
         stamp = messages.timestamp(t_ns)
-        points = np.column_stack((written.route_m, written.route_height_m))
+        route = np.column_stack((written.route_m, written.route_height_m))
+        points = messages.path_points(route.tolist())
         self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)

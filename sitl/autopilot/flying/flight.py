@@ -84,6 +84,11 @@ class Flight:
         return self._manoeuvre is not None
 
     @property
+    def patient(self) -> bool:
+        """Whether there is nothing to see to until the progress of a path changes."""
+        return self._manoeuvre is None or self._manoeuvre.patient
+
+    @property
     def airborne(self) -> bool:
         """Flying, under its own power."""
         return self._aircraft.armed and not self._aircraft.on_ground

@@ -1,7 +1,8 @@
 """Things the aircraft does until they are done. Each starts when it is made.
 
 `tick` runs after every guidance step, and after every physics tick where corners are passed; it is
-all that flying costs the autopilot, so it is short.
+all that flying costs the autopilot, so it is short. A patient manoeuvre's may be left out while the
+progress of its path does not change.
 """
 
 import math
@@ -33,6 +34,11 @@ class StuckError(Exception):
 class Manoeuvre(Protocol):
     """One thing to do."""
 
+    @property
+    def patient(self) -> bool:
+        """Whether it has nothing to see to until the progress of its path changes."""
+        return False
+
     def tick(self) -> bool:
         """Look after it; True once it is done. Raises StuckError once it will never be."""
 
@@ -55,7 +61,7 @@ class Timer:
         return self._aircraft.t_ns >= self._until_ns
 
 
-class Settle:
+class Settle(Manoeuvre):
     """Stand until the estimator has found itself."""
 
     def __init__(self, aircraft: Aircraft) -> None:
@@ -66,8 +72,10 @@ class Settle:
         return self._aircraft.ready or self._patience.over
 
 
-class Follow:
+class Follow(Manoeuvre):
     """Fly a path to its end; `passed(i)` is called on the tick point i is passed."""
+
+    patient = True
 
     def __init__(
         self, aircraft: Aircraft, path: FlightPath, passed: Callable[[int], None] | None = None
@@ -104,8 +112,10 @@ class Climb(Follow):
         return done
 
 
-class Stop:
+class Stop(Manoeuvre):
     """Brake and hold where the aircraft comes to rest."""
+
+    patient = True
 
     def __init__(self, aircraft: Aircraft, *, deceleration_mps2: float) -> None:
         self._aircraft = aircraft
@@ -121,7 +131,7 @@ class Stop:
         return self._aircraft.progress.finished
 
 
-class Turn:
+class Turn(Manoeuvre):
     """Turn on the spot to a heading."""
 
     def __init__(self, aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> None:
@@ -135,7 +145,7 @@ class Turn:
         return abs(error) < _TURN_TOLERANCE_RAD or self._patience.over
 
 
-class Pause:
+class Pause(Manoeuvre):
     """Let simulated time pass."""
 
     def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
@@ -145,7 +155,7 @@ class Pause:
         return self._pause.over
 
 
-class _Landing:
+class _Landing(Manoeuvre):
     """On the ground for a while means landed; not in a multiple of the time it takes, never."""
 
     def __init__(
@@ -240,7 +250,7 @@ class DescendUnsure(_Landing):
         return super().tick()
 
 
-class Fall:
+class Fall(Manoeuvre):
     """Nobody flies the aircraft any more; done when it lies still."""
 
     def __init__(self, aircraft: Aircraft) -> None:
@@ -251,7 +261,7 @@ class Fall:
         return self._aircraft.on_ground or self._patience.over
 
 
-class Piloted:
+class Piloted(Manoeuvre):
     """Somebody else flies: `fly` is called now and then; done when it has landed and stood a while.
 
     Without `fly` the orders come by themselves.
@@ -284,12 +294,16 @@ class Piloted:
         return self._flown and self._settled.over
 
 
-class Sequence:
+class Sequence(Manoeuvre):
     """Manoeuvres one after another; each is made when the one before is done."""
 
     def __init__(self, parts: Iterator[Manoeuvre]) -> None:
         self._parts = parts
         self._current = next(parts, None)
+
+    @property
+    def patient(self) -> bool:
+        return self._current is None or self._current.patient
 
     def tick(self) -> bool:
         if self._current is not None and self._current.tick():

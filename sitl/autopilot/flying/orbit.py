@@ -39,7 +39,7 @@ class Orbit:
         return np.array([north + r * math.cos(phase_rad), east + r * math.sin(phase_rad), down])
 
 
-class Circle:
+class Circle(do.Manoeuvre):
     """The manoeuvre: round and round, from the point at `phase_rad` on."""
 
     def __init__(self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float) -> None:

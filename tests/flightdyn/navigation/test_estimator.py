@@ -109,7 +109,8 @@ class Twin:
             self.estimator.observe_mag(MagSample(t_ns, (x, y, z)))
         epoch = t_ns - 120_000_000
         due = epoch > 0 and epoch % 200_000_000 == 0
-        self.estimator.step(felt, t_ns, self.fix(epoch) if due else None, dt_s=0.02)
+        self.estimator.increments.add(felt, dt_s=0.02, carried=self.estimator.to_now)
+        self.estimator.update(t_ns, self.fix(epoch) if due else None)
 
 
 def test_noiseless_twin_is_exact() -> None:

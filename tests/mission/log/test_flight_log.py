@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pymap3d
 import pytest
+from foxglove import messages as fox
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -21,7 +22,8 @@ from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.read.reader import read_log
-from mission.log.topics import RAW, TOPICS, Topic, fields
+from mission.log.topics import FRAME, RAW, TOPICS, Topic, fields
+from mission.log.write import messages as encoded
 from mission.log.write.rates import LogRates
 from mission.log.write.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
@@ -373,3 +375,13 @@ def test_a_corner_in_the_place_of_the_next_waypoint_is_not_taken_for_it(tmp_path
         with file.open("rb") as stream:
             (_, _, message), *_ = make_reader(stream).iter_messages(topics=["/plan"])
         assert ("stops_at" in json.loads(message.data)) is written
+
+
+def test_a_path_encoded_point_by_point_is_the_viewers_own_message() -> None:
+    stamp, points = encoded.timestamp(5), [(1.5, -2.25, 30.0), (0.0, 0.0, 0.0), (4.0, 0.0, 12.75)]
+    level = fox.Quaternion(w=1.0)
+    poses = [fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=level) for x, y, z in points]
+    whole = fox.PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses).encode()
+    assert encoded.path(stamp, encoded.path_points(points)) == whole
+    one_by_one = b"".join(encoded.path_points([point]) for point in points)
+    assert encoded.path(stamp, one_by_one) == whole
