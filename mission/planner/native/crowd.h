@@ -12,7 +12,8 @@
 
 enum {
     EIGHT = 8,
-    CROWD_MESHES = 4,
+    CROWD_MESHES = 4, /* at most, and */
+    FEWEST_MESHES = 3,
     MOST_CROWD_VALUES = 5000000, /* of all devices on the last mesh: fewer meshes do */
     CROWD_AXES = 16,
     GROUP = 8,    /* of them, worked out together */
@@ -125,15 +126,14 @@ static Mesh crowd_mesh(const Devices *devices, const Limits *limits, int meshes)
 
 static int64_t blocks_of(const Devices *devices) { return (devices->count + EIGHT - 1) / EIGHT; }
 
-/* As many meshes as there is memory and time for; below 3 there are none. */
+/* As many meshes as there is memory for; 0 where these are too few. */
 static int crowd_meshes(const Devices *devices, const Limits *limits)
 {
     int meshes = CROWD_MESHES;
-    for (; meshes > 2; meshes--)
-        if (crowd_mesh(devices, limits, meshes).vertices * blocks_of(devices) * EIGHT <=
-            MOST_CROWD_VALUES)
-            break;
-    return meshes;
+    while (meshes >= FEWEST_MESHES && crowd_mesh(devices, limits, meshes).vertices *
+                                              blocks_of(devices) * EIGHT > MOST_CROWD_VALUES)
+        meshes--;
+    return meshes < FEWEST_MESHES ? 0 : meshes;
 }
 
 static int64_t places_of(const Mesh *first)

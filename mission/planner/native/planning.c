@@ -128,8 +128,11 @@ static int64_t lower_in_crowd(
     sort_by_place(dear.devices.count, dear.at, dear.delta);
     const int meshes = crowd_meshes(&dear.devices, limits);
     const int64_t samples = count_crowd_samples(&dear.devices, limits, meshes);
-    all = lay_out_crowd(&arena, &dear.devices, limits, meshes, samples);
-    if (provide(&arena)) {
+    if (meshes > 0) all = lay_out_crowd(&arena, &dear.devices, limits, meshes, samples);
+    if (meshes == 0) { /* nothing is proven */
+        *bound = INFINITY;
+        taken = 0;
+    } else if (provide(&arena)) {
         all = lay_out_crowd(&arena, &dear.devices, limits, meshes, samples);
         all.least_nu = dear.left_out;
         taken = descend_in_crowd(&all, turns, dear.price, value, enough, bound);
