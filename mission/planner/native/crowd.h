@@ -95,9 +95,10 @@ typedef struct {
     int64_t tiles_across; /* twice the tiles a row and 1: tiles, and what lies between them */
     int64_t *first_block; /* (places between and in tiles + 1,) */
     int32_t *block;
+    int32_t *every; /* (blocks,) */
     Eight *phi, *mean, *square, *gradient;         /* (vertices, blocks) */
     double *chi, *chi_mean, *chi_square, *chi_gradient; /* (vertices,) */
-    double *half_sum, *low;                        /* (vertices,) as in a descent */
+    double *psi, *low;                             /* (vertices,) as in a descent */
     Eight *highest;                                /* (blocks,) what devices are worth */
     double nu, nu_mean, nu_square, least_nu, unit;
     double *slopes, *lean; /* (cells, SHAPES, CROWD_AXES) */
@@ -156,6 +157,7 @@ static Crowd lay_out_crowd(
         .tiles_across = 2 * first.across - 1,
         .first_block = claim(arena, places_of(&first) + 1, sizeof(int64_t)),
         .block = claim(arena, places_of(&first) * blocks, sizeof(int32_t)),
+        .every = claim(arena, blocks, sizeof(int32_t)),
         .phi = claim(arena, v * blocks, sizeof(Eight)),
         .mean = claim(arena, v * blocks, sizeof(Eight)),
         .square = claim(arena, v * blocks, sizeof(Eight)),
@@ -164,7 +166,7 @@ static Crowd lay_out_crowd(
         .chi_mean = claim(arena, v, sizeof(double)),
         .chi_square = claim(arena, v, sizeof(double)),
         .chi_gradient = claim(arena, v, sizeof(double)),
-        .half_sum = claim(arena, v, sizeof(double)),
+        .psi = claim(arena, v, sizeof(double)),
         .low = claim(arena, v, sizeof(double)),
         .highest = claim(arena, blocks, sizeof(Eight)),
         .slopes = claim(arena, slopes, sizeof(double)),
@@ -235,6 +237,7 @@ static void list_blocks(Crowd *all, double radius)
                     all->block[count++] = (int32_t)b;
         }
     all->first_block[place] = count;
+    for (int64_t b = 0; b < all->blocks; b++) all->every[b] = (int32_t)b;
 }
 
 static inline Blocks blocks_at(const Crowd *all, int64_t x, int64_t y)
@@ -285,9 +288,9 @@ static inline Point sides_of(Point way, int shape)
 /* h of a triangle along all axes, by the side of a cell: `slopes`, half the sums over devices, and
    `lean`, what chi adds one way and takes the other. Returns the largest. */
 static double work_out_triangle(
-    const Crowd *all, int64_t cell, int shape, const Directions *ways, double *slopes, double *lean)
+    const Crowd *all, int64_t cell, int shape, Blocks near, const Directions *ways, double *slopes,
+    double *lean)
 {
-    const Blocks near = blocks_in_cell(all, cell);
     int64_t corner[TRIANGLE];
     double highest = 0.0;
     corners_of(&all->mesh, cell, shape, corner);
@@ -314,24 +317,22 @@ static double work_out_triangle(
 /* The same of both triangles of a cell, into all slopes. */
 static double work_out_cell(Crowd *all, int64_t cell)
 {
+    const Blocks near = blocks_in_cell(all, cell);
     double highest = 0.0;
     for (int shape = 0; shape < SHAPES; shape++) {
         const int64_t at = (cell * SHAPES + shape) * CROWD_AXES;
         highest = most(highest, work_out_triangle(
-            all, cell, shape, &all->coarse, all->slopes + at, all->lean + at));
+            all, cell, shape, near, &all->coarse, all->slopes + at, all->lean + at));
     }
     return highest;
 }
 
-static void sum_halves(Crowd *all)
+static double half_sum_at(const Crowd *all, int64_t v, Blocks near)
 {
-    for (int64_t v = 0; v < all->mesh.vertices; v++) {
-        const Blocks near = blocks_at_vertex(all, v);
-        const Eight *phi = eights_at(all, all->phi, v);
-        Eight sum = {0};
-        for (int64_t b = 0; b < near.count; b++) sum += phi[near.block[b]];
-        all->half_sum[v] = 0.5 * sum_of_eight(sum);
-    }
+    const Eight *phi = eights_at(all, all->phi, v);
+    Eight sum = {0};
+    for (int64_t b = 0; b < near.count; b++) sum += phi[near.block[b]];
+    return 0.5 * sum_of_eight(sum);
 }
 
 /* Bound of the most that device k earns beyond its potential and the price, anywhere. */
@@ -355,18 +356,20 @@ static double most_beyond_in_crowd(const Crowd *all, int64_t k)
     return peak.bound - all->nu;
 }
 
-/* The bound of the present potentials; where they are no numbers, there is none. */
-static double bound_by_crowd(Crowd *all)
+/* The bound of the present potentials, wherever blocks have values; where they are no numbers, there
+   is none. */
+static double bound_by_crowd(const Crowd *all)
 {
+    const Blocks every = {all->blocks, all->every};
     double slopes[FINE_AXES], lean[FINE_AXES], steepest = 0.0, lowest = 0.0, zero = 0.0;
     for (int64_t i = 0; i < cells_of(&all->mesh); i++)
         for (int shape = 0; shape < SHAPES && is_cell(&all->mesh, i); shape++)
             steepest =
-                most(steepest, work_out_triangle(all, i, shape, &all->fine, slopes, lean));
-    sum_halves(all);
+                most(steepest, work_out_triangle(all, i, shape, every, &all->fine, slopes, lean));
     for (int64_t v = 0; v < all->mesh.vertices; v++) {
-        lowest = least(lowest, all->chi[v] - all->half_sum[v]);
-        zero += 0.0 * (all->chi[v] + all->half_sum[v]); /* comparing would pass a NaN */
+        const double psi = all->chi[v] - half_sum_at(all, v, every);
+        lowest = least(lowest, psi);
+        zero += 0.0 * psi; /* comparing would pass a NaN */
     }
     double bound = steepest * all->limits.length / all->mesh.side - lowest +
                    all->nu * (double)(all->limits.steps * all->limits.per_step);
@@ -557,10 +560,12 @@ static void begin_slopes(Crowd *all)
     const int64_t v = all->mesh.vertices;
     const double heat = 1.0 / (LOW_HEAT_IN_CROWD * all->unit);
     double lowest = 0.0, total = 0.0;
-    sum_halves(all);
-    for (int64_t i = 0; i < v; i++) lowest = least(lowest, all->chi[i] - all->half_sum[i]);
     for (int64_t i = 0; i < v; i++) {
-        all->low[i] = soft((lowest - (all->chi[i] - all->half_sum[i])) * heat);
+        all->psi[i] = all->chi[i] - half_sum_at(all, i, blocks_at_vertex(all, i));
+        lowest = least(lowest, all->psi[i]);
+    }
+    for (int64_t i = 0; i < v; i++) {
+        all->low[i] = soft((lowest - all->psi[i]) * heat);
         total += all->low[i];
     }
     for (int64_t i = 0; i < v; i++) {

@@ -57,7 +57,7 @@ class _Functions(ctypes.Structure):
         ("potential_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
         ("crowd_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -393,21 +393,22 @@ def potential_bound(
     """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
 
     Those of devices count in the cells within `radius_m` of them only, and must be 0 beyond.
-    With `crowd`, as it is worked out for many devices.
+    With `crowd`, as it is worked out for many devices, everywhere.
 
     Raises:
         ValueError: the mesh has another number of vertices.
     """
     shared = devices.as_c(), limits.as_c()
     vertices = len(chi)
-    function = _FUNCTIONS.crowd_bound if crowd else _FUNCTIONS.potential_bound
-    bound: float = function(
+    given = (
         *map(ctypes.addressof, shared),
         vertices,
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         nu,
-        radius_m,
+    )
+    bound: float = (
+        _FUNCTIONS.crowd_bound(*given) if crowd else _FUNCTIONS.potential_bound(*given, radius_m)
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

@@ -92,7 +92,7 @@ typedef struct {
                               const double *chi, double nu, double radius);
     /* The same, as it is worked out for many devices. */
     double (*crowd_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                          const double *chi, double nu, double radius);
+                          const double *chi, double nu);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

@@ -236,14 +236,14 @@ static double potential_bound(
 
 static double crowd_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, double nu, double radius)
+    const double *chi, double nu)
 {
     Arena arena = {0};
     Crowd all = lay_out_crowd(&arena, devices, limits, 1, 0);
     if (all.mesh.vertices != vertices) return -1.0;
     if (!provide(&arena)) return NAN;
     all = lay_out_crowd(&arena, devices, limits, 1, 0);
-    list_blocks(&all, radius);
+    list_blocks(&all, 0.0);
     for (int64_t v = 0; v < vertices; v++)
         for (int64_t k = 0; k < devices->count; k++)
             eights_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = phi[k * vertices + v];
