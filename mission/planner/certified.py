@@ -21,6 +21,7 @@ from mission.planner.native.library import (
     Limits,
     Relaxation,
     explore,
+    lower_in_crowd,
     lower_potentials,
     match,
     search_orders,
@@ -40,6 +41,7 @@ MIN_TRIES, MAX_TRIES = 40, 450
 FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
 ORDER_NODES = 1500
 TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
+CROWD_TURNS = 1500  # the same with more devices than are searched
 NEARLY = 0.02  # a gap that a third mesh is not worth its time for
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
@@ -162,19 +164,23 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
 
 
 def by_potentials(case: Case, found: Found, goal: Goal) -> Found:
-    """The plan with a bound from potentials: on two meshes, and on a third where these prove more
+    """The plan with a bound from potentials: on two meshes, and on more where these prove more
     than was known, but not nearly enough."""
+    devices, limits = case.devices, case.limits
 
     def lowered(plan: Found, meshes: int) -> Found:
         turns = min(TURNS[meshes], goal.max_nodes)
         return lower_potentials(
-            case.devices, case.limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
+            devices, limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
         )
 
     before, found = found.bound, lowered(found, 2)
-    if goal.thorough and found.bound < before and found.gap > max(goal.gap, NEARLY):
+    if not goal.thorough or found.bound >= before or found.gap <= max(goal.gap, NEARLY):
+        return found
+    if len(devices.delta) <= MOST_DEVICES:
         return lowered(found, 3)
-    return found
+    turns = min(CROWD_TURNS, goal.max_nodes)
+    return lower_in_crowd(devices, limits, plan=found, gap=goal.gap, turns=turns)
 
 
 def tries(devices: int) -> int:

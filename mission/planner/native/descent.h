@@ -10,7 +10,7 @@
 /* How a descent goes, on up to two meshes and on three. */
 typedef struct {
     double rate, last_rate; /* steps, as shares of the best reward */
-    double slower[3];       /* on each mesh */
+    double slower[4];       /* on each mesh */
     double last_heat;       /* smoothness of mu at the end, as a share of mu L */
     int shared;             /* whether steps are those of all devices together, or of each */
 } Course;
@@ -24,8 +24,6 @@ static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
 static const double DEAR = 0.9; /* of the price of a place: whose devices take part */
 enum { MOST_MESHES = 3 };
 enum { DEVICE_TURNS = 120000 }; /* devices by turns, at most, on two meshes */
-static const double VALUE_TURNS = 4e8; /* values on the last mesh by turns, on three */
-enum { MOST_VALUES = 3000000 };        /* on the last of three: there is memory for */
 static const double SPACINGS = 3.0;    /* mean distances of devices, around a potential */
 enum { COLD = 30 }; /* what lies this many heats below a maximum has no part in it */
 
@@ -577,7 +575,6 @@ static void forget(const Moments *of, int64_t count)
 static int64_t most_turns(const Descent *all)
 {
     if (all->values == 0) return 0;
-    if (all->meshes == MOST_MESHES) return (int64_t)(VALUE_TURNS / (double)all->values);
     return DEVICE_TURNS / all->cells.devices.count;
 }
 

@@ -46,6 +46,8 @@ class _Functions(ctypes.Structure):
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
+        ("lower_in_crowd", ctypes.CFUNCTYPE(
+            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -54,6 +56,8 @@ class _Functions(ctypes.Structure):
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
+        ("crowd_bound", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -241,15 +245,34 @@ def lower_potentials(
         ValueError: arrays that do not fit together, or no such number of meshes.
         MemoryError: there is too little memory.
     """
-    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     if not 1 <= meshes <= MOST_MESHES:
         raise ValueError(f"{meshes} meshes: there are 1 to {MOST_MESHES}")
+    return _lowered(_FUNCTIONS.lower_potentials, devices, limits, plan, gap, meshes, turns)
+
+
+def lower_in_crowd(
+    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
+) -> Found:
+    """The same for many devices, on three meshes or four: slower, and it proves more.
+
+    With so many that there is no memory for three meshes nothing is proven.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    return _lowered(_FUNCTIONS.lower_in_crowd, devices, limits, plan, gap, turns)
+
+
+def _lowered(
+    function: Any, devices: Devices, limits: Limits, plan: Found, gap: float, *effort: int
+) -> Found:
+    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     shared = devices.as_c(), limits.as_c()
     bound = _DOUBLE()
-    taken = _FUNCTIONS.lower_potentials(
+    taken = function(
         *map(ctypes.addressof, shared),
-        meshes,
-        turns,
+        *effort,
         plan.value,
         address(plan.way, np.float64, (limits.steps, 2)),
         address(plan.assigned, np.int64, (len(devices.delta),)),
@@ -365,23 +388,27 @@ def potential_bound(
     nu: float,
     *,
     radius_m: float = np.inf,
+    crowd: bool = False,
 ) -> float:
     """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
 
     Those of devices count in the cells within `radius_m` of them only, and must be 0 beyond.
+    With `crowd`, as it is worked out for many devices, everywhere.
 
     Raises:
         ValueError: the mesh has another number of vertices.
     """
     shared = devices.as_c(), limits.as_c()
     vertices = len(chi)
-    bound: float = _FUNCTIONS.potential_bound(
+    given = (
         *map(ctypes.addressof, shared),
         vertices,
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         nu,
-        radius_m,
+    )
+    bound: float = (
+        _FUNCTIONS.crowd_bound(*given) if crowd else _FUNCTIONS.potential_bound(*given, radius_m)
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

@@ -66,6 +66,11 @@ typedef struct {
                                 double value, Point *way, int64_t *assigned, double enough,
                                 double *bound);
 
+    /* The same for more devices, on three or four meshes; no bound where there is no memory for
+       three. */
+    int64_t (*lower_in_crowd)(const Devices *, const Limits *, int64_t turns, double value,
+                              Point *way, int64_t *assigned, double enough, double *bound);
+
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
     int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
@@ -85,6 +90,9 @@ typedef struct {
        devices read within `radius` of them only; -1 if it has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
                               const double *chi, double nu, double radius);
+    /* The same, as it is worked out for many devices. */
+    double (*crowd_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
+                          const double *chi, double nu);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

@@ -20,6 +20,7 @@ from mission.planner.evaluate import path_length
 from mission.planner.native.library import (
     Found,
     explore,
+    lower_in_crowd,
     lower_potentials,
     potential_bound,
 )
@@ -28,12 +29,14 @@ from mission.planner.sqp import SqpPlanner
 MANY = settings(max_examples=25, deadline=None, derandomize=True)
 
 
-def bound_of(problem, turns, *, plan=None, meshes=2):
+def bound_of(problem, turns, *, plan=None, meshes=2, crowd=False):
     """The bound after so many turns, from a plan or from none that is worth mentioning."""
     devices, limits = instance(problem)
     if plan is None:
         nowhere = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1)
         plan = Found(1e-3 * devices.delta.max(), *nowhere, np.inf)
+    if crowd:
+        return lower_in_crowd(devices, limits, plan=plan, gap=0.0, turns=turns).bound
     return lower_potentials(devices, limits, plan=plan, gap=0.0, turns=turns, meshes=meshes).bound
 
 
@@ -79,6 +82,9 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     devices, limits = instance(problem)
     flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
     bound = potential_bound(devices, limits, *flat, nu)
+    assert potential_bound(devices, limits, *flat, nu, crowd=True) == pytest.approx(
+        bound, rel=1e-12
+    )
 
     steepest = 0.0  # over directions, of what all potentials rise on a metre
     angles = np.linspace(0.0, 2.0 * np.pi, 2001)
@@ -127,26 +133,47 @@ def test_potentials_in_windows_have_the_bound_that_they_have_on_the_whole_mesh(s
     assert parts == pytest.approx(whole, rel=1e-12)
 
 
-def test_potentials_that_are_no_numbers_prove_nothing():
+@pytest.mark.parametrize("crowd", [False, True])
+def test_potentials_that_are_no_numbers_prove_nothing(crowd):
     problem = random_problem(0, devices=3)
     vertices = mesh_of(problem)[0][..., 0].size
     devices, limits = instance(problem)
     for broken in range(2):
         potentials = np.zeros((3, vertices)), np.zeros(vertices)
         potentials[broken].flat[-1] = np.nan
-        assert potential_bound(devices, limits, *potentials, 0.0) == np.inf
+        assert potential_bound(devices, limits, *potentials, 0.0, crowd=crowd) == np.inf
 
 
-def test_potentials_on_another_mesh_are_refused():
+@pytest.mark.parametrize("crowd", [False, True])
+def test_potentials_on_another_mesh_are_refused(crowd):
     devices, limits = instance(random_problem(0, devices=3))
     with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
-        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0)
+        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0, crowd=crowd)
 
 
-def test_a_third_mesh_that_is_too_large_proves_nothing():
-    problem = random_problem(0, devices=1000, steps=50, preset="suburban+30dB")
-    assert bound_of(problem, 600, meshes=3) == np.inf
+def test_a_crowd_that_is_too_large_for_three_meshes_proves_nothing():
+    problem = random_problem(0, devices=3000, steps=50, preset="suburban+30dB")
+    assert bound_of(problem, 600, crowd=True) == np.inf
     assert bound_of(problem, 2, meshes=2) < np.inf
+
+
+def test_a_crowd_is_bounded_below_what_two_meshes_prove():
+    problem = random_problem(1, devices=150, steps=30, preset="suburban+10dB")
+    devices, limits = instance(problem)
+    plan = Found(*explore(devices, limits, starts=20, tries=100), np.inf)
+    bound = bound_of(problem, 300, plan=plan, crowd=True)
+    assert plan.value <= bound < bound_of(problem, 300, plan=plan)
+
+
+def test_a_crowd_whose_bound_is_enough_is_not_lowered_further():
+    problem = random_problem(1, devices=60, steps=30)
+    devices, limits = instance(problem)
+    nowhere = np.zeros((30, 2)), np.full(60, -1)
+    plan = Found(0.5 * devices.delta.sum(), *nowhere, np.inf)
+    quick, full = (
+        lower_in_crowd(devices, limits, plan=plan, gap=gap, turns=200).bound for gap in (0.5, 0.0)
+    )
+    assert full < quick < np.inf
 
 
 @pytest.mark.parametrize("meshes", [0, 4])
@@ -183,11 +210,13 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
         for given_plan in (None, known):
             bound = bound_of(problem, turns, plan=given_plan, meshes=meshes)
             assert max(others) <= bound * (1.0 + 1e-9) < np.inf
+    for turns in (1, 7, 40):
+        assert max(others) <= bound_of(problem, turns, plan=known, crowd=True) * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("meshes", [2, 3])
+@pytest.mark.parametrize("how", [{"meshes": 2}, {"meshes": 3}, {"crowd": True}])
 @pytest.mark.parametrize("channel", ["suburban", "suburban+30dB", "suburban-log-variance"])
-def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, meshes):
+def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, how):
     problem = random_problem(0, devices=60, steps=20, budget=800.0, preset=channel)
     there = problem.start_m + 900.0 * np.array([np.cos(0.3), np.sin(0.3)])
     problem = dataclasses.replace(problem, devices_m=np.tile(there, (60, 1)))
@@ -195,7 +224,7 @@ def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, m
         ((1.0 - average_per(problem.channel, np.array([100.0]))) * problem.importance).sum()
     )
     nowhere = np.zeros((20, 2)), np.full(60, -1)
-    bound = bound_of(problem, 400, plan=Found(best, *nowhere, np.inf), meshes=meshes)
+    bound = bound_of(problem, 400, plan=Found(best, *nowhere, np.inf), **how)
     assert best * (1.0 - 1e-9) <= bound <= 1.1 * best
 
 
