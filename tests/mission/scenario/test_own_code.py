@@ -87,6 +87,8 @@ def jumps(setting): return Weighs(np.ones(6))
 def leaves(setting): return Leaves(np.ones(6))
 def hovers(setting): return Hovers(np.ones(6))
 def lazy(setting): return object()
+def raises(task): return {}[3]
+def gives_three(task): return 3
 number = 3
 """
 
@@ -199,8 +201,27 @@ def test_an_own_planner_flies(tmp_path: Path) -> None:
         ("planner.kind=import planner.factory=own_code:Overdone", 3, ["none is worth more than"]),
         ("planner.kind=import planner.factory=own_code:lazy", 2, ["planner.factory", "lazy"]),
         ("planner.kind=import planner.factory=own_code:Jump", 3, ["own_code:Jump", "1.4142 m"]),
-        ("planner.kind=import", 2, ["planner", "factory belongs to kind = 'import'"]),
-        ("planner.factory=own_code:Stay", 2, ["planner", "factory belongs to kind = 'import'"]),
+        ("planner.kind=import", 2, ["planner: kind = 'import' needs factory = 'package.module:"]),
+        (
+            "planner.factory=own_code:Stay",
+            2,
+            ["planner: factory belongs to kind = 'import', but kind is 'certified'"],
+        ),
+        (
+            "communities.1.partition=own_code:raises",
+            2,
+            ["communities.1.partition = 'own_code:raises': the partition: KeyError: 3 (", "raises"],
+        ),
+        (
+            "communities.1.partition=own_code:gives_three",
+            2,
+            ["communities.1.partition = 'own_code:gives_three'", "'int' object is not iterable\n"],
+        ),
+        (
+            "communities.1.task=own_code:lazy",
+            2,
+            ["communities.1.task = 'own_code:lazy': gives an obj"],
+        ),
         ("planner.kind=import planner.factory=stay", 2, ["planner.factory = 'stay'"]),
     ],
 )
