@@ -128,11 +128,14 @@ class Experiment(ABC):
 
     def _users_networks(self) -> AbstractContextManager[None]:
         """Where a network is the researcher's own, what fails while it is trained is theirs."""
-        own = [c.network for c in self.scenario.config.communities if ":" in c.network]
+        communities = enumerate(self.scenario.config.communities)
+        own = [(index, c.network) for index, c in communities if ":" in c.network]
         doing = f"training in round {self.totals.next_round}"
         if not own:
             return nullcontext()
-        return users_code(own[0], key="communities.network", doing=doing)
+        index, network = own[0]
+        whose = f"communities.{index}" if len(own) == 1 else "communities"  # any of several
+        return users_code(network, key=f"{whose}.network", doing=doing)
 
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""

@@ -157,7 +157,7 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
         if key.startswith("final_accuracy_")
     )
     rounds, wall_s = result.summary["rounds"], result.wall_s["total"]
-    return f"{count(rounds, 'round')} in {duration(wall_s)}, accuracy {accuracy}"
+    return f"{count(int(rounds), 'round')} in {duration(wall_s)}, accuracy {accuracy}"
 
 
 def _report(path: Path, console: Console, page: Page | None) -> None:
