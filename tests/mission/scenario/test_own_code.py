@@ -193,8 +193,16 @@ def test_an_own_planner_flies(tmp_path: Path) -> None:
         ("mission.strategy=best", 2, ["mission.strategy = 'best'", "'no_cov'", "package.module"]),
         ("mission.strategy=own_code:", 2, ["mission.strategy = 'own_code:'"]),
         ("mission.strategy=no_cof", 2, ["did you mean no_cov?"]),
-        ("mission.strategy=own_code:wrong_shape", 2, ["shape (3,), not (6,)"]),
-        ("mission.strategy=own_code:negative", 2, ["negative or not finite", "-1.0"]),
+        (
+            "mission.strategy=own_code:wrong_shape",
+            2,
+            ["round 1 is of shape (3,), not (6,)"],
+        ),
+        (
+            "mission.strategy=own_code:negative",
+            2,
+            ["round 1 is negative or not finite: -1.0 for"],
+        ),
         ("mission.strategy=own_code:jumps", 3, ["own_code:jumps", "round 1", "1.4142 m from"]),
         ("mission.strategy=own_code:leaves", 2, ["own_code:leaves", "round 1: SystemExit: 3"]),
         ("mission.strategy=own_code:hovers", 2, ["hold_s = -4.0: must be a finite number of 0"]),
