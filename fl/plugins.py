@@ -12,7 +12,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,10 @@ class PluginError(LearningInputError):
 
     def __str__(self) -> str:
         return f"{self.key} = {self.name!r}: {self.reason}"
+
+    def in_community(self, index: int) -> "PluginError":
+        """The same error, with the community whose setting it is, from 0."""
+        return replace(self, key=self.key.replace("communities.", f"communities.{index}.", 1))
 
 
 def is_import_path(text: str) -> bool:
@@ -133,10 +137,16 @@ def told(name: str, doing: str, error: BaseException) -> str:
     """What a plug-in was asked, what it raised, and where in its module (or anywhere else)."""
     module = sys.modules.get(_path(name).partition(":")[0])
     file = getattr(module, "__file__", None)
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if file is not None and frame.filename == file]
-    frame = (own or frames)[-1]
-    return f"{doing}: {first_line(error)} ({frame.filename}, line {frame.lineno})"
+    frames = [
+        (frame.f_code.co_filename, line, str(frame.f_globals.get("__name__")).partition(".")[0])
+        for frame, line in traceback.walk_tb(error.__traceback__)
+    ]
+    own = [frame for frame in frames if frame[0] == file]
+    # The first is the one who asked: where nothing but its package failed, no place helps.
+    others = [frame for frame in frames if frame[2] != frames[0][2]]
+    found = (own or others)[-1:]
+    where = "".join(f" ({name}, line {line})" for name, line, _ in found)
+    return f"{doing}: {first_line(error)}{where}"
 
 
 def _look_here() -> None:

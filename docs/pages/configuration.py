@@ -13,7 +13,8 @@ from pages.examples import EXAMPLES
 HEAD = """# Configuration
 
 Every key, generated from the code (`python docs/generate.py`). Units stand in the key names:
-`_m` metres, `_s` seconds, `_mps` metres a second, `_deg` degrees, `_db` decibels, `_hz` hertz.
+`_m` metres, `_s` seconds, `_mps` metres a second, `_deg` degrees, `_db` decibels, `_hz` hertz,
+`_j` joules.
 A file is TOML; tables are the headings below, `[]` marks a list of tables. Every key can be given
 on the command line too: `--set mission.steps=8`, `--set communities.0.devices=4`,
 `--set 'vehicle.aircraft.faults=[{kind="gnss_off", at_s=40}]'`. All that a file must hold is one

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fl.data.arrays import Arrays, dataset_of
 from fl.data.dataset import Dataset, Provenance, SourceFile
-from fl.errors import DataDamagedError, first_line
+from fl.errors import DataDamagedError, first_line, kind_of
 from fl.plugins import PluginError, find, guarded
 
 KEY = "communities.task"
@@ -45,7 +45,7 @@ def load(name: str, data_dir: Path | None) -> Dataset:
     with guarded(name, key=KEY, doing="the factory"):
         samples = factory(data_dir)
     if not isinstance(samples, Samples):
-        raise PluginError(KEY, name, f"gives a {type(samples).__name__}, not Samples")
+        raise PluginError(KEY, name, f"gives {kind_of(samples)}, not Samples")
     try:
         # Copies: the factory's owner may write to theirs.
         given = vars(samples).items()

@@ -20,6 +20,7 @@ from fl.errors import NetworkError, SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
 from fl.federation.device_work import compute_times
+from fl.plugins import PluginError
 from fl.training.custom_trainer import CustomTrainer, make_trainer
 from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
@@ -182,13 +183,13 @@ def build(
     check_device(learning.device)
     loaded: dict[tuple[str, str | None], Dataset] = {}
     built = []
-    for config in communities:
+    for index, config in enumerate(communities):
         key = (config.task, config.data_file)
-        if key not in loaded:
-            loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
         rng = stream(f"fl/{config.name}/partition")
         test_share = learning.test_share if learning.report_on == "test" else None
         try:
+            if key not in loaded:
+                loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
             built.append(
                 _community(
                     config,
@@ -200,6 +201,8 @@ def build(
             )
         except NetworkError as error:
             raise replace(error, community=config.name) from error
+        except PluginError as error:
+            raise error.in_community(index) from error.__cause__
     algorithm, trainer = make_algorithm(learning), make_trainer(learning)
     return Federation(tuple(built), learning, algorithm, stream, trainer)
 

@@ -22,12 +22,13 @@ _OTHER_KIND = ("float_type", "int_type", "literal_error")  # a value where a lis
 class Blame:
     """Where a wrong key may come from: a file or a place in one, but for those that were `given`.
 
-    Those were set by `giver`; each has the option that set it, or nothing for `--set`.
+    Those were set by `giver`; each has the option that set it, or nothing for `--set`. All are
+    equal: configurations differ by their values, not by where those come from.
     """
 
-    source: str
-    given: Mapping[str, str] = field(default_factory=dict)  # keys -> the options that set them
-    giver: str = "command line"
+    source: str = field(compare=False)
+    given: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys -> their options
+    giver: str = field(default="command line", compare=False)
 
     def on(self, name: str) -> str:
         """Who set a key: `giver`, where it or something in it was given so."""
@@ -108,7 +109,9 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, blame: Blame) -> st
                 reason += _heading(value, key)
     if option := blame.given.get(name):
         return _of_option(option, value, reason)
-    return f"{blame.on(name)}: {name or 'configuration'}{equals}: {reason}"
+    # Rules of a table as a whole say themselves which of its keys they are about.
+    about = f"{name or 'configuration'}{equals}: " if name or equals else ""
+    return f"{blame.on(name)}: {about}{reason}"
 
 
 def _hint(item: ErrorDetails, key: Key, root: Key) -> str:

@@ -21,6 +21,7 @@ _X, _Y = ("x", "x_m"), ("y", "y_m")
 _LAT, _LON = ("lat", "lat_deg", "latitude"), ("lon", "lon_deg", "lng", "longitude")
 MOST_CORNERS = 500  # of all outlines together: the ways around them take their cube
 _LARGEST_BYTES = 1 << 24
+_MOST_M = 100_000.0  # from an area's corner, as for the places in a configuration
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
 _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
@@ -96,6 +97,14 @@ def check_degrees(where: str, lat: float, lon: float) -> None:
             )
 
 
+def _check_metres(where: str, x: float, y: float) -> None:
+    for name, value in (("x", x), ("y", y)):
+        if abs(value) > _MOST_M:
+            raise InputError(
+                f"{where}: {name} = {value:g}: must be from {-_MOST_M:g} to {_MOST_M:g} m"
+            )
+
+
 def _text(path: Path) -> str:
     try:
         if path.stat().st_size > _LARGEST_BYTES:
@@ -127,6 +136,8 @@ def _table_places(path: Path, text: str) -> Iterator[Place]:
             one, other = pair
             if geodetic:
                 check_degrees(where, one, other)
+            else:
+                _check_metres(where, one, other)
             yield Place(
                 where,
                 (one, other),

@@ -24,6 +24,7 @@ UNITS = {
     "_per_rad": "1/rad",
     "_db": "dB",
     "_hz": "Hz",
+    "_j": "J",
     "_mah": "mAh",
     "_ohm": "ohm",
     "_pa": "Pa",

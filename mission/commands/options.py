@@ -31,6 +31,9 @@ _OPTIONS = {
     "link.gcs": "--gcs",
     "link.url": "--vehicle",
     "vehicle.aircraft.wind.speed_mps": "--wind",
+    "area.home_lat_deg": "--home: latitude",
+    "area.home_lon_deg": "--home: longitude",
+    "area.home_alt_msl_m": "--home: altitude",
 }
 
 

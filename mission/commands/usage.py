@@ -1,9 +1,16 @@
 """What is wrong with a command line, in words that a newcomer can follow."""
 
+from inspect import Parameter
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from cyclopts import CoercionError, CycloptsError, MissingArgumentError
+from cyclopts import (
+    Argument,
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnusedCliTokensError,
+)
 
 _NOUNS = {int: "a whole number", float: "a number"}
 
@@ -15,18 +22,25 @@ def in_words(error: CycloptsError) -> str:
     if isinstance(error, CoercionError) and error.token is not None and error.msg is None:
         name = error.token.keyword or _positional(error)
         return f"{name} {error.token.value}: must be {_words(error.target_type)}"
+    if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
+        command = _command(error)
+        return f"{command}: {error.unused_tokens[0]!r} is one too many; see {command} --help"
     return str(error)
 
 
 def _missing(error: MissingArgumentError) -> str:
     argument = error.argument
     assert argument is not None
-    command = " ".join(("aerofed", *(error.command_chain or ())))
+    command = _command(error)
     used = next((t.keyword for t in reversed(argument.tokens) if t.keyword), error.keyword)
     help_ = _help(error).split(". ")[0].rstrip(".")
     about = f" {help_};" if help_ else ""
     lacks = f"{used} needs a value:" if used else f"{_positional(error)} is missing:"
     return f"{lacks}{about} see {command} --help"
+
+
+def _command(error: CycloptsError) -> str:
+    return " ".join(("aerofed", *(error.command_chain or ())))
 
 
 def _help(error: MissingArgumentError) -> str:
@@ -40,7 +54,13 @@ def _help(error: MissingArgumentError) -> str:
 
 
 def _positional(error: CycloptsError) -> str:
-    return error.argument.name.lstrip("-").upper() if error.argument is not None else "a value"
+    return "a value" if error.argument is None else _shown(error.argument)
+
+
+def _shown(argument: Argument) -> str:
+    """An option as it is given; what has no name on the command line in capitals."""
+    option = argument.field_info.kind is Parameter.KEYWORD_ONLY
+    return argument.name if option else argument.name.lstrip("-").upper()
 
 
 def _words(kind: Any) -> str:

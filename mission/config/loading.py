@@ -4,6 +4,7 @@ Anything wrong becomes one line per key: file, dotted path, value, what is allow
 """
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -13,7 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mission.base.errors import InputError
-from mission.base.explain import Blame, explain, refusal
+from mission.base.explain import Blame, explain, refusal, shown
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
@@ -85,7 +86,7 @@ def load_config(
         config = RunConfig.model_validate_json(json.dumps(data, default=_plain), strict=True)
     except ValidationError as error:
         raise InputError("\n".join(explain(error, RunConfig, blame))) from None
-    config = with_world(config, blame)
+    config = with_world(config, blame).read_from(blame)
     lines = [refusal(*problem, blame) for problem in problems(config)]
     if lines:
         raise InputError("\n".join(lines))
@@ -98,12 +99,26 @@ def _plain(value: object) -> object:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    text = ""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(f"{path}: cannot read the configuration: {reason}") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        raise InputError(f"{path}: not valid TOML: {_in_words(error, text)}") from None
     except RecursionError:
         raise InputError(f"{path}: not a configuration: brackets nested too deep") from None
+
+
+def _in_words(error: tomllib.TOMLDecodeError, text: str) -> str:
+    """What is wrong, with the line that it is about; a key that is given twice is named."""
+    lines = text.splitlines()
+    found = re.search(r"at line (\d+)", str(error))
+    number = int(found[1]) if found else len(lines)
+    line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
+    key, equals, _ = line.partition("=")
+    if equals and "Cannot overwrite a value" in str(error):
+        return f"line {number}: {key.strip()}: given twice in its table; leave one of them out"
+    return f"{error}: {shown(line)}" if line else str(error)

@@ -6,13 +6,15 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig
 from fl.plugins import checked_name, is_plugin
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.base.explain import Blame, refusal
 from mission.config import STRATEGIES
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
@@ -329,6 +331,18 @@ class RunConfig(_Model):
         description="your own code that is told of every finished round, each as "
         "'package.module:factory'",
     )
+
+    _blame: Blame = PrivateAttr(default_factory=lambda: Blame("configuration"))
+
+    def read_from(self, blame: Blame) -> Self:
+        """The same, where an error that is found later says that its keys come from `blame`."""
+        known = self.model_copy()
+        known._blame = blame
+        return known
+
+    def refused(self, key: str, value: object, reason: str) -> InputError:
+        """The error for a value that cannot be used, with the file that it comes from."""
+        return InputError(refusal(key, value, reason, self._blame))
 
     @property
     def run_name(self) -> str:

@@ -12,7 +12,7 @@ from fl import preflight as learning
 from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, GATES, PARTITIONS, TASKS
 from fl.data.load import load, needs_files
 from fl.errors import LearningInputError, SettingError
-from fl.plugins import is_plugin, problem_of
+from fl.plugins import PluginError, is_plugin, problem_of
 from fl.training.device import check_device
 from mission.base.errors import InputError
 from mission.config import STRATEGIES
@@ -62,10 +62,12 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
     Raises:
         InputError: one is missing or damaged.
     """
-    for community in config.communities:
+    for index, community in enumerate(config.communities):
         if needs_files(community.task):
             try:
                 load(community.task, data_dir=data_dir, data_file=community.data_file)
+            except PluginError as error:
+                raise InputError(str(error.in_community(index))) from error.__cause__
             except LearningInputError as error:
                 raise InputError(str(error)) from None
 

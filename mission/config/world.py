@@ -63,24 +63,27 @@ def check_start(config: RunConfig) -> None:
     """
     area, heights_m = config.area, config.mission.heights_m
     home = np.array([area.home_m], dtype=np.float64)
-    x, y = area.home_m
-    ways_out = "move home (area.home_m, or area.home_lat_deg and home_lon_deg)"
+    # Either may have been given: where places are in degrees, home_m follows from these.
+    ways_out = (
+        f"move home (area.home_m, or area.home_lat_deg = {area.home_lat_deg:.7g} and "
+        f"home_lon_deg = {area.home_lon_deg:.7g})"
+    )
     for zone in area.no_fly:
         if zone.from_m - HEIGHT_MARGIN_M >= heights_m[1]:
             continue  # overhead
         space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
         if not space.free(home)[0]:
             where = "lies inside" if not space.allows(home)[0] else _nearer(area)
-            raise InputError(
-                f"area.home_m = [{x:g}, {y:g}]: the start {where} the area {zone.name!r}, which "
-                f"must not be flown; {ways_out}"
+            raise config.refused(
+                "area.home_m",
+                list(area.home_m),
+                f"the start {where} the area {zone.name!r}, which must not be flown; {ways_out}",
             )
     space = area.build(heights_m).airspace
     if not space.free(home)[0]:
         where = "lies outside" if not space.allows(home)[0] else _nearer(area)
-        raise InputError(
-            f"area.home_m = [{x:g}, {y:g}]: the start {where} the fence (area.fence_m); {ways_out}"
-        )
+        reason = f"the start {where} the fence (area.fence_m); {ways_out}"
+        raise config.refused("area.home_m", list(area.home_m), reason)
 
 
 def _nearer(area: AreaConfig) -> str:
@@ -258,10 +261,25 @@ def _area(config: RunConfig, places: Sequence[Place], source: str) -> AreaConfig
             known["home_m"] = _pair(size / 2.0)
     if max(known.get("size_m", (0.0,))) > _LARGEST_M:
         raise InputError(
-            f"{source}: what stands on the ground lies {max(known['size_m']) / 1000:.0f} km apart; "
-            f"an area has {_LARGEST_M / 1000:.0f} km at most"
+            f"{source}: area.size_m: {_extremes(config, places)} lie so far apart that the area "
+            f"around all places, margins counted, has {max(known['size_m']) / 1000:.1f} km; "
+            f"{_LARGEST_M / 1000:.0f} km at most are allowed"
         )
     return area.model_copy(update=known)
+
+
+def _extremes(config: RunConfig, places: Sequence[Place]) -> str:
+    """The two that lie farthest apart along one of the axes, in words."""
+    every = [(place.where, place.at) for place in places]
+    every += [
+        (f"communities.{index}.positions_m.{device}", at)
+        for index, community in enumerate(config.communities)
+        for device, at in enumerate(community.positions_m or ())
+    ]
+    at = np.array([one for _, one in every])
+    axis = int(np.ptp(at, axis=0).argmax())
+    first, last = sorted((int(at[:, axis].argmin()), int(at[:, axis].argmax())))
+    return " and ".join(f"{every[i][0]} ({at[i, 0]:g}, {at[i, 1]:g})" for i in (first, last))
 
 
 def _home_on_globe(area: AreaConfig, globe: Sequence[Place], source: str) -> dict[str, float]:

@@ -14,12 +14,17 @@ from pathlib import Path
 
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
+from sitl.autopilot.codec.names import command_name
+from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command
 
 HEADER = "QGC WPL 110"
 MAX_BYTES = 10_000_000  # thousands of items; more is no mission
 _FRAME_ABSOLUTE = 0
 _NAV_WAYPOINT = 16
 _COLUMNS = 12
+_HERE = (Command.NAV_TAKEOFF, Command.NAV_LAND)  # need no place of their own
+_RANGES = {"latitude": 90.0, "longitude": 180.0}
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,22 @@ def _check_json_item(path: Path, where: str, item: object) -> None:
     params = item.get("params")
     if not isinstance(params, list) or len(params) != 7 or not all(map(_is_param, params)):
         raise InputError(f"{path}: damaged: {where}.params are not seven numbers: {params!r}")
+    if item["frame"] in GLOBAL_FRAMES and item["command"] in PLACES:
+        if params[4] is params[5] is None and item["command"] in _HERE:
+            return
+        for index, name in enumerate(_RANGES, start=4):
+            _check_degrees(f"{path}: {where}.params[{index}]", item["command"], name, params[index])
+
+
+def _check_degrees(where: str, command: int, name: str, value: float | None) -> None:
+    """Refuse what is no latitude or longitude of a place; the importer takes null for a zero."""
+    most = _RANGES[name]
+    if value is None or abs(value) > most:
+        shown = "null" if value is None else f"{value:g}"
+        raise InputError(
+            f"{where} = {shown}: the {name} of {command_name(command)} must be from {-most:g} to "
+            f"{most:g} degrees"
+        )
 
 
 def _check_rally(path: Path, points: object) -> None:
@@ -168,6 +189,11 @@ def _waypoint_row(path: Path, number: int, line: str) -> Sequence[float]:
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
     if any(value != int(value) for value in (*row[:4], row[11])):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
+    command = int(row[3])
+    if row[2] in GLOBAL_FRAMES and command in PLACES:
+        for column, name in enumerate(_RANGES, start=8):
+            where = f"{path}: line {number}: column {column + 1}"
+            _check_degrees(where, command, name, row[column])
     return row
 
 

@@ -49,9 +49,11 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
     busiest = int(plan.schedule.sum(axis=1).max(initial=0))
     if busiest > problem.per_step:
         raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
-    most = int(plan.schedule.sum(axis=0).max(initial=0))
-    if most > 1:
-        raise InfeasiblePlanError(f"a device is scheduled {most} times: at most once")
+    times = plan.schedule.sum(axis=0)
+    if times.max(initial=0) > 1:
+        raise InfeasiblePlanError(
+            f"device {times.argmax()} is scheduled {times.max()} times: at most once"
+        )
     real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, plan.schedule)
     if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=1e-12):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")

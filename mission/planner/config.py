@@ -50,6 +50,8 @@ class PlannerConfig(BaseModel):
 
     @model_validator(mode="after")
     def _factory_with_import_only(self) -> Self:
-        if (self.kind == "import") != (self.factory is not None):
-            raise ValueError("factory belongs to kind = 'import', which needs it")
+        if self.kind == "import" and self.factory is None:
+            raise ValueError("kind = 'import' needs factory = 'package.module:callable'")
+        if self.kind != "import" and self.factory is not None:
+            raise ValueError(f"factory belongs to kind = 'import', but kind is {self.kind!r}")
         return self

@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Mapping
 
 from mission.analysis.load import LoadedRun
+from mission.base.wording import count
 
 _COMPASS = "north north-east east south-east south south-west west north-west"
 _NAMED = (
@@ -52,7 +53,7 @@ def _wind(config: str) -> str:
         steady += f" from {named} ({wind['from_deg']:g}°)"
     parts = [steady if speed_mps else "no steady wind"]
     parts.append(f"turbulence of severity {severity} of 7" if severity else "no turbulence")
-    parts.append(f"{len(gusts)} gust{'' if len(gusts) == 1 else 's'}" if gusts else "no gusts")
+    parts.append(count(len(gusts), "gust") if gusts else "no gusts")
     return ", ".join(parts)
 
 

@@ -12,6 +12,7 @@ from mission.base.console import RunConsole
 from mission.base.errors import TrainingError
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import plugins_of_learning, users_code
+from mission.base.wording import count
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
@@ -70,12 +71,18 @@ class Experiment(ABC):
             f"{name} {wall_s:.1f} s" for name, wall_s in self.stopwatch.wall_s.items()
         )
         totals, done = self.totals, self.totals.rounds_done
+        if done < len(self.memory):
+            console.say(
+                f"{count(len(self.memory), 'round')} of the run before are kept, {done} of them "
+                f"flown again by now; {self.stopwatch.total_s:.1f} s ({shares})"
+            )
+            return
         if why := totals.why_over(self.budget):
             console.say(why)
         if loose := self._loose():
             console.say(loose)
         console.say(
-            f"{done} round{'' if done == 1 else 's'}, {self.flown()}, "
+            f"{count(done, 'round')}, {self.flown()}, "
             f"{totals.delivered}/{totals.scheduled} updates delivered; "
             f"{self.stopwatch.total_s:.1f} s ({shares})"
         )
@@ -88,9 +95,9 @@ class Experiment(ABC):
             return ""
         verb = "is" if len(gaps) == 1 else "are"
         return (
-            f"{len(gaps)} of {self.totals.rounds_done} plans {verb} proven less closely than "
-            f"planner.gap = {planner.gap:g} asks, the loosest to {100.0 * max(gaps):.1f} % of the "
-            "best possible; docs/planner.md says what is proven where"
+            f"{len(gaps)} of {count(self.totals.rounds_done, 'plan')} {verb} proven less closely "
+            f"than planner.gap = {planner.gap:g} asks, the loosest to {100.0 * max(gaps):.1f} % of "
+            "the best possible; docs/planner.md says what is proven where"
         )
 
     @abstractmethod
@@ -121,11 +128,14 @@ class Experiment(ABC):
 
     def _users_networks(self) -> AbstractContextManager[None]:
         """Where a network is the researcher's own, what fails while it is trained is theirs."""
-        own = [c.network for c in self.scenario.config.communities if ":" in c.network]
+        communities = enumerate(self.scenario.config.communities)
+        own = [(index, c.network) for index, c in communities if ":" in c.network]
         doing = f"training in round {self.totals.next_round}"
         if not own:
             return nullcontext()
-        return users_code(own[0], key="communities.network", doing=doing)
+        index, network = own[0]
+        whose = f"communities.{index}" if len(own) == 1 else "communities"  # any of several
+        return users_code(network, key=f"{whose}.network", doing=doing)
 
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""

@@ -92,9 +92,12 @@ class CustomStrategy:
         with users_code(self.path, key=KEY, doing=f"importance() in round {info.round}"):
             importance = np.asarray(self.inner.importance(info), dtype=np.float64)
         if importance.shape != info.delta.shape:
-            self._refuse(f"importance is of shape {importance.shape}, not {info.delta.shape}")
-        if not (np.isfinite(importance) & (importance >= 0.0)).all():
-            self._refuse(f"importance is negative or not finite: {importance.tolist()}")
+            shapes = f"of shape {importance.shape}, not {info.delta.shape}"
+            self._refuse(f"importance in round {info.round} is {shapes}")
+        wrong = np.flatnonzero(~(np.isfinite(importance) & (importance >= 0.0)))
+        if len(wrong):
+            which = f"{importance[wrong[0]]} for device {wrong[0]}"
+            self._refuse(f"importance in round {info.round} is negative or not finite: {which}")
         return importance
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:

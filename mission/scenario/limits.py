@@ -9,7 +9,6 @@ from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
 from mission.base.area import Area
-from mission.base.errors import InputError
 from mission.config.models import MissionConfig, RunConfig
 from mission.planner.performance import Performance, RoundLimits
 from sitl.config import VehicleConfig
@@ -156,9 +155,11 @@ def check_limits(config: RunConfig) -> None:
     for key in ("round_energy_j", "total_energy_j"):
         joules = getattr(mission, key)
         if joules is not None and config.link.kind == "external":
-            raise InputError(
-                f"mission.{key} = {joules:g}: of an external vehicle nobody knows the power, so "
-                "energy cannot limit its plans; leave it out, and give a deadline or metres"
+            raise config.refused(
+                f"mission.{key}",
+                joules,
+                "of an external vehicle nobody knows the power, so energy cannot limit its "
+                "plans; leave it out, and give a deadline or metres",
             )
     performance = foreseen_performance(config)
     hovers = mission.strategy == "barycenter" or (
@@ -179,9 +180,11 @@ def check_limits(config: RunConfig) -> None:
     ):
         given = getattr(mission, key)
         if given is not None and given < needed:
-            raise InputError(
-                f"mission.{key} = {given:g}: no round can be flown in it: {why} takes "
-                f"{math.ceil(100 * needed) / 100:.6g} {unit}; give at least that, or {out}"
+            raise config.refused(
+                f"mission.{key}",
+                given,
+                f"no round can be flown in it: {why} takes "
+                f"{math.ceil(100 * needed) / 100:.6g} {unit}; give at least that, or {out}",
             )
 
 

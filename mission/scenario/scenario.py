@@ -174,9 +174,10 @@ def _check_sizes(config: RunConfig) -> None:
     """Refuse the size of an update where nothing says how fast it is sent."""
     for index, community in enumerate(config.communities):
         if community.upload_bits is not None and config.channel.upload_rate_bps is None:
-            raise InputError(
-                f"communities.{index}.upload_bits = {community.upload_bits}: needs "
-                "channel.upload_rate_bps, the rate at which it is sent; give both or none"
+            raise config.refused(
+                f"communities.{index}.upload_bits",
+                community.upload_bits,
+                "needs channel.upload_rate_bps, the rate at which it is sent; give both or none",
             )
 
 
@@ -184,10 +185,12 @@ def _check_uploads(config: RunConfig, bits: Floats) -> None:
     """Refuse a rate at which one update takes longer than any aircraft hovers."""
     rate_bps = config.channel.upload_rate_bps
     if rate_bps is not None and bits.max() / rate_bps > _LONGEST_UPLOAD_S:
-        raise InputError(
-            f"channel.upload_rate_bps = {rate_bps:g}: the largest update, {bits.max():.0f} bits, "
-            f"takes {bits.max() / rate_bps:.0f} s to send; {_LONGEST_UPLOAD_S:g} s at most are "
-            f"allowed, so at least {math.ceil(bits.max() / _LONGEST_UPLOAD_S)} bits a second"
+        raise config.refused(
+            "channel.upload_rate_bps",
+            rate_bps,
+            f"the largest update, {bits.max():.0f} bits, takes {bits.max() / rate_bps:.0f} s to "
+            f"send; {_LONGEST_UPLOAD_S:g} s at most are allowed, so at least "
+            f"{math.ceil(bits.max() / _LONGEST_UPLOAD_S)} bits a second",
         )
 
 

@@ -60,12 +60,17 @@ class SweepFolder:
             InputError: the folder holds something else, or what it was started with is changed.
         """
         if self.manifest.exists():
-            changes = _changes(_read(self.manifest), _manifest(grid, data_dir=data_dir))
-            if changes:
+            old, new = _read(self.manifest), _manifest(grid, data_dir=data_dir)
+            if changes := _changes(old, new):
                 named = "; ".join(changes[:_MAX_NAMED])
                 raise InputError(
                     f"{self.path}: the sweep in this folder was started with another "
                     f"configuration: {named}; give a new folder"
+                )
+            if left_out := _left_out(old, new):
+                raise InputError(
+                    f"{self.path}: the sweep in this folder has more runs than are asked for: "
+                    f"{'; '.join(left_out)}; or give a new folder"
                 )
         elif self.path.is_dir():
             others = [path.name for path in self.path.iterdir() if path.name != _LOCK]
@@ -141,11 +146,27 @@ def _changes(old: Manifest, new: Manifest) -> list[str]:
         was, now = old["axes"].get(key), new["axes"].get(key)
         if was is None or now is None:
             changes.append(f"{key} was {'swept' if now is None else 'not swept'}")
-        else:
-            missing = [value for value in was if value not in now]
-            if missing:
-                changes.append(f"{key} had {', '.join(map(str, missing))} as well")
     return changes
+
+
+def _left_out(old: Manifest, new: Manifest) -> list[str]:
+    """What a sweep in a folder has and a command leaves out, with how to ask for it again."""
+    more = []
+    for key, was in old["axes"].items():
+        now = new["axes"][key]
+        missing = [value for value in was if value not in now]
+        if missing:
+            lacks = f"{key} {', '.join(map(str, missing))} {'is' if len(missing) == 1 else 'are'}"
+            more.append(f"{lacks} there too, so give {_option(key, [*now, *missing])}")
+    return more
+
+
+def _option(key: str, values: list[Any]) -> str:
+    """How all these values are asked for."""
+    if key == "seed":  # they count up from the configuration's
+        return f"--seeds {max(values) - min(values) + 1}"
+    listed = ",".join(value if isinstance(value, str) else json.dumps(value) for value in values)
+    return f"--strategies {listed}" if key == "strategy" else f"--set {key}={listed}"
 
 
 def _flat(value: object, prefix: str = "") -> dict[str, object]:

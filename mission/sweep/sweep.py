@@ -10,6 +10,7 @@ from rich.console import Console
 
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.terminal import PLAIN
+from mission.base.wording import count
 from mission.flight.flyers.open import set_up
 from mission.sweep.execute.choice import EngineChoice
 from mission.sweep.execute.engine import Engine
@@ -130,7 +131,9 @@ class _Sweep:
             if end is None:
                 progress.say(f"{run.name}: its worker died; another goes on with the run")
                 return
-            outcome = f"failed: {end.message}" if end.exit_code else _outcome(self.folder, run)
+            # Of a single run the error follows at once.
+            why = f": {end.message}" if len(todo) > 1 else ""
+            outcome = f"failed{why}" if end.exit_code else _outcome(self.folder, run)
             parts = (outcome, time_left.text() if ended < len(todo) else "")
             progress.say(
                 f"run {before + ended}/{len(every)} {run.name}: "
@@ -140,7 +143,7 @@ class _Sweep:
         try:
             if before:
                 progress.say(f"{before} of {len(every)} runs are done already")
-            progress.say(f"{len(todo)} runs, {slots} at a time")
+            progress.say(f"{count(len(todo), 'run')}, {slots} at a time")
             return execute_all(todo, workers, order=order, watch=watch)
         finally:
             progress.close()
@@ -154,7 +157,7 @@ def _outcome(folder: SweepFolder, run: SweepRun) -> str:
         if key.startswith("final_accuracy_")
     )
     rounds, wall_s = result.summary["rounds"], result.wall_s["total"]
-    return f"{rounds} rounds in {duration(wall_s)}, accuracy {accuracy}"
+    return f"{count(int(rounds), 'round')} in {duration(wall_s)}, accuracy {accuracy}"
 
 
 def _report(path: Path, console: Console, page: Page | None) -> None:

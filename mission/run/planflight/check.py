@@ -4,6 +4,7 @@ Everything that the autopilot would refuse is refused here first, by the autopil
 and so is what it would take but what has no business in an unattended flight.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -127,11 +128,9 @@ def check_items(
 def _drawn(items: Sequence[MissionItem], vehicle: Vehicle, source: str) -> Fence:
     """The fence that the items draw."""
     for item in items:
-        result = check_item(item)
-        if result is not MissionResult.ACCEPTED:
+        if refused := _refused(item):
             raise InputError(
-                f"{source}: fence point {item.seq}, {command_name(item.command)}: "
-                f"refused by the autopilot: {result.name}"
+                f"{source}: fence point {item.seq}, {command_name(item.command)}: {refused}"
             )
     try:
         return compile_fence(items, vehicle.autopilot.flight.frame)
@@ -150,9 +149,8 @@ def _wrong_rally(item: MissionItem, fence: Fence, vehicle: Vehicle) -> str:
     parameters, flight = vehicle.autopilot.parameters, vehicle.autopilot.flight
     if item.x == item.y == 0.0:
         return "it has no position"
-    result = check_item(item)
-    if result is not MissionResult.ACCEPTED:
-        return f"refused by the autopilot: {result.name}"
+    if refused := _refused(item):
+        return refused
     place = _place(item, vehicle)
     distance_m = float(np.hypot(place[0], place[1]))
     if distance_m > parameters["MIS_DIST_1WP"]:
@@ -185,10 +183,18 @@ def _wrong(item: MissionItem, *, last: bool) -> str:
     speed_mps = item.params[1] if item.command == Command.DO_CHANGE_SPEED else _KEEP
     if speed_mps not in (_KEEP, _DEFAULT) and not 0.5 <= speed_mps <= 30.0:
         return f"{speed_mps:g} m/s; 0.5 to 30 m/s are allowed"
+    return _refused(item)
+
+
+def _refused(item: MissionItem) -> str:
+    """What the autopilot would not take of an item, with the value; empty if nothing."""
     result = check_item(item)
-    if result is not MissionResult.ACCEPTED:
-        return f"refused by the autopilot: {result.name}"
-    return ""
+    if result is MissionResult.ACCEPTED:
+        return ""
+    parameters = (*item.params, item.x, item.y, item.z)
+    number = re.fullmatch(r"INVALID_PARAM(\d)(_[XY])?", result.name)
+    value = f" ({parameters[int(number[1]) - 1]:g})" if number else ""
+    return f"refused by the autopilot: {result.name}{value}"
 
 
 def _path(

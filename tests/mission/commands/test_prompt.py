@@ -160,6 +160,11 @@ def test_completion_knows_the_commands(shell: str, capsys) -> None:
 MESSAGES = {
     ("sweep",): "CONFIG is missing: TOML file, or quickstart, paper",
     ("log", "info"): "LOG is missing: A complete, sound log, or its run's folder",
+    ("run", "paper", "b"): "aerofed run: 'b' is one too many; see aerofed run --help",
+    ("log", "info", "a", "b"): "aerofed log info: 'b' is one too many; see aerofed log info --help",
+    ("log", "export", "a", "b"): "--to is missing:",
+    ("sitl", "--home", "100,0,0"): "--home: latitude 100.0: must be a number from -85 to 85",
+    ("run", "--set", "mission.round_energy_j=0"): "a number above 0 and at most 100000000, in J",
     ("plan", "--problem"): "--problem needs a value: JSON file with a list of problems",
     ("sitl", "--speed", "abc"): '--speed abc: must be a number or "max"',
     ("run", "--rounds", "abc"): "--rounds abc: must be a whole number",

@@ -166,7 +166,12 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
         ("[mission]\nstrategy = 'best'" + BASE, ["mission.strategy", "'best'", "'no_cov'"]),
         ("seed = 1", ["communities", "missing", "a list of 1 to 100 tables"]),
         (BASE + BASE, ["community names must differ", "'a'"]),
-        ("seed = = 1", ["not valid TOML", "line 1"]),
+        ("seed = = 1", ["not valid TOML", "line 1", "'seed = = 1'"]),
+        (
+            "[mission]\nrounds = 3\nsteps = 4\nrounds = 5" + BASE,
+            ["c.toml: not valid TOML: line 4: rounds: given twice in its table"],
+        ),
+        ("seed = [1,", ["not valid TOML", "'seed = [1,'"]),
         ("colour = 1" + BASE, ["colour", "unknown key"]),
         (BASE + "labels_per_devise = 2", ["communities.0.labels_per_devise", "labels_per_device?"]),
         (BASE + "labels_per_device = 11", ["communities.0.labels_per_device = 11", "10 classes"]),

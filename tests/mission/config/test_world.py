@@ -148,7 +148,10 @@ BAD_TABLES = {
     "lat,lon\n43,190\n": "row 2: lon = 190: must be from -180 to 180 degrees",
     "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon of one swapped?",
     "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m, outside the area: x must be from 0 to",
-    "x,y\n0,0\n3e6,4\n": "an area has 100 km at most",
+    "x,y\n0,0\n1e9,4\n": "d.csv: row 3: x = 1e+09: must be from -100000 to 100000 m",
+    "x,y\n0,0\n3,-1e6\n": "d.csv: row 3: y = -1e+06: must be from -100000 to 100000 m",
+    "x,y\n1,2\n9,9\n99000,4\n": "d.csv: row 4 (99000, 4) lie so far apart that the area around "
+    "all places, margins counted, has 108.9 km; 100 km at most are allowed",
     "x,y,share\n1,2,0\n": "row 2: share = 0: must be above 0",
     "x,y,share\n1,2,1\n3,4,\n": "row 3: has no share, as other devices of the community do",
     "x,y,community\n1,2,a\n3,4,b\n": "row 3: community = 'b': must be one of 'a'",
@@ -320,7 +323,7 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
         ),
         (
             "[[area.no_fly]]\nname = 'school'\npolygon_m = [[0,0],[800,0],[800,800],[0,800]]",
-            "area.home_m = [400, 400]: the start lies inside the area 'school', which must not",
+            "c.toml: area.home_m = [400.0, 400.0]: the start lies inside the area 'school', which",
         ),
         (
             "[[area.no_fly]]\nname = 'low'\nto_m = 30\npolygon_m = [[300,300],[500,300],[500,500]]",
@@ -330,11 +333,15 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
         ("[area]\nfence_m = [[0,0],[405,0],[405,800],[0,800]]", "nearer than area.margin_m = 15 m"),
     ],
 )
-def test_a_start_from_which_nobody_may_climb_is_refused(load, area: str, words: str) -> None:
+def test_a_start_from_which_nobody_may_climb_is_refused(
+    load, tmp_path: Path, area: str, words: str
+) -> None:
     with pytest.raises(InputError) as error:
         build_scenario(load(BASE + area + "\n"), data_dir=None)
     assert words in str(error.value)
     assert "move home" in str(error.value)
+    assert "home_lat_deg = 43.6145" in str(error.value)
+    assert str(error.value).startswith(f"{tmp_path / 'c.toml'}: ")
 
 
 def test_an_area_counts_where_it_reaches_into_the_limits_of_the_altitude(load) -> None:
@@ -374,7 +381,7 @@ BAD_RINGS = {
     zones(({}, FAR)): "100 km at most are allowed; are lat and lon of one swapped?",
     zones(({}, SCHOOL[:2])): "a ring of 3 positions: there must be 4 at least",
     zones(({"from_m": "low"}, SCHOOL)): "features[0]: from_m = 'low': must be a number",
-    zones(({"to_m": -5}, SCHOOL)): "to_m = -5 must be above from_m = 0",
+    zones(({"to_m": -5}, SCHOOL)): "z.geojson: features[0]: to_m = -5 must be above from_m = 0",
     zones(({}, (SCHOOL[0], SCHOOL[2], SCHOOL[1], SCHOOL[3]))): "crosses itself",
     '{"type": "FeatureCollection", "features": []}': "holds no area",
 }

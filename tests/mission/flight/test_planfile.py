@@ -150,6 +150,15 @@ DAMAGED = {
     "short": (json_damage(params=[0, 0, 0, None, 47.4]), "a.plan", "seven numbers"),
     "words": (json_damage(params=[0, 0, 0, 0, "47", 8, 50]), "a.plan", "seven numbers"),
     "nan": (json_damage(params=[0, 0, 0, 0, float("nan"), 8, 50]), "a.plan", "seven numbers"),
+    # The importer would take this as longitude 0.
+    "null": (json_damage(params=[0, 0, 0, 0, 47.4, None, 50]), "a.plan",
+             "mission.items[0].params[5] = null: the longitude of NAV_WAYPOINT (16) must be from"),
+    "latitude": (json_damage(params=[0, 0, 0, 0, 91, 8, 50]), "a.plan", "mission.items[0].params[4]"
+                 " = 91: the latitude of NAV_WAYPOINT (16) must be from -90 to 90 degrees"),
+    "half a place": (json_damage(command=22, params=[0, 0, 0, 0, None, 8, 50]), "a.plan",
+                     "mission.items[0].params[4] = null: the latitude of NAV_TAKEOFF (22)"),
+    "latitude in a row": ("QGC WPL 110\n" + HOME_ROW + ROW.format(1).replace("47.401", "147.401"),
+                          "a.waypoints", "line 3: column 9 = 147.401: the latitude of NAV_W"),
     "scan": (json_damage(type="ComplexItem", complexItemType="StructureScan"), "a.plan",
              "'StructureScan' cannot be flown"),
     "home": (json.dumps(plan_document(WAYPOINT, plannedHomePosition="x")), "a.plan", "'x'"),

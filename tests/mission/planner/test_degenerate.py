@@ -115,7 +115,10 @@ def test_a_problem_without_sense_is_refused(changes, message):
         ({"waypoints_m": np.array([[0.0, 0], [501, 0], [501, 0], [501, 0]])}, "1.0000 m longer"),
         ({"schedule": np.ones((4, 4), dtype=bool)}, "4 devices in one step: at most 2"),
         ({"schedule": np.eye(4, dtype=bool)[:, [0, 0, 0, 0]].T.T}, "4 devices in one step"),
-        ({"schedule": np.tile([True, False, False, False], (4, 1))}, "scheduled 4 times"),
+        (
+            {"schedule": np.tile([True, False, False, False], (4, 1))},
+            "device 0 is scheduled 4",
+        ),
         ({"value": 17.0}, "claims a value of 17.0"),
         ({"upper_bound": 0.01}, "claims that none is worth more than 0.01, and is worth"),
         ({"waypoints_m": np.zeros((3, 2))}, r"waypoints \(3, 2\)"),

@@ -242,10 +242,10 @@ def test_an_autopilot_of_whole_seconds_hovers_long_enough() -> None:
 
 
 def test_a_rate_at_which_nobody_could_hover_long_enough_is_refused(tmp_path: Path) -> None:
-    wanted = r"channel.upload_rate_bps = 1: .* 3600 s at most are allowed, so at least 1112 bits"
+    wanted = r"channel.upload_rate_bps = 1.0: .* 3600 s at most are allowed, so at least 1112 bits"
     sizes = {"communities.0.upload_bits": 1000, "communities.1.upload_bits": 4_000_000}
     with pytest.raises(InputError, match=wanted):
         fly(tmp_path / "none", {"channel.upload_rate_bps": 1.0, **sizes})
-    with pytest.raises(InputError, match="upload_rate_bps = 1111:"):
+    with pytest.raises(InputError, match=r"upload_rate_bps = 1111\.0:"):
         fly(tmp_path / "none", {"channel.upload_rate_bps": 1111.0, **sizes})
     assert not (tmp_path / "none").exists()

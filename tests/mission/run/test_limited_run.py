@@ -96,7 +96,10 @@ def test_a_resumed_run_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
 def test_nothing_is_left_of_a_run_that_is_refused(tmp_path: Path, capsys) -> None:
     out = tmp_path / "none"
     assert fly(out, "--set", "mission.round_deadline_s=1") == 2
-    assert "mission.round_deadline_s = 1: no round can be flown" in capsys.readouterr().err
+    assert (
+        "command line: mission.round_deadline_s = 1.0: no round can be flown"
+        in capsys.readouterr().err
+    )
     assert not out.exists()
 
 

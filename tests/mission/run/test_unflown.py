@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 import small_runs
+from cutting import cut_after
 
 from mission.base.errors import InputError
 from mission.cli import call
@@ -17,6 +18,7 @@ from mission.log.errors import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 from mission.log.write.writer import FlightLog
+from mission.run.budget import RunTotals
 from mission.run.session import _warnings
 from mission.scenario.scenario import Scenario
 
@@ -53,6 +55,30 @@ def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
     for record in rounds:
         assert record.flown_path_m == pytest.approx(record.plan_path_m, abs=2.5)
         assert record.duration_s == pytest.approx(record.flown_path_m / 20.0, abs=1e-6)
+
+
+def test_a_resumption_that_is_cut_off_says_what_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "cut"
+    with monkeypatch.context() as patch:
+        cut_after(patch, 2)
+        assert play(out) == 4
+    capsys.readouterr()
+    add = RunTotals.add
+
+    def interrupted(self: RunTotals, record: RoundRecord) -> None:
+        add(self, record)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunTotals, "add", interrupted)
+        assert call(["run", "--resume", str(out)]) == 130
+    said = capsys.readouterr().out
+    assert "2 rounds of the run before are kept, 1 of them flown again by now" in said
+    assert f"interrupted; aerofed run --resume {out} goes on" in said
+    assert call(["compare", str(out)]) == 0
+    assert "2 rounds of it are here" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "ideal", "no_cov"])

@@ -87,6 +87,8 @@ def jumps(setting): return Weighs(np.ones(6))
 def leaves(setting): return Leaves(np.ones(6))
 def hovers(setting): return Hovers(np.ones(6))
 def lazy(setting): return object()
+def raises(task): return {}[3]
+def gives_three(task): return 3
 number = 3
 """
 
@@ -191,16 +193,43 @@ def test_an_own_planner_flies(tmp_path: Path) -> None:
         ("mission.strategy=best", 2, ["mission.strategy = 'best'", "'no_cov'", "package.module"]),
         ("mission.strategy=own_code:", 2, ["mission.strategy = 'own_code:'"]),
         ("mission.strategy=no_cof", 2, ["did you mean no_cov?"]),
-        ("mission.strategy=own_code:wrong_shape", 2, ["shape (3,), not (6,)"]),
-        ("mission.strategy=own_code:negative", 2, ["negative or not finite", "-1.0"]),
+        (
+            "mission.strategy=own_code:wrong_shape",
+            2,
+            ["round 1 is of shape (3,), not (6,)"],
+        ),
+        (
+            "mission.strategy=own_code:negative",
+            2,
+            ["round 1 is negative or not finite: -1.0 for"],
+        ),
         ("mission.strategy=own_code:jumps", 3, ["own_code:jumps", "round 1", "1.4142 m from"]),
         ("mission.strategy=own_code:leaves", 2, ["own_code:leaves", "round 1: SystemExit: 3"]),
         ("mission.strategy=own_code:hovers", 2, ["hold_s = -4.0: must be a finite number of 0"]),
         ("planner.kind=import planner.factory=own_code:Overdone", 3, ["none is worth more than"]),
         ("planner.kind=import planner.factory=own_code:lazy", 2, ["planner.factory", "lazy"]),
         ("planner.kind=import planner.factory=own_code:Jump", 3, ["own_code:Jump", "1.4142 m"]),
-        ("planner.kind=import", 2, ["planner", "factory belongs to kind = 'import'"]),
-        ("planner.factory=own_code:Stay", 2, ["planner", "factory belongs to kind = 'import'"]),
+        ("planner.kind=import", 2, ["planner: kind = 'import' needs factory = 'package.module:"]),
+        (
+            "planner.factory=own_code:Stay",
+            2,
+            ["planner: factory belongs to kind = 'import', but kind is 'certified'"],
+        ),
+        (
+            "communities.1.partition=own_code:raises",
+            2,
+            ["communities.1.partition = 'own_code:raises': the partition: KeyError: 3 (", "raises"],
+        ),
+        (
+            "communities.1.partition=own_code:gives_three",
+            2,
+            ["communities.1.partition = 'own_code:gives_three'", "'int' object is not iterable\n"],
+        ),
+        (
+            "communities.1.task=own_code:lazy",
+            2,
+            ["communities.1.task = 'own_code:lazy': gives an obj"],
+        ),
         ("planner.kind=import planner.factory=stay", 2, ["planner.factory = 'stay'"]),
     ],
 )

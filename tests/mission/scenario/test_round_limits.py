@@ -25,25 +25,25 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
     ("given", "words"),
     [
         (config(round_deadline_s=2.0),
-         "mission.round_deadline_s = 2: no round can be flown in it: flying 10 m and stopping "
+         "mission.round_deadline_s = 2.0: no round can be flown in it: flying 10 m and stopping "
          "takes 3.53 s; give at least that, or leave it out"),
-        (config(total_deadline_s=1.0), "mission.total_deadline_s = 1: no round can be flown"),
-        (config(round_energy_j=100.0), "mission.round_energy_j = 100: no round can be flown in it"),
-        (config(total_energy_j=100.0), "mission.total_energy_j = 100: no round can be flown in it"),
+        (config(total_deadline_s=1.0), "mission.total_deadline_s = 1.0: no round can be flown"),
+        (config(round_energy_j=100.0), "mission.round_energy_j = 100.0: no round can be flown"),
+        (config(total_energy_j=100.0), "mission.total_energy_j = 100.0: no round can be flown"),
         (config(strategy="barycenter", hover_s=20.0, round_deadline_s=15.0),
-         "mission.round_deadline_s = 15: no round can be flown in it: a hover of mission.hover_s "
+         "mission.round_deadline_s = 15.0: no round can be flown in it: a hover of mission.hover_s "
          "= 20 s takes 21.05 s; give at least that, or hover shorter"),
         (config(strategy="barycenter", hover_s=20.0, round_energy_j=3000.0),
-         "mission.round_energy_j = 3000: no round can be flown in it: a hover"),
+         "mission.round_energy_j = 3000.0: no round can be flown in it: a hover"),
         (config(link="external", total_energy_j=1e6),
-         "mission.total_energy_j = 1e+06: of an external vehicle nobody knows the power, so "
+         "mission.total_energy_j = 1000000.0: of an external vehicle nobody knows the power, so "
          "energy cannot limit its plans; leave it out, and give a deadline or metres"),
     ],
 )  # fmt: skip
 def test_what_no_round_can_keep_is_refused(given: RunConfig, words: str) -> None:
     with pytest.raises(InputError) as refused:
         check_limits(given)
-    assert str(refused.value).startswith(words)
+    assert str(refused.value).startswith(f"configuration: {words}")
     assert "\n" not in str(refused.value)
 
 

@@ -109,7 +109,9 @@ def test_a_sweep_may_grow(tmp_path: Path) -> None:
     with folder.lock():
         folder.claim(more, data_dir=None)
     folder.check(more, data_dir=None)
-    with pytest.raises(InputError, match="seed had 3 as well"):  # it is the larger one from now on
+    with pytest.raises(
+        InputError, match="seed 3 is there too, so give --seeds 3"
+    ):  # it is the larger one from now on
         folder.check(grid(sets=["mission.steps=5,6,7"], strategies=more.strategies), data_dir=None)
 
 
@@ -120,8 +122,8 @@ def test_a_sweep_may_grow(tmp_path: Path) -> None:
         ({"sets": ["learning.mu=0.5"]}, ["learning.mu was 0.1, is 0.5"]),
         ({"sets": ["communities.1.devices=3"]}, ["communities.1.devices was 6, is 3"]),
         ({"sets": ["mission.steps=5,6"]}, ["mission.steps was not swept"]),
-        ({"strategies": ("cov",)}, ["strategy had ideal as well"]),
-        ({"seeds": 1}, ["seed had 2 as well"]),
+        ({"strategies": ("cov",)}, ["strategy ideal is there too, so give --strategies cov,ideal"]),
+        ({"seeds": 1}, ["more runs than are asked for: seed 2 is there too, so give --seeds 2"]),
     ],
 )
 def test_a_changed_sweep_is_refused_by_name(
@@ -132,6 +134,15 @@ def test_a_changed_sweep_is_refused_by_name(
         folder.check(grid(**more), data_dir=None)
     for word in (str(folder.path), "give a new folder", *words):
         assert word in str(caught.value)
+
+
+def test_values_that_are_left_out_are_named_as_they_are_given(tmp_path: Path) -> None:
+    folder = started(tmp_path / "s", grid(sets=["channel.preset=urban,suburban,dense-urban"]))
+    with pytest.raises(InputError) as caught:
+        folder.check(grid(sets=["channel.preset=urban,suburban"]), data_dir=None)
+    wanted = "--set channel.preset=urban,suburban,dense-urban"
+    assert f"channel.preset dense-urban is there too, so give {wanted}" in str(caught.value)
+    assert "another configuration" not in str(caught.value)
 
 
 def test_another_data_folder_is_refused(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from patience import HANG_S, until
 from processes import writer_of
 
+from mission.base.errors import FlightError
 from mission.cli import call
 from mission.commands.options import load
 from mission.sweep.execute.engine import RunFinished
@@ -291,6 +292,20 @@ def test_a_full_disk_is_the_end_of_a_run_and_not_of_the_sweep(
     errors = capsys.readouterr().err
     for name in ("cov-seed1", "ideal-seed1"):
         assert f"run {name} failed: {out}/runs/{name}: No space left on device" in errors
+
+
+def test_a_single_run_that_fails_says_why_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly_session(*_: object, **__: object) -> int:
+        raise FlightError("a tree")
+
+    monkeypatch.setattr("mission.run.session.fly_session", fly_session)
+    tokens = command(tmp_path / "one", seeds=1)
+    assert call_inline([token.replace("cov,ideal", "ideal") for token in tokens]) == 4
+    printed = capsys.readouterr()
+    assert (printed.out + printed.err).count("a tree") == 1
+    assert "1 run, 1 at a time" in printed.out
 
 
 @pytest.mark.slow

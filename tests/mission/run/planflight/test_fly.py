@@ -139,7 +139,7 @@ REFUSED = {
     "late": ([place(47.401, 8.5), TAKE_OFF], ["item 1", "first"]),
     "nowhere": ([SPEED, RETURN], ["no item leads anywhere"]),
     "wait": ([place(47.401, 8.5, wait_s=1e6)], ["item 0", "3600 s"]),
-    "radius": ([simple(16, 0, -3, 0, None, 47.4, 8.5, 50)], ["item 0", "INVALID_PARAM2"]),
+    "radius": ([simple(16, 0, -3, 0, None, 47.4, 8.5, 50)], ["item 0", "INVALID_PARAM2 (-3)"]),
     "stop": ([{**place(47.4, 8.5), "autoContinue": False}], ["item 0", "autocontinue"]),
     "empty": ([], ["mission is empty"]),
 }
@@ -251,7 +251,7 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     ("point", "words"),
     [
         ([0, 0, 0], "it has no position"),
-        ([99, 8.5, 0], "refused by the autopilot: INVALID_PARAM5_X"),
+        ([99, 8.5, 0], "refused by the autopilot: INVALID_PARAM5_X (99)"),
         ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows less"),
         ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
         ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),
