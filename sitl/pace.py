@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import Self
 
 from sitl.block import Block
-from sitl.links import Link
+from sitl.links import Link, RawLink
 from sitl.vehicle import Vehicle
 
 _STRETCH_S = 0.02  # wall time between looks at the links
 _FLAT_OUT_S = 0.05  # and where time runs as fast as it can: half of telemetry's interval
 _BREATH_S = 0.001  # then: MAVSDK's threads need this one's lock to hand on what they heard
+_OUTSIDE_NS = 10**9  # simulated time then, where somebody outside gives orders in flight, too
 
 
 class Simulation:
@@ -30,6 +31,8 @@ class Simulation:
             raise ValueError(f"speed = {speed}: must be positive")
         self.vehicle = vehicle
         self._links: Sequence[Link] = links
+        outside = not all(isinstance(link, RawLink) for link in links)
+        self._most_ns = _OUTSIDE_NS if outside else math.inf
         self._speed = speed
         self._free_running = free_running
         self._wake = asyncio.Event()
@@ -121,8 +124,9 @@ class Simulation:
 
     def _run_until(self, wall_s: float) -> None:
         """As fast as it can, while there is something to do."""
-        stride, now, free = self.vehicle.stride, time.monotonic, self._free_running
-        while (stride() or free) and now() < wall_s:
+        vehicle, now, free = self.vehicle, time.monotonic, self._free_running
+        until_ns = vehicle.t_ns + self._most_ns
+        while (vehicle.stride() or free) and now() < wall_s and vehicle.t_ns < until_ns:
             pass
 
     def _run_for(self, sim_s: float) -> float:
