@@ -5,6 +5,7 @@ are the same here, and time is the vehicle's own.
 """
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
@@ -33,6 +34,7 @@ from sitl.observer import VehicleObserver
 
 LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
+_FIRST_READING_S = 3.0  # wall time, of the battery
 _SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
 _LEAST_PACE, _MOST_PACE = 0.5, 3.0  # of flights against what was foreseen of them
@@ -99,6 +101,8 @@ class ExternalFlyer(Flyer):
         """
         await self.ready()
         reserve = self.mission.battery_reserve
+        if reserve > 0.0:
+            await self._battery_told()
         if self.feed.battery_remaining < reserve:
             self._say(f"{self._low(reserve)}: no take-off before it is charged")
             await self._charged(reserve)
@@ -170,6 +174,12 @@ class ExternalFlyer(Flyer):
 
     async def _change_battery(self, reserve: float) -> None:
         await self._charged(reserve)
+
+    async def _battery_told(self) -> None:
+        """Wait for the first reading; who never tells one may fly all the same."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_FIRST_READING_S):
+                await until(lambda: not math.isnan(self.battery_remaining))
 
     async def _charged(self, reserve: float) -> None:
         """Wait for more than what a battery recovers by resting: half of all above the reserve."""
