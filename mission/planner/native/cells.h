@@ -171,6 +171,8 @@ static Point corner_of(const Cell *cell, int corner)
 /* Put numbers among the largest seen for each corner, which `top` holds from the largest down. */
 static inline void keep_largest(Corners *top, int64_t places, Corners value)
 {
+    const CornerMask any = (CornerMask)(value > top[places - 1]);
+    if (!(any[0] | any[1] | any[2] | any[3])) return; /* as most often */
     for (int64_t i = 0; i < places; i++) {
         const CornerMask more = (CornerMask)(value > top[i]);
         const Corners larger = (Corners)((more & (CornerMask)value) | (~more & (CornerMask)top[i]));

@@ -112,6 +112,7 @@ static Zones *everywhere(Programme *all)
         for (int64_t j = 0; j < count; j++) zones->square[n * count + j] = (int32_t)(j + 1);
     }
     zones->bound = INFINITY;
+    zones->share = 1.0;
     return zones;
 }
 

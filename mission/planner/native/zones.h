@@ -31,6 +31,7 @@ typedef struct {
 /* A node of the search, in one piece of memory. */
 typedef struct {
     double bound, mu;
+    double share; /* of a full step on prices, at first: less where that has not helped its parent */
     int64_t *first; /* (stops + 1,) where the squares of each stop begin */
     double *price;  /* (K,) */
     Point *lean;    /* (stops,) e */
@@ -57,6 +58,7 @@ static void inherit(const Sizes *sizes, const Zones *from, Zones *to)
 {
     to->bound = from->bound;
     to->mu = from->mu;
+    to->share = from->share;
     memcpy(to->price, from->price, (size_t)sizes->devices * sizeof(double));
     memcpy(to->lean, from->lean, (size_t)sizes->stops * sizeof(Point));
 }
@@ -340,7 +342,7 @@ static void step_towards(Zones *zones, double bound, double target, double share
 static void lower_bound(Zones *zones, double target, double enough, int turns, Programme *all)
 {
     const double inherited = zones->bound;
-    double share = 1.0;
+    double share = zones->share;
     int stale = 0;
     memset(all->spread, 0, (size_t)all->sizes.stops * sizeof(Spread));
     all->best->bound = INFINITY;
@@ -357,6 +359,7 @@ static void lower_bound(Zones *zones, double target, double enough, int turns, P
         }
     }
     inherit(&all->sizes, all->best, zones);
+    zones->share = all->best->bound < inherited ? 1.0 : share;
     zones->bound = least(zones->bound, inherited);
 }
 
