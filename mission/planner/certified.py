@@ -36,10 +36,12 @@ MAX_OPEN = 50_000
 USUAL_EXPONENT = 10
 STARTS = 64  # devices that a first path is built towards
 MIN_TRIES, MAX_TRIES = 40, 450
+MANY_TRIES = 3000  # where a search has ended early, which could have improved the plan
 # Few stops are searched by where they are, many by the order of visits. In between the order
-# settles it soon or never; with fewer places than devices, a stop being one place matters longer.
-FEW_STEPS, SOME_STEPS, SOME_SCARCE_STEPS = 4, 5, 7
-ORDER_NODES = 1500
+# settles it soon or never, with this share of the nodes; with fewer places than devices, a stop
+# being one place matters longer.
+SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
+ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.1, 5: 0.25, 6: 0.25}
 TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
 CROWD_TURNS = 1500  # the same with more devices than are searched
 NEARLY = 0.02  # a gap that a third mesh is not worth its time for
@@ -119,9 +121,9 @@ class Case:
     limits: Limits
     relaxation: Relaxation
 
-    def explored(self) -> Found:
-        """A first plan."""
-        attempts = tries(len(self.devices.delta))
+    def explored(self, attempts: int | None = None) -> Found:
+        """A plan that no bound has helped to find, by so many changes."""
+        attempts = attempts or tries(len(self.devices.delta))
         first = explore(self.devices, self.limits, starts=STARTS, tries=attempts)
         return Found(*first, self._promised)
 
@@ -148,17 +150,18 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
     count = len(devices.delta)
     scarce = limits.steps * limits.per_step < count
     by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
-    order_nodes = min(ORDER_NODES, goal.max_nodes // 2) if by_place else goal.max_nodes
-    if limits.steps > FEW_STEPS and count <= MOST_DEVICES:
-        effort = goal.effort(found, order_nodes)
-        if effort is not None:
-            found = search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
+    order_nodes = int(goal.max_nodes * ORDER_SHARE[limits.steps]) if by_place else goal.max_nodes
+    if count <= MOST_DEVICES and (effort := goal.effort(found, order_nodes)) is not None:
+        found = search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
     if by_place:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
         if (effort := goal.effort(found, most_nodes)) is not None:
             found = search_places(devices, limits, plan=found, effort=effort)
     thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
     if thorough and found.value > 0.0 and found.gap > goal.gap:
+        other = case.explored(MANY_TRIES) if count <= MOST_DEVICES else found
+        if other.value > found.value:
+            found = replace(other, bound=found.bound, nodes=found.nodes)
         found = by_potentials(case, found, goal)
     return found
 

@@ -78,6 +78,7 @@ static void by_insertion(
         if (!(node->mask[device] & bit)) continue;
         Node child = *node;
         insert(&child, problem->devices.count, device, gap, row_of(relaxation, level, radius));
+        if (!settle(&child, &problem->limits)) continue;
         point_at(&child, gap, path, problem, goal->eps, work);
         double dual = solve(&child, problem, goal, others, LOOSE, work);
         dual = least(dual, node->dual + promise);
@@ -121,10 +122,9 @@ static void by_merge(
     for (int8_t edge = MERGED; edge <= BARRED; edge++) {
         Node child = *node;
         child.edge[at] = edge;
-        const int64_t needed = stops_needed(&child, problem->limits.per_step);
-        if (needed < 0 || needed > problem->limits.steps - 1) continue;
+        if (!settle(&child, &problem->limits)) continue;
         double dual = node->dual;
-        if (edge == MERGED)
+        if (stops_now(&child) < stops_now(node))
             dual = least(dual, solve(&child, problem, goal, goal->rest, LOOSE, work));
         offer(family, edge, dual, goal->rest, node, &child, goal);
     }
@@ -147,6 +147,7 @@ static Node make_child(
         insert(
             &child, problem->devices.count, what, from->detail,
             row_of(&problem->relaxation, node->level[what], family->radius));
+    if (family->kind != SPLIT) settle(&child, &problem->limits);
     child.bound = from->bound;
     child.dual = from->dual;
     child.mu = from->mu;

@@ -4,9 +4,8 @@
    neighbours share a stop, and how near the other devices can be served at most. Its bound is the
    dual of the order plus what the others promise. It is split where its relaxed path falls short
    of the promise most: a device is inserted at every gap or declared out of reach of a radius, a
-   distance interval is cut in two, or, once the path keeps its promise but has too many stops, two
-   neighbours are merged or kept apart. Of a few candidates the one with the least work left below
-   it is taken. */
+   distance interval is cut in two, or, where the path has too many stops, two neighbours are merged
+   or kept apart. Of a few candidates the one with the least work left below it is taken. */
 #ifndef SEARCH_H
 #define SEARCH_H
 
@@ -15,6 +14,9 @@
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
 enum { PROBES = 3 };             /* devices compared before one is branched on */
+/* A search that leaves more than this gap after some nodes leaves some percent after many. */
+enum { SOME_NODES = 1500 };
+static const double TOO_MUCH = 0.15;
 
 /* Memory for a search. */
 typedef struct {
@@ -59,17 +61,18 @@ static int64_t pick_stop(
     return best;
 }
 
-/* The undecided edge with the shortest leg; or -1. */
+/* The undecided edge with the longest leg; or -1. Merging it costs most, and where it is barred there
+   is one stop fewer for the others. */
 static int64_t pick_edge(const Node *node, const Path *path)
 {
     int64_t best = -1;
-    double shortest = INFINITY;
+    double longest = -1.0;
     for (int64_t i = 0; i < node->size; i++)
-        if (node->edge[i] == UNDECIDED) {
+        if (node->edge[i] == UNDECIDED && !apart(node, i)) {
             const double square = square_between(path->points[i + 1], path->points[i]);
-            if (square < shortest) {
+            if (square > longest) {
                 best = i;
-                shortest = square;
+                longest = square;
             }
         }
     return best;
@@ -87,17 +90,32 @@ static int64_t cut_radius(
     return best;
 }
 
-/* Find a way to split the search's node, or NULL if it is a leaf. `closed` gets the largest bound
-   among the parts of it that were closed on the way. */
-static const Family *branch(
-    Search *all, const Problem *problem, const Goal *goal, double floor, double *closed)
+/* The families of ways to split a node, as they are compared. */
+typedef struct {
+    Family *best, *next; /* the one with the least work below it, NULL at first; memory for another */
+    double closed;       /* the largest bound among the parts that were closed on the way */
+} Contest;
+
+static int is_closed(const Contest *contest) { return contest->best && contest->best->count == 0; }
+
+/* The next family takes part. */
+static void compare(Contest *contest, Search *all)
+{
+    Family *next = contest->next;
+    contest->closed = most(contest->closed, next->closed);
+    if (contest->best && next->score >= contest->best->score) return;
+    contest->next = next == &all->families[0] ? &all->families[1] : &all->families[0];
+    contest->best = next;
+}
+
+/* Find a way to split the search's node; its best is NULL if the node is a leaf. */
+static Contest branch(Search *all, const Problem *problem, const Goal *goal, double floor)
 {
     Node *node = &all->node;
     Path *path = &all->path;
-    Family *family = &all->families[0], *rival = &all->families[1];
     const Relaxation *relaxation = &problem->relaxation;
+    Contest contest = {NULL, &all->families[0], 0.0};
     uint64_t tried = 0;
-    int found = 0;
     int64_t at = pick_stop(node, path, relaxation, floor);
     if (at < 0 && pick_device(node, path, problem, floor, tried) < 0) {
         tighten(node, problem, goal, &all->work);
@@ -105,38 +123,30 @@ static const Family *branch(
         at_stops(node, problem, path);
         at = pick_stop(node, path, relaxation, floor);
     }
-    *closed = 0.0;
     if (at >= 0) {
-        by_split(
-            node, at, cut_radius(node, at, path, relaxation), problem, goal, family, &all->work);
-        found = 1;
-        *closed = family->closed;
+        const int64_t radius = cut_radius(node, at, path, relaxation);
+        by_split(node, at, radius, problem, goal, contest.next, &all->work);
+        compare(&contest, all);
     }
-    for (int probe = 0; probe < PROBES; probe++) {
+    for (int probe = 0; probe < PROBES && !is_closed(&contest); probe++) {
         const int64_t k = pick_device(node, path, problem, floor, tried);
-        if (k < 0 || (found && family->count == 0)) break;
+        if (k < 0) break;
         tried |= (uint64_t)1 << k;
-        by_insertion(node, k, path, problem, goal, rival, &all->work);
-        *closed = most(*closed, rival->closed);
-        if (!found || rival->score < family->score) {
-            Family *better = rival;
-            rival = family;
-            family = better;
-            found = 1;
-        }
+        by_insertion(node, k, path, problem, goal, contest.next, &all->work);
+        compare(&contest, all);
     }
-    if (found) return family;
-    if (stops_now(node) < problem->limits.steps) {
+    if (stops_now(node) >= problem->limits.steps && !is_closed(&contest)) {
+        by_merge(node, pick_edge(node, path), problem, goal, contest.next, &all->work);
+        compare(&contest, all);
+    }
+    if (!contest.best) {
         /* Nobody promises too much, but together they may need more places than there are. */
         const int64_t k = pick_device(node, path, problem, -INFINITY, 0);
-        if (k < 0) return NULL;
-        by_insertion(node, k, path, problem, goal, family, &all->work);
-        *closed = family->closed;
-        return family;
+        if (k < 0) return contest;
+        by_insertion(node, k, path, problem, goal, contest.next, &all->work);
+        compare(&contest, all);
     }
-    by_merge(node, pick_edge(node, path), problem, goal, family, &all->work);
-    *closed = family->closed;
-    return family;
+    return contest;
 }
 
 /* Put the node's relaxed path to use; 1 if the plan is better than before. */
@@ -156,8 +166,8 @@ typedef struct {
     int64_t nodes; /* looked into */
 } Proof;
 
-/* Improve on a plan until none can be better by more than the relative gap, or the nodes run out.
-   Nodes for which there is no room are closed with their bound. */
+/* Improve on a plan until none can be better by more than the relative gap, the nodes run out, or
+   there is no hope of it. Nodes for which there is no room are closed with their bound. */
 static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *plan, Search *all)
 {
     Tree *tree = &all->tree;
@@ -168,8 +178,10 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     node->mu = node->bound / problem->limits.length;
     if (!push(tree, node)) proof.bound = node->bound;
     while (tree->open > 0) {
-        double enough = plan->value / (1.0 - gap), cut_off;
-        if (best_open(tree) <= enough || proof.nodes >= max_nodes) {
+        double enough = plan->value / (1.0 - gap);
+        const int hopeless =
+            proof.nodes == SOME_NODES && plan->value < best_open(tree) * (1.0 - TOO_MUCH);
+        if (best_open(tree) <= enough || proof.nodes >= max_nodes || hopeless) {
             proof.bound = most(proof.bound, best_open(tree));
             break;
         }
@@ -184,14 +196,14 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
             BARRIER_SHARE * plan->value / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
         const Goal goal = {
             rest_of(node, problem), eps, enough, plan->value / problem->limits.length};
-        const Family *family = branch(all, problem, &goal, TINY * plan->value, &cut_off);
-        if (!family) {
+        const Contest contest = branch(all, problem, &goal, TINY * plan->value);
+        if (!contest.best) {
             proof.bound = most(proof.bound, node->bound);
             continue;
         }
-        proof.bound = most(proof.bound, cut_off);
-        for (int64_t c = 0; c < family->count; c++) {
-            const Node child = make_child(node, family, c, problem);
+        proof.bound = most(proof.bound, contest.closed);
+        for (int64_t c = 0; c < contest.best->count; c++) {
+            const Node child = make_child(node, contest.best, c, problem);
             if (!push(tree, &child)) proof.bound = most(proof.bound, child.bound);
         }
     }

@@ -117,16 +117,25 @@ static void insert(Node *node, int64_t devices, int64_t device, int64_t gap, int
         }
 }
 
-/* Fewest stops after the start that serve the order; -1 if the merges overfill one.
+/* Whether a stop and the one before it are never one. Devices of one stop stand in the order of
+   their numbers: other orders of them are the same plans. */
+static int apart(const Node *node, int64_t i)
+{
+    return node->edge[i] == BARRED || (i > 0 && node->order[i - 1] > node->order[i]);
+}
+
+/* Fewest stops after the start that serve the order; -1 if the merges overfill one, or put devices
+   together that are apart.
 
    Stops serve stretches of the order, so that filling each as far as it goes is optimal. */
 static int64_t stops_needed(const Node *node, int64_t per_step)
 {
     int64_t needed = 0, load = 0;
     for (int64_t i = 0, run; i < node->size; i += run) {
-        for (run = 1; i + run < node->size && node->edge[i + run] == MERGED;) run++;
+        for (run = 1; i + run < node->size && node->edge[i + run] == MERGED; run++)
+            if (apart(node, i + run)) return -1;
         if (run > per_step) return -1;
-        if (node->edge[i] != BARRED && load + run <= per_step) {
+        if (!apart(node, i) && load + run <= per_step) {
             load += run;
         } else {
             needed++;
@@ -134,6 +143,26 @@ static int64_t stops_needed(const Node *node, int64_t per_step)
         }
     }
     return needed;
+}
+
+static int enough_stops(const Node *node, const Limits *limits)
+{
+    const int64_t needed = stops_needed(node, limits->per_step);
+    return needed >= 0 && needed < limits->steps;
+}
+
+/* Decide the edges that leave no choice; 0 where there are not stops enough for the order. */
+static int settle(Node *node, const Limits *limits)
+{
+    if (!enough_stops(node, limits)) return 0;
+    for (int64_t i = 0; i < node->size; i++) {
+        if (node->edge[i] != UNDECIDED || apart(node, i)) continue;
+        node->edge[i] = MERGED;
+        const int may_merge = enough_stops(node, limits);
+        node->edge[i] = BARRED;
+        if (may_merge) node->edge[i] = enough_stops(node, limits) ? UNDECIDED : MERGED;
+    }
+    return 1;
 }
 
 /* Stops after the start if no more are merged. */
