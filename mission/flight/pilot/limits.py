@@ -22,7 +22,7 @@ class Name:
 
 @dataclass(frozen=True)
 class LimitNames:
-    """What a family of autopilots calls its limits: each under the names of its versions.
+    """What a family of autopilots calls its limits: each under the names of its versions, in order.
 
     None where it has no such parameter.
     """
@@ -169,12 +169,18 @@ class Limits:
 
 
 async def read_limits(parameters: Parameters, names: LimitNames) -> Limits:
-    """Ask the vehicle for its limits."""
+    """Ask the vehicle for its limits.
+
+    A name that it lacks costs seconds of waiting: the names of the version that has answered come
+    first for the others.
+    """
     told = {}
+    version = 0
     for what, alternatives in vars(names).items():
-        for name in alternatives:
+        for number, name in sorted(enumerate(alternatives), key=lambda one: one[0] != version):
             value = await parameters.get(name.name)
             if value is not None:
                 told[what] = Limit(name, value * name.unit)
+                version = max(version, number)
                 break
     return Limits(told)

@@ -28,8 +28,11 @@ class Table(Parameters):
     def __init__(self, **values: float) -> None:
         self.values = dict(values)
         self.silent = False
+        self.lacked: list[str] = []
 
     async def get(self, name: str) -> float | None:
+        if name not in self.values:
+            self.lacked.append(name)
         return self.values.get(name)
 
     async def set(self, name: str, value: float) -> None:
@@ -66,6 +69,16 @@ def test_newer_names_count_in_metres() -> None:
     assert told(ARDUPILOT_LIMITS, WP_RADIUS_M=8.0).adjustments(DEMAND) == {
         "WP_RADIUS_M": (8.0, 5.0)
     }
+
+
+def test_of_a_newer_version_one_older_name_is_waited_for() -> None:
+    table = Table(
+        WP_SPD=10.0, WP_ACC=2.5, ATC_ANGLE_MAX=30.0, WP_RADIUS_M=2.0,
+        FENCE_ENABLE=0.0, FENCE_TYPE=7.0, FENCE_RADIUS=300.0, FENCE_ALT_MAX=100.0,
+    )  # fmt: skip
+    limits = asyncio.run(read_limits(table, ARDUPILOT_LIMITS))
+    assert table.lacked == ["WPNAV_SPEED"]
+    assert limits.value("tilt_deg", otherwise=0.0) == 30.0
 
 
 @pytest.mark.parametrize(
