@@ -15,8 +15,8 @@ static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
 enum { PROBES = 3 };             /* devices compared before one is branched on */
 /* A search that leaves more than this gap after some nodes leaves some percent after many. */
-enum { SOME_NODES = 1500 };
-static const double TOO_MUCH = 0.15;
+enum { SOME_NODES = 5000 };
+static const double TOO_MUCH = 0.12;
 
 /* Memory for a search. */
 typedef struct {
