@@ -41,7 +41,7 @@ MANY_TRIES = 3000  # where a search has ended early, which could have improved t
 # settles it soon or never, with this share of the nodes; with fewer places than devices, a stop
 # being one place matters longer.
 SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
-ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.1, 5: 0.25, 6: 0.25}
+ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.1, 5: 0.4, 6: 0.4}
 TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
 CROWD_TURNS = 1500  # the same with more devices than are searched
 NEARLY = 0.02  # a gap that a third mesh is not worth its time for
