@@ -8,6 +8,7 @@ by the cut allowed.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
@@ -40,33 +41,29 @@ def make_leg(start: Triple, end: Triple, *, speed: float, limits: LimitsConfig) 
     return Leg(u, length, speed, accel)
 
 
-def _blend_spill(cut: float, sine: float, *, radius: float) -> float:
-    """Distance from the leg at which a blend that misses its corner by `cut` enters the circle of
-    `radius` about the corner; 0 where the whole blend lies inside.
+def _strays(cut: float, sine: float, *, radius: float) -> bool:
+    """Whether a blend that misses its corner by `cut` is further than `_SPILL` off the leg where it
+    enters the circle of `radius` about the corner.
 
     With a = 1: v^2 = 2 cut / s^2; along the leg the blend is v^2 s - (v t - s t^2 / 2) before the
-    corner, and off it by cos(phi / 2) t^2 / 2.
+    corner, and off it by cos(phi / 2) t^2 / 2. It comes nearer up to its middle, at t = v s.
     """
     v = math.sqrt(2 * cut) / sine
-    cosine = math.sqrt(max(1 - sine * sine, 0.0))
     before = v * v * sine
-    if before <= radius:
-        return 0.0
-    low, high = 0.0, v * sine  # to the middle of the blend
-    for _ in range(30):
-        t = (low + high) / 2
-        if math.hypot(before - v * t + sine * t * t / 2, cosine * t * t / 2) > radius:
-            low = t
-        else:
-            high = t
-    return cosine * low * low / 2
+    cosine = math.sqrt(max(1 - sine * sine, 0.0))
+    off = _SPILL * radius
+    if before <= radius or cosine * (v * sine) ** 2 / 2 <= off:
+        return False
+    t = math.sqrt(2 * off / cosine)
+    return math.hypot(before - v * t + sine * t * t / 2, off) > radius
 
 
+@lru_cache(maxsize=1000)
 def _allowed_cut(sine: float, radius: float, *, share: float) -> float:
     """The largest cut, at most `share` of the acceptance radius, that strays from the legs by at
     most `_SPILL` of it outside."""
     cut = share * radius
-    while cut > 1e-6 and _blend_spill(cut, sine, radius=radius) > _SPILL * radius:
+    while cut > 1e-6 and _strays(cut, sine, radius=radius):
         cut *= 0.95
     return cut
 

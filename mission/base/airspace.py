@@ -8,6 +8,7 @@ here over points about the outlines' corners, at the margin from them.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,10 @@ from mission.base.arrays import Bools, Floats
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around
 _REMEMBERED = 10_000  # ways
+_TOGETHER = 50  # places that may be free
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
 _AROUND = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
-_AT_ONCE = 200_000  # pairs of a leg and an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +85,41 @@ class Airspace:
         lengths, before = shortest_path(direct, directed=False, return_predecessors=True)
         return np.asarray(lengths), np.asarray(before)
 
+    @cached_property
+    def _outlines(self) -> Any:
+        """Every outline, as Shapely is asked how far away they are."""
+        # Imported here, as in `allows`: most runs have no areas.
+        import shapely
+
+        outlines = shapely.multilinestrings([shapely.linearrings(ring) for ring in self._rings])
+        shapely.prepare(outlines)
+        return outlines
+
+    @cached_property
+    def _areas(self) -> tuple[Any, Any]:
+        """(A, 1) the areas to keep out of, (B, 1) those to keep within."""
+        import shapely
+
+        fences = () if self.keep_in is None else (self.keep_in,)
+        both = [
+            np.array([shapely.polygons(ring) for ring in rings], dtype=object)[:, None]
+            for rings in (self.keep_out, fences)
+        ]
+        for areas in both:
+            shapely.prepare(areas)
+        return both[0], both[1]
+
     def allows(self, points_m: Floats) -> Bools:
-        """(P,) whether points (P, 2) lie outside all areas to keep out of, and within the fence."""
-        allowed = np.ones(len(points_m), dtype=bool)
-        for ring in self.keep_out:
-            allowed &= ~_within(ring, points_m)
-        if self.keep_in is not None:
-            allowed &= _within(self.keep_in, points_m)
-        return allowed
+        """(P,) whether points (P, 2) lie outside all areas to keep out of, and within the fence.
+
+        An outline belongs to what must not be flown.
+        """
+        import shapely
+
+        x, y = points_m.T
+        keep_out, keep_in = self._areas
+        forbidden = shapely.intersects_xy(keep_out, x, y).any(axis=0)
+        return np.asarray(~forbidden & shapely.contains_xy(keep_in, x, y).all(axis=0))
 
     def outside(self, points_m: Floats) -> Bools:
         """(P,) whether points (P, 2) are allowed, and on no outline."""
@@ -99,14 +127,7 @@ class Airspace:
 
     def free(self, points_m: Floats) -> Bools:
         """(P,) whether they are allowed, and at the margin from every outline."""
-        if self.is_open or not len(points_m):
-            return np.ones(len(points_m), dtype=bool)
-        return (self._near(points_m) >= self.margin_m - _SLACK_M) & self.allows(points_m)
-
-    def _near(self, points_m: Floats) -> Floats:
-        """(P,) the distance of each point from the nearest outline."""
-        start, end = self._edges
-        return np.asarray(_to_leg(points_m[:, None], start[None], end[None]).min(axis=1))
+        return self.clear(points_m, points_m) & self.allows(points_m)
 
     def clear(self, from_m: Floats, to_m: Floats) -> Bools:
         """(S,) whether legs (S, 2) -> (S, 2) keep the margin from every outline."""
@@ -117,15 +138,14 @@ class Airspace:
         return ~self._keeps(from_m, to_m, _SLACK_M)
 
     def _keeps(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
+        import shapely
+
         if self.is_open:
             return np.ones(len(from_m), dtype=bool)
-        start, end = self._edges
-        chunk = max(1, _AT_ONCE // len(start))
-        far = [
-            _apart(from_m[some : some + chunk], to_m[some : some + chunk], start, end)
-            for some in range(0, len(from_m), chunk)
-        ]
-        return np.asarray(np.concatenate([*far, np.empty(0)]) >= away_m)
+        legs = shapely.linestrings(np.stack((from_m, to_m), axis=1))
+        still = (from_m == to_m).all(axis=1)  # lines without a length are nowhere, to Shapely
+        legs[still] = shapely.points(from_m[still])
+        return np.asarray(~shapely.dwithin(self._outlines, legs, away_m))
 
     def moved(self, points_m: Floats) -> Floats:
         """(P, 2) the points; one that is not free is at a place close to it that is.
@@ -155,12 +175,16 @@ class Airspace:
         places = np.vstack(
             (feet + beside * left, feet + beside * away / far, self._corners, self._nooks, *rings)
         )
-        places = places[self.free(places)]
-        if self.outside(point_m[None])[0]:
-            places = places[~self.crosses(np.broadcast_to(point_m, places.shape), places)]
-        if not len(places):
-            raise ValueError("nowhere is free")
-        return np.asarray(places[np.hypot(*(places - point_m).T).argmin()])
+        places = places[np.hypot(*(places - point_m).T).argsort(kind="stable")]
+        outside = self.outside(point_m[None])[0]
+        for first in range(0, len(places), _TOGETHER):
+            some = places[first : first + _TOGETHER]
+            some = some[self.free(some)]
+            if outside:
+                some = some[~self.crosses(np.broadcast_to(point_m, some.shape), some)]
+            if len(some):
+                return np.asarray(some[0])
+        raise ValueError("nowhere is free")
 
     def way(self, from_m: Floats, to_m: Floats) -> Floats:
         """(P, 2) the shortest way, both ends among its points.
@@ -170,17 +194,24 @@ class Airspace:
         Raises:
             ValueError: there is no way.
         """
-        if self.is_open:
-            return np.array([from_m, to_m])
+        return self.way_and_length(from_m, to_m)[0]
+
+    def way_and_length(self, from_m: Floats, to_m: Floats) -> tuple[Floats, float]:
+        """The shortest way, as `way` has it, and its metres.
+
+        Raises:
+            ValueError: there is no way.
+        """
         key = (from_m.tobytes(), to_m.tobytes())
         if key not in self._ways:
             if len(self._ways) >= _REMEMBERED:
                 self._ways.clear()
-            self._ways[key] = self._way(from_m, to_m)
+            way = self._way(from_m, to_m)
+            self._ways[key] = way, polyline.length(way)
         return self._ways[key]
 
     @cached_property
-    def _ways(self) -> dict[tuple[bytes, bytes], Floats]:
+    def _ways(self) -> dict[tuple[bytes, bytes], tuple[Floats, float]]:
         """Ways that were asked for: a planner tries path after path with most legs alike."""
         return {}
 
@@ -208,9 +239,12 @@ class Airspace:
 
     def away(self, points_m: Floats) -> Floats:
         """(P,) at least how far anybody who is allowed to fly is from each of the points."""
+        import shapely
+
         if self.is_open:
             return np.zeros(len(points_m))
-        return np.where(self.allows(points_m), 0.0, self._near(points_m))
+        far_m = shapely.distance(self._outlines, shapely.points(points_m))
+        return np.where(self.allows(points_m), 0.0, far_m)
 
 
 OPEN = Airspace()
@@ -246,17 +280,6 @@ def _turning(ring_m: Floats, *, clockwise: bool) -> Floats:
     return ring_m if (_area(ring_m) < 0.0) == clockwise else ring_m[::-1]
 
 
-def _within(ring_m: Floats, points_m: Floats) -> Bools:
-    """(P,) by crossing numbers."""
-    (x1, y1), (x2, y2) = ring_m.T, np.roll(ring_m, -1, axis=0).T
-    x, y = points_m[:, :1], points_m[:, 1:]
-    beside = (y1 > y) != (y2 > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
-    crossed: Bools = (beside & (x < np.where(beside, at, 0.0))).sum(axis=1) % 2 == 1
-    return crossed
-
-
 def _between(ring_m: Floats, margin_m: float) -> Floats:
     """Where the edges' parallels on the left meet, at corners that the free side fills."""
     into = ring_m - np.roll(ring_m, 1, axis=0)
@@ -285,25 +308,6 @@ def _around(ring_m: Floats, margin_m: float) -> Floats:
             ray = np.array([math.cos(angle), math.sin(angle)])
             points.append(corner + margin_m / math.cos(half) * ray)
     return np.array(points).reshape(-1, 2)
-
-
-def _apart(from_m: Floats, to_m: Floats, start: Floats, end: Floats) -> Floats:
-    """(S,) the least distance of each leg from any of the edges."""
-    a, b = from_m[:, None, :], to_m[:, None, :]
-    c, d = start[None, :, :], end[None, :, :]
-    nearest = np.minimum(
-        np.minimum(_to_leg(a, c, d), _to_leg(b, c, d)),
-        np.minimum(_to_leg(c, a, b), _to_leg(d, a, b)),
-    )
-    return np.asarray(np.where(_cross(a, b, c, d), 0.0, nearest).min(axis=1))
-
-
-def _to_leg(point: Floats, start: Floats, end: Floats) -> Floats:
-    along, offset = end - start, point - start
-    square = (along**2).sum(axis=-1)
-    share = (offset * along).sum(axis=-1) / np.where(square > 0.0, square, 1.0)
-    nearest = offset - np.clip(share, 0.0, 1.0)[..., None] * along
-    return np.asarray(np.hypot(nearest[..., 0], nearest[..., 1]))
 
 
 def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:

@@ -2,8 +2,9 @@
 
 What is best without areas is a bound for what can be had with them: its waypoints are free to be
 anywhere, and the way between them is straight. That bound stays true. The plan is the best of the
-planner's own for several budgets, led around, and of one that is grown device by device along the
-real ways; then the waypoints are moved as long as that helps.
+planner's own for several budgets, led around, of paths that are grown device by device along the
+real ways, and of paths at random; then the waypoints are moved as long as that helps. Where time or
+energy is limited, each is cut where its own flight, around all corners, reaches the limit.
 """
 
 from dataclasses import dataclass, replace
@@ -15,9 +16,9 @@ from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace, cut
 from mission.base.arrays import Floats
 from mission.planner.certified import TABLED
-from mission.planner.evaluate import finish, success, success_bounds
+from mission.planner.evaluate import success, success_bounds, worth_of
+from mission.planner.fitting import at_best_altitude, drawn_together, fitted, improved, share
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-from mission.planner.schedule import assign
 
 _SHARES = (0.9, 0.75, 0.55)  # of the budget, where the way around costs the rest
 _TRIED = 2  # paths of either kind that are improved
@@ -30,6 +31,7 @@ _FAR_M, _NEAR_M = (80.0, 30.0), (10.0, 3.0, 1.0)  # strides of all that are trie
 _ROUNDS = 2  # over all waypoints with one stride, at most
 _GAIN = 1e-6  # of the value: less is no improvement
 _SHORTER_M = 0.5
+_ROOM = 1.01  # of a limit: a path that is straighter may be as much longer
 _TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 _RAYS = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 
@@ -48,10 +50,11 @@ class AroundPlanner:
         """
         if problem.airspace.is_open:
             return self.inner.plan(problem)
+        problem = replace(problem, path_budget_m=problem.most_m)
         ideal = self.inner.plan(replace(problem, airspace=OPEN))
         best = self._around(problem.at(ideal.altitude_m), ideal)
-        if problem.altitudes_m is not None:
-            best = finish(problem, best.waypoints_m)
+        best = at_best_altitude(problem, best, ideal.altitude_m)
+        assert problem.limits is None or share(problem, best) <= 1.0, "a plan breaks its limits"
         bound = ideal.upper_bound  # NaN stays, where none is proven
         # A way out of an area leads nearer to devices than anybody is allowed to be.
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
@@ -61,18 +64,33 @@ class AroundPlanner:
 
     def _around(self, problem: RoundProblem, ideal: RoundPlan) -> RoundPlan:
         """The best plan from one altitude, given the one without areas."""
-        bare = replace(problem, airspace=OPEN)
-        best = finish(problem, ideal.waypoints_m)
-        if best.value < ideal.value * (1.0 - _GAIN):
-            others = [best, *(finish(problem, path) for path in grown(problem))]
-            for share in _SHARES:
-                shorter = replace(bare, path_budget_m=share * problem.path_budget_m)
-                others.append(finish(problem, self.inner.plan(shorter).waypoints_m))
-            drawn = [finish(problem, path) for path in _drawn(problem)]
-            tried = [*_best(others), *_best(drawn)]
+        best = _along(problem, ideal.waypoints_m)
+        if best.value >= ideal.value * (1.0 - _GAIN):
+            return best
+        others = [best, *(_along(problem, path) for path in self._paths(problem, ideal))]
+        drawn = [_along(problem, path) for path in _drawn(problem)]
+        tried = [*_best(others), *_best(drawn)]
+        if problem.limits is None:
             coarse = [_moved(problem, other, _FAR_M) for other in tried]
-            best = _moved(problem, max(coarse, key=_value), _NEAR_M)
-        return best
+            return _moved(problem, max(coarse, key=_value), _NEAR_M)
+        coarse = [_moved(problem, _detoured(problem, other), _FAR_M) for other in tried]
+        return improved(problem, max(coarse, key=_value))
+
+    def _paths(self, problem: RoundProblem, ideal: RoundPlan) -> list[Floats]:
+        """Paths (N, 2) that are grown, and the planner's own for fewer metres, without areas."""
+        # Within limits the best path without areas shows how many metres may be flown.
+        most_m = problem.path_budget_m if problem.limits is None else ideal.path_m
+        free = replace(problem, airspace=OPEN, limits=None)
+        shorter = [replace(free, path_budget_m=part * most_m) for part in _SHARES]
+        return [
+            *grown(replace(problem, path_budget_m=most_m)),
+            *(self.inner.plan(one).waypoints_m for one in shorter),
+        ]
+
+
+def _along(problem: RoundProblem, waypoints_m: Floats) -> RoundPlan:
+    """The plan along waypoints, made to fit."""
+    return fitted(problem, waypoints_m) or drawn_together(problem, waypoints_m)
 
 
 def reach_bound(problem: RoundProblem) -> float:
@@ -147,7 +165,7 @@ def _ways_m(space: Airspace, places_m: Floats) -> Floats:
     far = np.zeros((len(places_m), len(places_m)))
     for i, j in zip(*np.triu_indices(len(places_m), 1), strict=True):
         try:
-            far[i, j] = far[j, i] = polyline.length(space.way(places_m[i], places_m[j]))
+            far[i, j] = far[j, i] = space.way_and_length(places_m[i], places_m[j])[1]
         except ValueError:
             far[i, j] = far[j, i] = np.inf
     return far
@@ -167,17 +185,12 @@ def _filled(problem: RoundProblem, waypoints_m: Floats) -> Floats:
     while len(waypoints_m) < problem.steps:
         if len(waypoints_m) == 1:
             return np.repeat(waypoints_m, problem.steps, axis=0)
-        ways = [problem.airspace.way(a, b) for a, b in pairwise(waypoints_m)]
-        longest = int(np.argmax([polyline.length(way) for way in ways]))
-        middle = cut(ways[longest], polyline.length(ways[longest]) / 2.0)[-1]
+        ways = [problem.airspace.way_and_length(a, b) for a, b in pairwise(waypoints_m)]
+        longest = int(np.argmax([way_m for _, way_m in ways]))
+        way, way_m = ways[longest]
+        middle = cut(way, way_m / 2.0)[-1]
         waypoints_m = np.insert(waypoints_m, longest + 1, middle, axis=0)
     return waypoints_m
-
-
-def worth_of(problem: RoundProblem, waypoints_m: Floats) -> float:
-    """What the best schedule from waypoints is worth."""
-    worth = success(problem, waypoints_m) * problem.importance
-    return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
 
 
 def _value(plan: RoundPlan) -> float:
@@ -200,6 +213,28 @@ def _moved(problem: RoundProblem, plan: RoundPlan, strides_m: tuple[float, ...])
     return plan
 
 
+def _detoured(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
+    """The plan after every detour to a device that makes it worth more."""
+    places = problem.airspace.moved(problem.devices_m)
+    for _ in range(_ROUNDS):
+        before = plan
+        for place in places:
+            plan = _better(problem, plan, _by_way_of(problem, plan, place)) or plan
+        if plan is before:
+            break
+    return plan
+
+
+def _by_way_of(problem: RoundProblem, plan: RoundPlan, place_m: Floats) -> Floats:
+    """The plan's waypoints (N, 2) with a place between the two from which it is nearest, instead of
+    the waypoint that earns least."""
+    earned = (plan.schedule * success(problem, plan.waypoints_m) * problem.importance).sum(axis=1)
+    left = np.delete(plan.waypoints_m, 1 + earned[1:].argmin(), axis=0)
+    far = np.hypot(*(left - place_m).T)
+    longer = far + np.append(far[1:] - polyline.legs(left), 0.0)
+    return np.insert(left, longer.argmin() + 1, place_m, axis=0)
+
+
 def _best_move(problem: RoundProblem, plan: RoundPlan, n: int, stride_m: float) -> RoundPlan:
     places = plan.waypoints_m[n] + stride_m * _RAYS
     for place in places[problem.airspace.free(places)]:
@@ -207,12 +242,23 @@ def _best_move(problem: RoundProblem, plan: RoundPlan, n: int, stride_m: float) 
         waypoints[n] = place
         if _no_better(problem, plan, waypoints):
             continue
-        other = finish(problem, waypoints)
+        plan = _better(problem, plan, waypoints) or plan
+    return plan
+
+
+def _better(problem: RoundProblem, plan: RoundPlan, waypoints_m: Floats) -> RoundPlan | None:
+    """The plan along other waypoints, where it is worth more, or as much and shorter."""
+
+    def wanted(other: RoundPlan) -> bool:
         gain = other.value - plan.value
         shorter = gain > -_GAIN * plan.value and other.path_m < plan.path_m - _SHORTER_M
-        if gain > _GAIN * plan.value or shorter:
-            plan = other
-    return plan
+        return gain > _GAIN * plan.value or shorter
+
+    if problem.limits is not None:  # what is too long anyway need not be foreseen
+        left = _ROOM - share(problem, plan)
+        most_m = min(problem.path_budget_m, plan.path_m + left * problem.path_budget_m)
+        problem = replace(problem, path_budget_m=most_m)
+    return fitted(problem, waypoints_m, wanted=wanted)
 
 
 def _no_better(problem: RoundProblem, plan: RoundPlan, waypoints_m: Floats) -> bool:

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from fl.radio.channel import average_per
-from mission.base import polyline
 from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.planner.errors import PlanInputError
@@ -86,6 +85,12 @@ def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]
     return schedule, objective(problem, waypoints_m, schedule)
 
 
+def worth_of(problem: RoundProblem, waypoints_m: Floats) -> float:
+    """What the best schedule from waypoints is worth."""
+    worth = success(problem, waypoints_m) * problem.importance
+    return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
+
+
 def climbed(
     problem: RoundProblem, waypoints_m: Floats, from_m: float
 ) -> tuple[Bools, float, float]:
@@ -130,13 +135,15 @@ def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tu
     if space.is_open:
         return waypoints, ()
     waypoints[1:] = space.moved(waypoints[1:])
-    left_m, via = problem.path_budget_m, []
+    left_m, via = problem.path_budget_m, list[Floats]()
     for n in range(1, len(waypoints)):
+        if left_m == 0.0:
+            waypoints[n:] = waypoints[n - 1]
+            return waypoints, (*via, *[np.empty((0, 2))] * (len(waypoints) - n))
         try:
-            way = space.way(waypoints[n - 1], waypoints[n])
+            way, way_m = space.way_and_length(waypoints[n - 1], waypoints[n])
         except ValueError:
-            way = waypoints[[n - 1, n - 1]]
-        way_m = polyline.length(way)
+            way, way_m = waypoints[[n - 1, n - 1]], 0.0
         if way_m > left_m:
             way = cut(way, left_m)
         waypoints[n] = way[-1]

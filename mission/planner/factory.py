@@ -21,7 +21,7 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    return WithinPlanner(AroundPlanner(_choosing_altitudes(config)))
+    return AroundPlanner(WithinPlanner(_choosing_altitudes(config)))
 
 
 def _choosing_altitudes(config: PlannerConfig) -> Planner:

@@ -1,6 +1,7 @@
 """One round's planning problem and its answer: values only, no solver."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -33,6 +34,12 @@ class RoundProblem:
     altitudes_m: tuple[float, float] | None = None
     # (K,) how long the aircraft hovers for each device that it serves; None: it does not
     upload_s: Floats | None = None
+
+    @property
+    def most_m(self) -> float:
+        """Metres that no path within budget and limits exceeds."""
+        limits = self.limits
+        return self.path_budget_m if limits is None else min(self.path_budget_m, limits.longest_m)
 
     def at(self, altitude_m: float | None) -> Self:
         """The same problem at one altitude; None: the channel's."""
@@ -67,13 +74,13 @@ class RoundPlan:
         """(upper bound - value) / upper bound; 0 for a bound of 0, NaN without a bound."""
         return relative_gap(self.value, self.upper_bound)
 
-    @property
+    @cached_property
     def route_m(self) -> Floats:
         """(P, 2) the polyline to fly: the waypoints, and the corners between them."""
         if not self.via_m:
             return self.waypoints_m
         legs = zip(self.waypoints_m, (*self.via_m, np.empty((0, 2))), strict=True)
-        return np.vstack([np.vstack((waypoint[None], corners)) for waypoint, corners in legs])
+        return np.vstack([points for leg in legs for points in leg])
 
     @property
     def stops_at(self) -> Ints:
@@ -81,7 +88,7 @@ class RoundPlan:
         corners = [len(leg) for leg in self.via_m] or [0] * (len(self.waypoints_m) - 1)
         return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))
 
-    @property
+    @cached_property
     def path_m(self) -> float:
         """Length of the planned polyline in metres."""
         return polyline.length(self.route_m)

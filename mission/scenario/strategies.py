@@ -12,10 +12,10 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
+from mission.planner.fitting import serving_fewer
 from mission.planner.flyable import sharpest
 from mission.planner.performance import RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-from mission.planner.within import serving_fewer
 
 _BEGINS, _HALVINGS = 24, 12  # of a tour's stretch, where it may begin; of its length
 

@@ -73,6 +73,83 @@ def _distance(points: np.ndarray, ring: np.ndarray) -> float:
     return float(min(np.hypot(*(edge - point).T).min() for point in points)) + 0.0
 
 
+def _far_from_edges(a: np.ndarray, b: np.ndarray, rings: list[np.ndarray]) -> float:
+    """The least distance of a leg from any edge: 0 where they cross, else at one of four ends."""
+
+    def from_leg(p: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:
+        square = float((d - c) @ (d - c))
+        share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((p - c) @ (d - c)) / square))
+        return float(np.hypot(*(c + share * (d - c) - p)))
+
+    def cross(u: np.ndarray, v: np.ndarray) -> float:
+        return float(u[0] * v[1] - u[1] * v[0])
+
+    least = math.inf
+    for ring in rings:
+        for c, d in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            turn = cross(b - a, d - c)
+            if turn != 0.0:
+                along, across = cross(c - a, d - c) / turn, cross(c - a, b - a) / turn
+                if 0.0 <= along <= 1.0 and 0.0 <= across <= 1.0:
+                    return 0.0
+            ends = (from_leg(a, c, d), from_leg(b, c, d), from_leg(c, a, b), from_leg(d, a, b))
+            least = min(least, *ends)
+    return least
+
+
+@settings(max_examples=300)
+@given(
+    st.lists(st.floats(-50, 650), min_size=2, max_size=2),
+    st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 3.0, -40.0, 300.0]), min_size=2, max_size=2),
+)
+def test_legs_and_points_keep_the_margin_as_worked_out_edge_by_edge(start, step) -> None:
+    rings, space = [SQUARE, ELL, FENCE], Airspace((SQUARE, ELL), FENCE, 12.0)
+    a, b = np.array(start), np.array(start) + step
+    far = _far_from_edges(a, b, rings)
+    # Nearer than this to the margin, rounding decides.
+    if abs(far - 12.0 + 1e-6) > 1e-8:
+        assert bool(space.clear(a[None], b[None])[0]) == (far > 12.0)
+    if abs(far - 1e-6) > 1e-8:
+        assert bool(space.crosses(a[None], b[None])[0]) == (far < 1e-6)
+    far = _far_from_edges(a, a, rings)
+    inside = [_winding(ring, a) != 0 for ring in rings]
+    allowed = inside == [False, False, True]
+    if abs(far - 12.0 + 1e-6) > 1e-8:
+        assert bool(space.free(a[None])[0]) == (allowed and far > 12.0)
+    if far > 1e-6:
+        assert bool(space.allows(a[None])[0]) == allowed
+        assert space.away(a[None])[0] == pytest.approx(0.0 if allowed else far)
+
+
+def _winding(ring: np.ndarray, point: np.ndarray) -> int:
+    """How often an outline goes around a point, by the angles under which its edges are seen."""
+    seen = ring - point
+    angles = np.arctan2(seen[:, 1], seen[:, 0])
+    turns = (np.roll(angles, -1) - angles + np.pi) % (2 * np.pi) - np.pi
+    return round(float(turns.sum()) / (2 * np.pi))
+
+
+def test_on_an_outline_nobody_is_allowed() -> None:
+    space = Airspace((SQUARE,), FENCE, 0.0)
+    assert not space.allows(np.vstack((SQUARE, FENCE, at(150, 100), at(600, 300)))).any()
+
+
+def test_no_legs_and_no_points_are_answered() -> None:
+    none = np.empty((0, 2))
+    for space in (OPEN, Airspace((SQUARE,), FENCE, 12.0)):
+        for asked in (space.free, space.allows, space.outside, space.away, space.moved):
+            assert len(asked(none)) == 0
+        assert len(space.clear(none, none)) == 0
+
+
+def test_a_way_comes_with_its_metres() -> None:
+    space = Airspace((SQUARE,), None, 10.0)
+    for end in (at(300, 150), at(0, 160)):
+        way, way_m = space.way_and_length(at(0, 150), end)
+        np.testing.assert_array_equal(way, space.way(at(0, 150), end))
+        assert way_m == polyline.length(way)
+
+
 def test_ways_are_as_short_as_on_a_fine_grid() -> None:
     """Dijkstra's algorithm over a grid of 4 m, whose ways are up to 8 % longer, never shorter."""
     from scipy.sparse import coo_array

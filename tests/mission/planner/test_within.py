@@ -15,6 +15,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import finish
 from mission.planner.factory import make_planner
+from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
 from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -136,6 +137,40 @@ def test_without_limits_the_planner_itself_answers() -> None:
     outermost = make_planner(PlannerConfig())
     inner = outermost.inner.plan(free)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(made.waypoints_m, inner.waypoints_m)
+
+
+@pytest.mark.parametrize("altitudes_m", [None, (40.0, 120.0)])
+@pytest.mark.parametrize("seed", range(4))
+def test_around_areas_nothing_that_fits_exceeds_the_bound(seed: int, altitudes_m) -> None:
+    """Nor is much better than the plan, of paths like it and of ones at random."""
+    given = limits(35.0) if seed % 2 else limits(energy_j=9000.0)
+    space = Airspace((WALL, WALL + np.array([250.0, -80.0])), None, 15.0)
+    here = problem(
+        seed, given=given, airspace=space, start_m=np.array([200.0, 400.0]), altitudes_m=altitudes_m
+    )
+    made = plan(here)
+    rng, tried = np.random.default_rng(seed), 0
+    for turn in range(200):
+        path = rng.uniform(0, 800, (6, 2)) if turn % 2 else made.waypoints_m.copy()
+        path[1:] += rng.normal(0, 40, (5, 2))
+        path[0] = here.start_m
+        other = fitted(here, path)
+        if other is not None:
+            tried += 1
+            check_plan(here, other)
+            assert other.value <= made.upper_bound * (1.0 + 1e-9)
+            assert other.value <= made.value * 1.02
+    assert tried > 100
+
+
+def test_an_altitude_to_choose_is_worth_no_less_than_one_of_them() -> None:
+    given = limits(35.0)
+    free = plan(problem(given=given, altitudes_m=(40.0, 120.0)))
+    assert free.altitude_m is not None
+    for altitude_m in (40.0, 80.0, 120.0):
+        fixed = plan(problem(given=given).at(altitude_m))
+        assert fixed.value <= free.upper_bound
+        assert fixed.value <= free.value * 1.02
 
 
 def test_around_areas_within_a_deadline() -> None:
