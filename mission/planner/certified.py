@@ -21,12 +21,11 @@ from mission.planner.native.library import (
     Limits,
     Relaxation,
     explore,
-    lower_in_crowd,
-    lower_potentials,
     match,
     search_orders,
     search_places,
 )
+from mission.planner.potentials import by_potentials
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import Altitudes
 
@@ -42,9 +41,6 @@ MANY_TRIES = 3000  # where a search has ended early, which could have improved t
 # being one place matters longer.
 SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
 ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.1, 5: 0.4, 6: 0.4}
-TURNS = {2: 400, 3: 600}  # in which potentials are lowered at most, by the number of meshes
-CROWD_TURNS = 1500  # the same with more devices than are searched
-NEARLY = 0.02  # a gap that a third mesh is not worth its time for
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -162,28 +158,11 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
         other = case.explored(MANY_TRIES) if count <= MOST_DEVICES else found
         if other.value > found.value:
             found = replace(other, bound=found.bound, nodes=found.nodes)
-        found = by_potentials(case, found, goal)
+        found = by_potentials(
+            devices, limits, plan=found, gap=goal.gap, most_turns=goal.max_nodes,
+            rough=not goal.thorough,
+        )  # fmt: skip
     return found
-
-
-def by_potentials(case: Case, found: Found, goal: Goal) -> Found:
-    """The plan with a bound from potentials: on two meshes, and on more where these prove more
-    than was known, but not nearly enough."""
-    devices, limits = case.devices, case.limits
-
-    def lowered(plan: Found, meshes: int) -> Found:
-        turns = min(TURNS[meshes], goal.max_nodes)
-        return lower_potentials(
-            devices, limits, plan=plan, gap=goal.gap, turns=turns, meshes=meshes
-        )
-
-    before, found = found.bound, lowered(found, 2)
-    if not goal.thorough or found.bound >= before or found.gap <= max(goal.gap, NEARLY):
-        return found
-    if len(devices.delta) <= MOST_DEVICES:
-        return lowered(found, 3)
-    turns = min(CROWD_TURNS, goal.max_nodes)
-    return lower_in_crowd(devices, limits, plan=found, gap=goal.gap, turns=turns)
 
 
 def tries(devices: int) -> int:

@@ -1,7 +1,7 @@
 """The C interface of planning (`planner.h`), every size and pointer checked once."""
 
 import ctypes
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from native.building import library
 from native.loading import address, check_sizes, functions, load
 
 MOST_DEVICES = 40  # of a search
-MOST_MESHES = 3  # of potentials
+MOST_MESHES = 5  # of potentials
 
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -45,9 +45,7 @@ class _Functions(ctypes.Structure):
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
-        ("lower_in_crowd", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER, _DOUBLE, _POINTER)),
+            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _DOUBLE, _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -55,8 +53,6 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _DOUBLE)),
-        ("crowd_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
@@ -231,15 +227,26 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
 
 
 def lower_potentials(
-    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int, meshes: int = 2
-) -> Found:
-    """The plan with a bound from potentials, for any number of devices.
+    devices: Devices,
+    limits: Limits,
+    *,
+    plan: Found,
+    price: float,
+    left_out: float,
+    gap: float,
+    turns: int,
+    meshes: int,
+) -> float:
+    """The bound of a plan, lowered by potentials; for any number of devices, neighbours in a row.
 
     Args:
-        plan: of a value above 0.
+        plan: of a value above 0; potentials that are far from its bound are given up.
+        price: what its last place is worth, to begin with.
+        left_out: importance of devices that are not given, at most.
         gap: relative gap to the plan that is enough.
         turns: in which the bound is lowered, at most.
-        meshes: that potentials live on, one after the other, each twice as fine.
+        meshes: that potentials live on, one after the other, each twice as fine; fewer where there
+            is no memory for them.
 
     Raises:
         ValueError: arrays that do not fit together, or no such number of meshes.
@@ -247,41 +254,21 @@ def lower_potentials(
     """
     if not 1 <= meshes <= MOST_MESHES:
         raise ValueError(f"{meshes} meshes: there are 1 to {MOST_MESHES}")
-    return _lowered(_FUNCTIONS.lower_potentials, devices, limits, plan, gap, meshes, turns)
-
-
-def lower_in_crowd(
-    devices: Devices, limits: Limits, *, plan: Found, gap: float, turns: int
-) -> Found:
-    """The same for many devices, on three meshes or four: slower, and it proves more.
-
-    With so many that there is no memory for three meshes nothing is proven.
-
-    Raises:
-        ValueError: arrays that do not fit together.
-        MemoryError: there is too little memory.
-    """
-    return _lowered(_FUNCTIONS.lower_in_crowd, devices, limits, plan, gap, turns)
-
-
-def _lowered(
-    function: Any, devices: Devices, limits: Limits, plan: Found, gap: float, *effort: int
-) -> Found:
-    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     shared = devices.as_c(), limits.as_c()
-    bound = _DOUBLE()
-    taken = function(
+    bound = _DOUBLE(plan.bound)
+    taken = _FUNCTIONS.lower_potentials(
         *map(ctypes.addressof, shared),
-        *effort,
+        meshes,
+        turns,
         plan.value,
-        address(plan.way, np.float64, (limits.steps, 2)),
-        address(plan.assigned, np.int64, (len(devices.delta),)),
-        plan.value / (1.0 - gap),
+        price,
+        left_out,
+        gap,
         ctypes.addressof(bound),
     )
     if taken < 0:
         raise MemoryError("too little memory to bound a plan")
-    return replace(plan, bound=min(plan.bound, bound.value))
+    return bound.value
 
 
 def _searched(
@@ -380,35 +367,20 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
-def potential_bound(
-    devices: Devices,
-    limits: Limits,
-    phi: Floats,
-    chi: Floats,
-    nu: float,
-    *,
-    radius_m: float = np.inf,
-    crowd: bool = False,
-) -> float:
+def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
     """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
-
-    Those of devices count in the cells within `radius_m` of them only, and must be 0 beyond.
-    With `crowd`, as it is worked out for many devices, everywhere.
 
     Raises:
         ValueError: the mesh has another number of vertices.
     """
     shared = devices.as_c(), limits.as_c()
     vertices = len(chi)
-    given = (
+    bound: float = _FUNCTIONS.potential_bound(
         *map(ctypes.addressof, shared),
         vertices,
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         nu,
-    )
-    bound: float = (
-        _FUNCTIONS.crowd_bound(*given) if crowd else _FUNCTIONS.potential_bound(*given, radius_m)
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

@@ -59,17 +59,13 @@ typedef struct {
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound);
 
-    /* A bound from potentials on 1 to 3 meshes, lowered by so many turns or until it is `enough`,
-       from what a plan uses. For any number of devices; it says most where the path is what is
-       scarce. Returns the turns. */
+    /* Lower a bound by potentials on up to so many meshes, each twice as fine as the one before, in
+       up to so many turns or to that relative gap, from what a plan earns and its last place is
+       worth. Devices of up to `left_out` importance need not be given. For any number of them,
+       neighbours side by side; it says most where the path is what is scarce. Returns the turns. */
     int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t meshes, int64_t turns,
-                                double value, Point *way, int64_t *assigned, double enough,
+                                double value, double price, double left_out, double gap,
                                 double *bound);
-
-    /* The same for more devices, on three or four meshes; no bound where there is no memory for
-       three. */
-    int64_t (*lower_in_crowd)(const Devices *, const Limits *, int64_t turns, double value,
-                              Point *way, int64_t *assigned, double enough, double *bound);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
@@ -86,13 +82,10 @@ typedef struct {
                           const int64_t *interval, const int64_t *merged, double eps);
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh, those of
-       devices read within `radius` of them only; -1 if it has another number of vertices. */
+    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh; -1 if it
+       has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, double nu, double radius);
-    /* The same, as it is worked out for many devices. */
-    double (*crowd_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                          const double *chi, double nu);
+                              const double *chi, double nu);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

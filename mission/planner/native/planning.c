@@ -1,6 +1,6 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
-#include "crowd.h"
+#include "descent.h"
 #include "exploration.h"
 #include "levelled.h"
 #include "space.h"
@@ -68,78 +68,19 @@ static int64_t search_places(
     return nodes;
 }
 
-/* The devices that take part in a bound from potentials, in memory of their own. */
-typedef struct {
-    Arena arena;
-    Point *at;
-    double *delta;
-    Devices devices;
-    double price, left_out; /* of a place; what others are worth at most */
-} Dear;
-
-/* 0 where memory is short. */
-static int provide_dear(const Devices *devices, const Limits *limits, const Plan *plan, Dear *dear)
-{
-    *dear = (Dear){.price = price_of_place(devices, limits, plan)};
-    for (int pass = 0; pass < 2; pass++) {
-        dear->at = claim(&dear->arena, devices->count, sizeof(Point));
-        dear->delta = claim(&dear->arena, devices->count, sizeof(double));
-        if (pass == 0 && !provide(&dear->arena)) return 0;
-    }
-    dear->devices = dear_devices(devices, dear->price, dear->at, dear->delta, &dear->left_out);
-    return 1;
-}
-
 static int64_t lower_potentials(
     const Devices *devices, const Limits *limits, int64_t meshes, int64_t turns, double value,
-    Point *way, int64_t *assigned, double enough, double *bound)
+    double price, double left_out, double gap, double *bound)
 {
-    const Plan plan = {way, assigned, value};
     Arena arena = {0};
-    Dear dear;
-    Descent *all = malloc(sizeof *all);
-    int64_t taken = -1;
-    if (all && provide_dear(devices, limits, &plan, &dear)) {
-        const int64_t samples = count_samples(&dear.devices, limits, (int)meshes);
-        *all = lay_out_descent(&arena, &dear.devices, limits, (int)meshes, samples);
-        if (provide(&arena)) {
-            *all = lay_out_descent(&arena, &dear.devices, limits, (int)meshes, samples);
-            all->least_nu = dear.left_out;
-            turns = fewer(turns, most_turns(all));
-            taken = descend(all, turns, dear.price, value, enough, bound);
-            release(&arena);
-        }
-        release(&dear.arena);
-    }
-    free(all);
-    return taken;
-}
-
-static int64_t lower_in_crowd(
-    const Devices *devices, const Limits *limits, int64_t turns, double value, Point *way,
-    int64_t *assigned, double enough, double *bound)
-{
-    const Plan plan = {way, assigned, value};
-    Arena arena = {0};
-    Dear dear;
-    Crowd all;
-    int64_t taken = -1;
-    if (!provide_dear(devices, limits, &plan, &dear)) return -1;
-    sort_by_place(dear.devices.count, dear.at, dear.delta);
-    const int meshes = crowd_meshes(&dear.devices, limits);
-    const int64_t samples = count_crowd_samples(&dear.devices, limits, meshes);
-    if (meshes > 0) all = lay_out_crowd(&arena, &dear.devices, limits, meshes, samples);
-    if (meshes == 0) { /* nothing is proven */
-        *bound = INFINITY;
-        taken = 0;
-    } else if (provide(&arena)) {
-        all = lay_out_crowd(&arena, &dear.devices, limits, meshes, samples);
-        all.least_nu = dear.left_out;
-        taken = descend_in_crowd(&all, turns, dear.price, value, enough, bound);
-        release(&arena);
-    }
-    release(&dear.arena);
-    return taken;
+    const int mesh = meshes_for(devices, limits, (int)meshes);
+    const int64_t samples = count_samples(devices, limits, mesh);
+    Descent all = lay_out_descent(&arena, devices, limits, mesh, samples);
+    if (!provide(&arena)) return -1;
+    all = lay_out_descent(&arena, devices, limits, mesh, samples);
+    turns = descend(&all, turns, price, left_out, value, gap, bound);
+    release(&arena);
+    return turns;
 }
 
 static int assign(
@@ -211,46 +152,20 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, double nu, double radius)
-{
-    Arena arena = {0};
-    Descent *all = malloc(sizeof *all);
-    double bound = NAN;
-    if (!all) return bound;
-    *all = lay_out_descent(&arena, devices, limits, 1, 0);
-    if (all->now.mesh.vertices != vertices) {
-        bound = -1.0;
-    } else if (provide(&arena)) {
-        *all = lay_out_descent(&arena, devices, limits, 1, 0);
-        open_windows(all, radius);
-        for (int64_t k = 0; k < devices->count; k++) gather(all, k, phi + k * vertices);
-        memcpy(all->now.chi, chi, (size_t)vertices * sizeof(double));
-        all->now.nu = nu;
-        fill_rises(&all->cells);
-        bound = bound_by_potentials(all);
-        release(&arena);
-    }
-    free(all);
-    return bound;
-}
-
-static double crowd_bound(
-    const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
     const double *chi, double nu)
 {
     Arena arena = {0};
-    Crowd all = lay_out_crowd(&arena, devices, limits, 1, 0);
+    Potentials all = lay_out_potentials(&arena, devices, limits, 1);
     if (all.mesh.vertices != vertices) return -1.0;
     if (!provide(&arena)) return NAN;
-    all = lay_out_crowd(&arena, devices, limits, 1, 0);
-    list_blocks(&all, 0.0);
+    all = lay_out_potentials(&arena, devices, limits, 1);
+    set_up_potentials(&all);
     for (int64_t v = 0; v < vertices; v++)
         for (int64_t k = 0; k < devices->count; k++)
-            eights_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = phi[k * vertices + v];
+            stored_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = (float)phi[k * vertices + v];
     memcpy(all.chi, chi, (size_t)vertices * sizeof(double));
     all.nu = nu;
-    fill_rises(&all.cells);
-    const double bound = bound_by_crowd(&all);
+    const double bound = bound_by_potentials(&all);
     release(&arena);
     return bound;
 }
@@ -261,5 +176,5 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, lower_potentials, lower_in_crowd, assign, match_devices,
-    order_bound, square_bound, potential_bound, crowd_bound, conjugate};
+    explore, search_orders, search_places, lower_potentials, assign, match_devices, order_bound,
+    square_bound, potential_bound, conjugate};

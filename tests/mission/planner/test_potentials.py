@@ -18,26 +18,40 @@ from mission.planner.certified import CertifiedPlanner
 from mission.planner.check import check_plan
 from mission.planner.evaluate import path_length
 from mission.planner.native.library import (
+    MOST_MESHES,
     Found,
     explore,
-    lower_in_crowd,
     lower_potentials,
     potential_bound,
 )
+from mission.planner.potentials import by_potentials, price_of_place
 from mission.planner.sqp import SqpPlanner
 
 MANY = settings(max_examples=25, deadline=None, derandomize=True)
 
 
-def bound_of(problem, turns, *, plan=None, meshes=2, crowd=False):
+def bound_of(problem, turns, *, plan=None, meshes=2):
     """The bound after so many turns, from a plan or from none that is worth mentioning."""
     devices, limits = instance(problem)
-    if plan is None:
-        nowhere = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1)
-        plan = Found(1e-3 * devices.delta.max(), *nowhere, np.inf)
-    if crowd:
-        return lower_in_crowd(devices, limits, plan=plan, gap=0.0, turns=turns).bound
-    return lower_potentials(devices, limits, plan=plan, gap=0.0, turns=turns, meshes=meshes).bound
+    plan = plan or nothing_planned(problem, 1e-3 * devices.delta.max())
+    return lower_potentials(
+        devices, limits, plan=plan, price=price_of_place(devices, limits, plan), left_out=0.0,
+        gap=0.0, turns=turns, meshes=meshes,
+    )  # fmt: skip
+
+
+def nothing_planned(problem, value):
+    """A plan that is said to be worth that."""
+    count = len(problem.devices_m)
+    return Found(value, np.zeros((problem.steps, 2)), np.full(count, -1), np.inf)
+
+
+def planned_bound(problem, plan, turns, *, gap=0.0):
+    """The bound as it is made for a plan, without devices that are not worth a place."""
+    devices, limits = instance(problem)
+    return by_potentials(
+        devices, limits, plan=plan, gap=gap, most_turns=turns, rough=False
+    ).bound  # fmt: skip
 
 
 def shrunk(problem, way):
@@ -77,14 +91,12 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     phi = problem.importance[:, None, None] * np.exp(-away / 200.0)
     phi += rng.uniform(0.0, 0.02, phi.shape)
     phi = np.maximum(0.0, phi - phi[:, start[0], start[1], None, None])
+    phi = phi.astype(np.float32).astype(float)  # as they are stored
     chi = rng.uniform(-0.1, 0.1, phi.shape[1:])
     chi[start], nu = 0.0, 0.05 * (seed % 2)
     devices, limits = instance(problem)
     flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
     bound = potential_bound(devices, limits, *flat, nu)
-    assert potential_bound(devices, limits, *flat, nu, crowd=True) == pytest.approx(
-        bound, rel=1e-12
-    )
 
     steepest = 0.0  # over directions, of what all potentials rise on a metre
     angles = np.linspace(0.0, 2.0 * np.pi, 2001)
@@ -117,68 +129,63 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.03
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_potentials_in_windows_have_the_bound_that_they_have_on_the_whole_mesh(seed):
-    problem = random_problem(seed, devices=9, steps=4, budget=700.0)
-    rng = np.random.default_rng(seed)
-    places, _, start = mesh_of(problem)
-    radius_m = rng.uniform(40.0, 400.0)
-    away = np.abs(places - (problem.devices_m - problem.start_m)[:, None, None]).max(axis=-1)
-    phi = np.where(away < radius_m, rng.uniform(0.0, 0.3, away.shape), 0.0)
-    phi[:, start[0], start[1]] = 0.0
-    devices, limits = instance(problem)
-    flat = np.ascontiguousarray(phi.reshape(9, -1)), np.zeros(away[0].size)
-    whole = potential_bound(devices, limits, *flat, 0.02)
-    parts = potential_bound(devices, limits, *flat, 0.02, radius_m=radius_m)
-    assert parts == pytest.approx(whole, rel=1e-12)
-
-
-@pytest.mark.parametrize("crowd", [False, True])
-def test_potentials_that_are_no_numbers_prove_nothing(crowd):
+def test_potentials_that_are_no_numbers_prove_nothing():
     problem = random_problem(0, devices=3)
     vertices = mesh_of(problem)[0][..., 0].size
     devices, limits = instance(problem)
     for broken in range(2):
         potentials = np.zeros((3, vertices)), np.zeros(vertices)
         potentials[broken].flat[-1] = np.nan
-        assert potential_bound(devices, limits, *potentials, 0.0, crowd=crowd) == np.inf
+        assert potential_bound(devices, limits, *potentials, 0.0) == np.inf
 
 
-@pytest.mark.parametrize("crowd", [False, True])
-def test_potentials_on_another_mesh_are_refused(crowd):
+def test_potentials_on_another_mesh_are_refused():
     devices, limits = instance(random_problem(0, devices=3))
     with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
-        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0, crowd=crowd)
+        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0)
 
 
-def test_a_crowd_that_is_too_large_for_three_meshes_proves_nothing():
+def test_a_crowd_has_as_many_meshes_as_there_is_memory_for():
     problem = random_problem(0, devices=3000, steps=50, preset="suburban+30dB")
-    assert bound_of(problem, 600, crowd=True) == np.inf
-    assert bound_of(problem, 2, meshes=2) < np.inf
+    assert bound_of(problem, 2, meshes=MOST_MESHES) < np.inf
 
 
-def test_a_crowd_is_bounded_below_what_two_meshes_prove():
+def test_more_meshes_prove_more():
     problem = random_problem(1, devices=150, steps=30, preset="suburban+10dB")
     devices, limits = instance(problem)
     plan = Found(*explore(devices, limits, starts=20, tries=100), np.inf)
-    bound = bound_of(problem, 300, plan=plan, crowd=True)
-    assert plan.value <= bound < bound_of(problem, 300, plan=plan)
+    bounds = [bound_of(problem, 300, plan=plan, meshes=meshes) for meshes in (1, 2, 4)]
+    assert plan.value <= bounds[2] < bounds[1] < bounds[0]
 
 
-def test_a_crowd_whose_bound_is_enough_is_not_lowered_further():
+def test_a_bound_that_is_enough_is_not_lowered_further():
     problem = random_problem(1, devices=60, steps=30)
-    devices, limits = instance(problem)
-    nowhere = np.zeros((30, 2)), np.full(60, -1)
-    plan = Found(0.5 * devices.delta.sum(), *nowhere, np.inf)
-    quick, full = (
-        lower_in_crowd(devices, limits, plan=plan, gap=gap, turns=200).bound for gap in (0.5, 0.0)
-    )
+    plan = nothing_planned(problem, 0.5 * problem.importance.sum())
+    quick, full = (planned_bound(problem, plan, 200, gap=gap) for gap in (0.5, 0.0))
     assert full < quick < np.inf
 
 
-@pytest.mark.parametrize("meshes", [0, 4])
+def test_a_bound_that_is_known_is_never_raised():
+    problem = random_problem(2, devices=12, steps=8, preset="suburban+10dB")
+    plan = dataclasses.replace(nothing_planned(problem, 0.1), bound=0.2)
+    assert planned_bound(problem, plan, 20) == 0.2
+
+
+def test_devices_that_are_not_worth_a_place_are_left_out_of_a_bound_above_the_best():
+    """With two places, and eight devices at the start of which six cost more than they bring."""
+    problem = random_problem(0, devices=8, steps=2, per_step=1, budget=2000.0, preset="suburban")
+    there = np.tile(problem.start_m, (8, 1))
+    importance = np.array([1.0, 0.9, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
+    problem = dataclasses.replace(problem, devices_m=there, importance=importance)
+    devices, limits = instance(problem)
+    found = Found(*explore(devices, limits, starts=8, tries=20), np.inf)
+    assert price_of_place(devices, limits, found) == pytest.approx(0.9, rel=1e-3)
+    assert found.value <= planned_bound(problem, found, 200) <= 1.01 * found.value
+
+
+@pytest.mark.parametrize("meshes", [0, MOST_MESHES + 1])
 def test_another_number_of_meshes_is_refused(meshes):
-    with pytest.raises(ValueError, match=f"{meshes} meshes: there are 1 to 3"):
+    with pytest.raises(ValueError, match=f"{meshes} meshes: there are 1 to {MOST_MESHES}"):
         bound_of(random_problem(0, devices=3), 1, meshes=meshes)
 
 
@@ -210,21 +217,20 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
         for given_plan in (None, known):
             bound = bound_of(problem, turns, plan=given_plan, meshes=meshes)
             assert max(others) <= bound * (1.0 + 1e-9) < np.inf
-    for turns in (1, 7, 40):
-        assert max(others) <= bound_of(problem, turns, plan=known, crowd=True) * (1.0 + 1e-9)
+    assert max(others) <= bound_of(problem, 40, plan=known, meshes=MOST_MESHES) * (1.0 + 1e-9)
+    assert max(others) <= planned_bound(problem, known, 40) * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("how", [{"meshes": 2}, {"meshes": 3}, {"crowd": True}])
+@pytest.mark.parametrize("meshes", [2, 3])
 @pytest.mark.parametrize("channel", ["suburban", "suburban+30dB", "suburban-log-variance"])
-def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, how):
+def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, meshes):
     problem = random_problem(0, devices=60, steps=20, budget=800.0, preset=channel)
     there = problem.start_m + 900.0 * np.array([np.cos(0.3), np.sin(0.3)])
     problem = dataclasses.replace(problem, devices_m=np.tile(there, (60, 1)))
     best = float(
         ((1.0 - average_per(problem.channel, np.array([100.0]))) * problem.importance).sum()
     )
-    nowhere = np.zeros((20, 2)), np.full(60, -1)
-    bound = bound_of(problem, 400, plan=Found(best, *nowhere, np.inf), **how)
+    bound = bound_of(problem, 1500, plan=nothing_planned(problem, best), meshes=meshes)
     assert best * (1.0 - 1e-9) <= bound <= 1.1 * best
 
 
