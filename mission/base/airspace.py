@@ -114,6 +114,8 @@ class Airspace:
 
         An outline belongs to what must not be flown.
         """
+        if self.is_open:
+            return np.ones(len(points_m), dtype=bool)
         import shapely
 
         x, y = points_m.T
@@ -138,10 +140,10 @@ class Airspace:
         return ~self._keeps(from_m, to_m, _SLACK_M)
 
     def _keeps(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
-        import shapely
-
         if self.is_open:
             return np.ones(len(from_m), dtype=bool)
+        import shapely
+
         legs = shapely.linestrings(np.stack((from_m, to_m), axis=1))
         still = (from_m == to_m).all(axis=1)  # lines without a length are nowhere, to Shapely
         legs[still] = shapely.points(from_m[still])
