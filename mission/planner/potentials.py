@@ -14,11 +14,9 @@ from mission.planner.native.library import (
     lower_potentials,
 )
 
-# Meshes that potentials live on, and turns in which they are lowered: with more devices than are
-# searched, for what a search has left open, and where a bound need not be the best.
-MANY_TURNS = 3000
-SOME_MESHES, SOME_TURNS = 3, 1500
-ROUGH_MESHES = 2
+MANY_TURNS = 3000  # with more devices than are searched
+SOME_MESHES, SOME_TURNS = 3, 1500  # for what a search has left open
+ROUGH_MESHES = 2  # where a bound need not be the best, in as many turns
 NEARLY = 0.02  # a gap that more meshes are not worth their time for with so many devices
 DEAR = 0.9  # of the price of a place: what a device must be worth to take part
 TOGETHER = 8  # neighbours that are worked out together
@@ -33,7 +31,7 @@ def by_potentials(
         MemoryError: there is too little memory.
     """
     price = price_of_place(devices, limits, plan)
-    dear = devices.delta * devices.rows[0, 0] >= DEAR * price
+    dear = devices.delta * devices.rows[:, 0].max() >= DEAR * price
     some = np.flatnonzero(dear)
     some = some[by_strips(devices.u[some])]
     many = len(devices.delta) > MOST_DEVICES

@@ -22,7 +22,9 @@ class Name:
 
 @dataclass(frozen=True)
 class LimitNames:
-    """What a family of autopilots calls its limits: each under the names of its versions, in order.
+    """What a family of autopilots calls its limits: each under the names of its versions.
+
+    The n-th name of each is that of the n-th version.
 
     None where it has no such parameter.
     """

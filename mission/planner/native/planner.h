@@ -82,8 +82,8 @@ typedef struct {
                           const int64_t *interval, const int64_t *merged, double eps);
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* Bound of given potentials `phi` (K, vertices), `chi` (vertices,) on the first mesh; -1 if it
-       has another number of vertices. */
+    /* Bound of given potentials `phi` (K, vertices), not below 0, and `chi` (vertices,) on the first
+       mesh, both 0 at the start, in single precision; -1 if it has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
                               const double *chi, double nu);
     /* H of a distance interval at s >= 0. */

@@ -211,7 +211,8 @@ static double audible(const Cells *cells, int64_t k, double value)
 static double most_beyond(const Potentials *all, int64_t k)
 {
     const Devices *devices = &all->cells.devices;
-    const double close = CLOSE * devices->delta[k] * all->cells.upper[0];
+    const double highest = devices->delta[k] * all->cells.upper[0], close = CLOSE * highest;
+    if (highest <= all->nu) return 0.0;
     const double radius = audible(&all->cells, k, all->nu + close) + 2.0 * all->mesh.side;
     const float *phi = (const float *)all->phi + k;
     Peak peak = {k, all->nu, all->nu, close};

@@ -14,9 +14,8 @@
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
 enum { PROBES = 3 };             /* devices compared before one is branched on */
-/* A search that leaves more than this gap after some nodes leaves some percent after many. */
-enum { SOME_NODES = 5000 };
-static const double TOO_MUCH = 0.12;
+/* A search that leaves more than this gap after a share of its nodes leaves some percent after all. */
+static const double HOPELESS_GAP = 0.12, HOPELESS_SHARE = 0.25;
 
 /* Memory for a search. */
 typedef struct {
@@ -29,7 +28,7 @@ typedef struct {
     Plan made;
 } Search;
 
-/* The device to be decided about with the largest excess above `least`, not tried; or -1. */
+/* The device to be decided about with the largest excess above `floor`, not tried; or -1. */
 static int64_t pick_device(
     const Node *node, const Path *path, const Problem *problem, double floor, uint64_t tried)
 {
@@ -180,7 +179,8 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     while (tree->open > 0) {
         double enough = plan->value / (1.0 - gap);
         const int hopeless =
-            proof.nodes == SOME_NODES && plan->value < best_open(tree) * (1.0 - TOO_MUCH);
+            proof.nodes == (int64_t)(HOPELESS_SHARE * (double)max_nodes) &&
+            plan->value < best_open(tree) * (1.0 - HOPELESS_GAP);
         if (best_open(tree) <= enough || proof.nodes >= max_nodes || hopeless) {
             proof.bound = most(proof.bound, best_open(tree));
             break;

@@ -37,7 +37,7 @@ def problem(case):
 @pytest.mark.parametrize(
     "case", CASES, ids=lambda case: "{channel}-{devices}-{steps}-{seed}".format(**case)
 )
-def test_plans_and_bounds_are_those_of_the_first_implementation(case):
+def test_plans_and_bounds_are_those_that_are_known(case):
     given = problem(case)
     plan = CertifiedPlanner(max_nodes=500).plan(given)
     enough_places = case["devices"] <= case["steps"] * case["per_step"]

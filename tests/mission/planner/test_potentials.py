@@ -147,7 +147,8 @@ def test_potentials_on_another_mesh_are_refused():
 
 def test_a_crowd_has_as_many_meshes_as_there_is_memory_for():
     problem = random_problem(0, devices=3000, steps=50, preset="suburban+30dB")
-    assert bound_of(problem, 2, meshes=MOST_MESHES) < np.inf
+    bounds = [bound_of(problem, 2, meshes=meshes) for meshes in (1, 2, MOST_MESHES)]
+    assert bounds[2] == bounds[1] != bounds[0]
 
 
 def test_more_meshes_prove_more():
@@ -181,6 +182,19 @@ def test_devices_that_are_not_worth_a_place_are_left_out_of_a_bound_above_the_be
     found = Found(*explore(devices, limits, starts=8, tries=20), np.inf)
     assert price_of_place(devices, limits, found) == pytest.approx(0.9, rel=1e-3)
     assert found.value <= planned_bound(problem, found, 200) <= 1.01 * found.value
+
+
+def test_a_device_that_a_poor_plan_leaves_out_is_still_bounded():
+    """The best serves it, at a price of places far below the poor plan's."""
+    problem = random_problem(0, devices=3, steps=2, per_step=1, budget=50.0, preset="suburban")
+    away_m = np.array([[0.0, 0.0], [600.0, 0.0], [0.0, 0.0]])
+    problem = dataclasses.replace(
+        problem, devices_m=problem.start_m + away_m, importance=np.array([10.0, 3.3, 2.6])
+    )
+    devices, _ = instance(problem)
+    far_m = float(np.argmax(devices.rows[:, 0] < 0.3))
+    poor = Found(5.9, np.array([[0.0, far_m], [600.0, 0.0]]), np.array([0, 1, -1]), np.inf)
+    assert planned_bound(problem, poor, 1500) >= 12.6 * devices.rows[0, 0]
 
 
 @pytest.mark.parametrize("meshes", [0, MOST_MESHES + 1])
