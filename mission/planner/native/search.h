@@ -14,8 +14,10 @@
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
 enum { PROBES = 3 };             /* devices compared before one is branched on */
-/* A search that leaves more than this gap after a share of its nodes leaves some percent after all. */
-static const double HOPELESS_GAP = 0.12, HOPELESS_SHARE = 0.25;
+/* A search that leaves more than this gap after so many nodes, or after a quarter where that is
+   more, leaves some percent after all of them. */
+static const double HOPELESS_GAP = 0.12;
+enum { HOPELESS_NODES = 5000 };
 
 /* Memory for a search. */
 typedef struct {
@@ -171,6 +173,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
 {
     Tree *tree = &all->tree;
     Node *node = &all->node;
+    const int64_t many = max_nodes > 4 * HOPELESS_NODES ? max_nodes / 4 : HOPELESS_NODES;
     Proof proof = {plan->value, 0}; /* the largest bound among all that was closed */
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
@@ -179,8 +182,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     while (tree->open > 0) {
         double enough = plan->value / (1.0 - gap);
         const int hopeless =
-            proof.nodes == (int64_t)(HOPELESS_SHARE * (double)max_nodes) &&
-            plan->value < best_open(tree) * (1.0 - HOPELESS_GAP);
+            proof.nodes == many && plan->value < best_open(tree) * (1.0 - HOPELESS_GAP);
         if (best_open(tree) <= enough || proof.nodes >= max_nodes || hopeless) {
             proof.bound = most(proof.bound, best_open(tree));
             break;
