@@ -40,10 +40,13 @@ def test_ctrl_c_ends_what_is_under_way_and_begins_no_more(monkeypatch: pytest.Mo
         if k == 1:
             for _ in range(9):
                 submitted.acquire()
-            # Only a signal that the main thread is given wakes it from its waiting.
+            # Only a signal that the main thread is given wakes it from its waiting, and not one
+            # that comes just before: then people press Ctrl-C once more.
             main = threading.main_thread().ident
             assert main is not None
             signal.pthread_kill(main, signal.SIGINT)
+            while not released.wait(5.0):
+                signal.pthread_kill(main, signal.SIGINT)
         released.wait()
 
     monkeypatch.setattr("fl.training.local.ThreadPoolExecutor", Pool)
