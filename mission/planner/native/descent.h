@@ -13,13 +13,15 @@ enum {
     MOST_VALUES = 8000000, /* of all devices on the last mesh: fewer meshes do */
     FULL_TURN = 8,         /* turns from one that visits all triangles and samples to the next */
 };
-static const double SHARE[MESHES] = {0.2, 0.36, 0.3, 0.1, 0.04}; /* of each mesh in turns */
-static const double SLOWER[MESHES] = {1.0, 0.5, 0.2, 0.1, 0.06}; /* its steps */
-static const double RATE = 0.03, LAST_RATE = 4e-4; /* steps, as shares of the best reward */
-static const double HEAT = 0.1, LAST_HEAT = 0.002; /* smoothness of mu, as a share of it */
+static const double SHARE[MESHES] = {0.25, 0.45, 0.2, 0.06, 0.04}; /* of each mesh in turns */
+static const double SLOWER[MESHES] = {1.0, 0.5, 0.2, 0.1, 0.06};   /* its steps */
+static const double RATE = 0.03, LAST_RATE = 2.5e-4; /* steps, as shares of the best reward */
+/* How smooth maxima are: of mu, as a share of it, and of a stop, as a share of what the bound has for
+   one. */
+static const double HEAT = 0.1, LAST_HEAT = 0.002;
+static const double STOP_HEAT = 0.02, LAST_STOP_HEAT = 0.0005;
 static const double MEAN_KEPT = 0.95, SQUARE_KEPT = 0.95;
-static const double MOST_WORK = 5e8;   /* of all turns on a mesh, */
-static const double SAMPLE_WORK = 2.0; /* and of a sample in a turn, in values of potentials */
+static const double MOST_WORK = 5e8;   /* of all turns on a mesh, in values of potentials */
 static const double SPACINGS = 0.5;    /* of devices: how far beyond earshot potentials change */
 static const double MANY_HEARD = 30.0; /* devices at a place: more take smaller steps each */
 static const double TOO_FAR = 1.005;   /* times the known bound: too much after two meshes */
@@ -28,10 +30,10 @@ static const double PI = 3.141592653589793;
 
 typedef struct {
     Slopes at;
-    Stored *mean, *square;          /* (vertices, blocks) of slopes */
-    double *chi_mean, *chi_square;  /* (vertices,) */
-    double nu_mean, nu_square, least_nu;
-    Eight *highest;                 /* (blocks,) what devices are worth */
+    Stored *mean, *square;            /* (vertices, blocks) of slopes */
+    double *chi_mean, *chi_square;    /* (vertices,) */
+    Eight *price_mean, *price_square; /* (blocks,) */
+    Eight *highest;                   /* (blocks,) what devices are worth */
     int meshes;
     double radius; /* around devices, in which potentials change on fine meshes */
     double slower; /* steps of each device, the more are heard at a place */
@@ -48,32 +50,34 @@ static int meshes_for(const Devices *devices, const Limits *limits, int meshes)
 }
 
 static Descent lay_out_descent(
-    Arena *arena, const Devices *devices, const Limits *limits, int meshes, int64_t samples)
+    Arena *arena, const Devices *devices, const Limits *limits, int meshes, const Samples *counted)
 {
     const Mesh first = mesh_of(devices, limits->length);
     const int64_t v = finest_mesh(&first, meshes).vertices, blocks = blocks_of(devices);
     return (Descent){
-        .at = lay_out_slopes(arena, devices, limits, meshes, samples),
+        .at = lay_out_slopes(arena, devices, limits, meshes, counted),
         .mean = claim(arena, v * blocks, sizeof(Stored)),
         .square = claim(arena, v * blocks, sizeof(Stored)),
         .chi_mean = claim(arena, v, sizeof(double)),
         .chi_square = claim(arena, v, sizeof(double)),
+        .price_mean = claim(arena, blocks, sizeof(Eight)),
+        .price_square = claim(arena, blocks, sizeof(Eight)),
         .highest = claim(arena, blocks, sizeof(Eight)),
         .meshes = meshes,
     };
 }
 
-/* Potentials to begin with: a part of what devices earn beyond the start and the price. */
+/* Potentials to begin with: a part of what devices earn beyond the start and the price of a place;
+   and prices: what they earn beyond these. */
 static void begin_potentials(Descent *all, double price, double value)
 {
     Potentials *now = &all->at.now;
     const Devices *devices = &now->cells.devices;
     double steepest = 0.0;
-    now->nu = most(price, all->least_nu);
     for (int64_t v = 0; v < now->mesh.vertices; v++)
         for (int64_t k = 0; v != now->mesh.start && k < devices->count; k++) {
             const double here = worth(devices, k, vertex_at(&now->mesh, v));
-            const double start = most(now->nu, worth(devices, k, (Point){0.0, 0.0}));
+            const double start = most(price, worth(devices, k, (Point){0.0, 0.0}));
             stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT] = (float)most(0.0, here - start);
         }
     for (int64_t i = 0; i < count_triangles(&all->at); i++)
@@ -82,6 +86,14 @@ static void begin_potentials(Descent *all, double price, double value)
     const double have = steepest * now->limits.length / now->mesh.side;
     const double share = least(1.0, value / most(have, 1e-300));
     for (int64_t i = 0; i < now->mesh.vertices * now->blocks; i++) now->phi[i] *= (float)share;
+    for (int64_t b = 0; b < now->blocks; b++) now->price[b] = eight(now->floor);
+    for (int64_t v = 0; v < now->mesh.vertices; v++)
+        for (int64_t k = 0; k < devices->count; k++) {
+            double *mine = (double *)now->price + k;
+            const double here = worth(devices, k, vertex_at(&now->mesh, v)) - price;
+            const double phi = stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT];
+            *mine = most(*mine, now->floor + here - phi);
+        }
 }
 
 /* One step down a slope; `past` makes up for the means' beginning at zero. */
@@ -96,11 +108,19 @@ static inline double step_down(double slope, double *mean, double *square, Pace 
     return unit * pace.rate * (*mean / pace.mean_past) / (sqrt(*square / pace.square_past) + 1e-8);
 }
 
+static inline Eight steps_down(Eight slope, Eight *mean, Eight *square, Pace pace, double unit)
+{
+    *mean = MEAN_KEPT * *mean + (1.0 - MEAN_KEPT) * slope;
+    *square = SQUARE_KEPT * *square + (1.0 - SQUARE_KEPT) * slope * slope;
+    return unit * pace.rate / pace.mean_past * *mean /
+           (root_of_eight(*square * (1.0 / pace.square_past)) + 1e-8);
+}
+
 /* One step of the potentials of devices at a vertex, whose slopes are 0 again then. */
 static void step_phi(Descent *all, int64_t v, Pace pace)
 {
     Slopes *at = &all->at;
-    const double rate = at->unit * pace.rate / pace.mean_past, past = 1.0 / pace.square_past;
+    const double rate = at->now.highest * pace.rate / pace.mean_past, past = 1.0 / pace.square_past;
     const Blocks near = blocks_near(&at->near_vertex, v);
     Eight sum = {0};
     for (int64_t j = 0; j < near.count; j++) {
@@ -129,11 +149,14 @@ static void step_all(Descent *all, Pace pace)
         if (v == now->mesh.start) continue;
         step_phi(all, v, pace);
         now->chi[v] -= step_down(
-            all->at.chi_slope[v], all->chi_mean + v, all->chi_square + v, pace, all->at.unit);
+            all->at.chi_slope[v], all->chi_mean + v, all->chi_square + v, pace, now->highest);
     }
-    now->nu -= step_down(
-        all->at.nu_slope, &all->nu_mean, &all->nu_square, pace, all->at.unit);
-    now->nu = most(now->nu, all->least_nu);
+    for (int64_t b = 0; b < now->blocks; b++) {
+        const Eight step = steps_down(
+            all->at.price_slope[b], all->price_mean + b, all->price_square + b, pace, now->highest);
+        now->price[b] =
+            now->floor + between_zero_and(now->price[b] - now->floor - step, all->highest[b]);
+    }
 }
 
 /* Go on with the same potentials on the next mesh. */
@@ -146,7 +169,8 @@ static void next_mesh(Descent *all, int mesh)
     memset(all->square, 0, (size_t)(v * now->blocks) * sizeof(Stored));
     memset(all->chi_mean, 0, (size_t)v * sizeof(double));
     memset(all->chi_square, 0, (size_t)v * sizeof(double));
-    all->nu_mean = all->nu_square = 0.0;
+    memset(all->price_mean, 0, (size_t)now->blocks * sizeof(Eight));
+    memset(all->price_square, 0, (size_t)now->blocks * sizeof(Eight));
     if (mesh == 2) all->at.ways = directions(MORE_GROUPS);
     open_mesh(&all->at, all->radius);
 }
@@ -160,8 +184,7 @@ static double between_rates(double first, double last, double done)
 /* What a turn on the present mesh visits, in values of potentials. */
 static double work_of_turn(const Slopes *all)
 {
-    return SAMPLE_WORK * (double)all->samples.first[all->now.cells.devices.count] +
-           (double)(EIGHT * all->near_vertex.first[all->now.mesh.vertices]);
+    return (double)(EIGHT * (all->samples.heard + all->near_vertex.first[all->now.mesh.vertices]));
 }
 
 /* The scales of a problem, and the first mesh with what potentials begin with. */
@@ -171,14 +194,11 @@ static void begin_descent(Descent *all, double price, double left_out, double va
     const Devices *devices = &now->cells.devices;
     const double side = now->mesh.side, reach = reach_of(devices), count = (double)devices->count;
     const double area = side * side * (double)((now->mesh.across - 1) * (now->mesh.up - 1));
-    set_up_potentials(now);
-    all->least_nu = left_out * now->cells.upper[0];
+    set_up_potentials(now, left_out);
     all->radius = reach + SPACINGS * sqrt(area / count);
     all->slower = 1.0 + count * reach * reach * PI / (area * MANY_HEARD);
-    for (int64_t k = 0; k < devices->count; k++) {
+    for (int64_t k = 0; k < devices->count; k++)
         all->highest[k / EIGHT][k % EIGHT] = devices->delta[k] * now->cells.upper[0];
-        all->at.unit = most(all->at.unit, devices->delta[k] * now->cells.upper[0]);
-    }
     open_mesh(&all->at, all->radius);
     begin_potentials(all, price, value);
 }
@@ -192,7 +212,9 @@ static void descend_on_mesh(Descent *all, int mesh, int64_t turns, double from, 
         const double rate = between_rates(RATE, LAST_RATE, done) * SLOWER[mesh] / all->slower;
         mean_left *= MEAN_KEPT;
         square_left *= SQUARE_KEPT;
-        find_slopes(&all->at, turn % FULL_TURN == 0, between_rates(HEAT, LAST_HEAT, done));
+        find_slopes(
+            &all->at, turn % FULL_TURN == 0, between_rates(HEAT, LAST_HEAT, done),
+            between_rates(STOP_HEAT, LAST_STOP_HEAT, done));
         step_all(all, (Pace){rate, 1.0 - mean_left, 1.0 - square_left});
     }
 }
@@ -215,7 +237,7 @@ static int64_t descend(
         descend_on_mesh(all, mesh, here, done, done + share);
         done += share;
         taken += here;
-        const double reached = bound_by_potentials(&all->at.now);
+        const double reached = bound_by_potentials(&all->at.now, work_out_stops(&all->at, 1, 0.0));
         *bound = least(*bound, reached);
         const double left = mesh + 2 == MESHES ? LESS * gap : gap;
         if (*bound * (1.0 - left) <= value || (mesh > 0 && reached > hopeless)) break;

@@ -19,6 +19,14 @@ static inline Stored stored(Eight a) { return __builtin_convertvector(a, Stored)
 
 static inline Eight eight(double a) { return a - (Eight){0.0}; }
 
+static inline int any_above(Eight a, double limit)
+{
+    const EightBits more = (EightBits)(a > limit);
+    int64_t any = 0;
+    for (int i = 0; i < EIGHT; i++) any |= more[i];
+    return any != 0;
+}
+
 static inline double sum_of_eight(Eight a)
 {
     return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));

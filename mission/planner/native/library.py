@@ -53,7 +53,7 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -367,8 +367,14 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
-def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, nu: float) -> float:
-    """Bound of given potentials: `phi` (K, V) and `chi` (V,) at the vertices of the first mesh.
+def potential_bound(
+    devices: Devices, limits: Limits, phi: Floats, chi: Floats, price: Floats, *, sampled: float
+) -> float:
+    """Bound of potentials `phi` (K, V), `chi` (V,) at the first mesh's vertices, and prices.
+
+    Args:
+        price: (K,) of each device; they are raised where that helps.
+        sampled: what a stop is worth at samples, at most: what prices may be raised for.
 
     Raises:
         ValueError: the mesh has another number of vertices.
@@ -380,7 +386,8 @@ def potential_bound(devices: Devices, limits: Limits, phi: Floats, chi: Floats, 
         vertices,
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
-        nu,
+        address(price, np.float64, (len(devices.delta),)),
+        sampled,
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

@@ -83,9 +83,10 @@ typedef struct {
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
     /* Bound of given potentials `phi` (K, vertices), not below 0, and `chi` (vertices,) on the first
-       mesh, both 0 at the start, in single precision; -1 if it has another number of vertices. */
+       mesh, both 0 at the start, in single precision, and of prices (K,), not below 0, where a stop
+       is worth `sampled` at most at samples; -1 if the mesh has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, double nu);
+                              const double *chi, const double *price, double sampled);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

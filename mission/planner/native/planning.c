@@ -74,10 +74,10 @@ static int64_t lower_potentials(
 {
     Arena arena = {0};
     const int mesh = meshes_for(devices, limits, (int)meshes);
-    const int64_t samples = count_samples(devices, limits, mesh);
-    Descent all = lay_out_descent(&arena, devices, limits, mesh, samples);
+    const Samples counted = count_samples(devices, limits, mesh);
+    Descent all = lay_out_descent(&arena, devices, limits, mesh, &counted);
     if (!provide(&arena)) return -1;
-    all = lay_out_descent(&arena, devices, limits, mesh, samples);
+    all = lay_out_descent(&arena, devices, limits, mesh, &counted);
     turns = descend(&all, turns, price, left_out, value, gap, bound);
     release(&arena);
     return turns;
@@ -152,20 +152,20 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, double nu)
+    const double *chi, const double *price, double sampled)
 {
     Arena arena = {0};
     Potentials all = lay_out_potentials(&arena, devices, limits, 1);
     if (all.mesh.vertices != vertices) return -1.0;
     if (!provide(&arena)) return NAN;
     all = lay_out_potentials(&arena, devices, limits, 1);
-    set_up_potentials(&all);
+    set_up_potentials(&all, 0.0);
     for (int64_t v = 0; v < vertices; v++)
         for (int64_t k = 0; k < devices->count; k++)
             stored_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = (float)phi[k * vertices + v];
     memcpy(all.chi, chi, (size_t)vertices * sizeof(double));
-    all.nu = nu;
-    const double bound = bound_by_potentials(&all);
+    for (int64_t k = 0; k < devices->count; k++) all.price[k / EIGHT][k % EIGHT] = price[k];
+    const double bound = bound_by_potentials(&all, sampled);
     release(&arena);
     return bound;
 }

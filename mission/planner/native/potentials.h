@@ -6,12 +6,20 @@
        sum_k phi_k(x_k) + psi(end) <= integral of h over the path,
        h = most over directions t of sum_k (grad phi_k . t)+ + grad psi . t,
 
-   at most mu L where h <= mu everywhere. As k earns delta f = [delta f - phi_k] + phi_k at x_k,
+   at most mu L where h <= mu everywhere. What k earns, delta_k f, is phi_k, a price pi_k >= 0 that is
+   paid once, and what is left. A stop has what is left of K_bar devices at one place, at most
 
-       mu L - least psi + nu N K_bar + sum_k most over x of (delta_k f(|x - u_k|) - phi_k(x) - nu)+
+       best(x) = sum of the K_bar largest (delta_k f(|x - u_k|) - phi_k(x) - pi_k)+.
 
-   bounds any plan, nu >= 0 being a price of a place. This is the dual of the flow relaxation of a
-   path: what is served somewhere must have been passed, and each metre only serves one direction.
+   The first stop is at the start, N - 1 are anywhere. So no plan earns more than
+
+       mu L - least psi + sum_k pi_k + best(v_0) + (N - 1) most over x of best(x).
+
+   Devices that are not given, worth `floor` at most, are bounded by that at each of the N K_bar
+   places; others then bring only what is above it, which pi_k holds.
+
+   This is the dual of the flow relaxation of a path: what is served somewhere must have been passed,
+   each metre only serves one direction, and stops are few, each at one place.
 
    The functions are linear on the triangles of a mesh, so that h is known exactly but for the
    polygon that stands for the circle of directions. psi is kept as chi = psi + sum_k phi_k / 2, since
@@ -23,18 +31,21 @@
 #include "blocks.h"
 #include "cells.h"
 
-enum { DEEP = 8 }; /* halvings of a cell where a peak is looked for */
-static const double CLOSE = 1e-4; /* share of the best f to which peaks are known */
+enum { DEEP = 8 }; /* halvings of a cell where the best stop is looked for */
 
 typedef struct {
     Cells cells; /* for bounds of f */
     Limits limits;
-    Mesh mesh; /* the present one */
-    int64_t blocks; /* of all devices; the last is filled up */
-    int32_t *every; /* (blocks,) their numbers */
-    Stored *phi; /* (vertices, blocks) */
-    double *chi; /* (vertices,) */
-    double nu;
+    Mesh mesh;       /* the present one */
+    int64_t blocks;  /* of all devices; the last is filled up */
+    int32_t *every;  /* (blocks,) their numbers */
+    Stored *phi;     /* (vertices, blocks) */
+    double *chi;     /* (vertices,) */
+    Eight *price;    /* (blocks,) pi and the floor */
+    double floor;
+    double highest;  /* the best reward */
+    int32_t *heard;  /* (DEEP + 2, K) devices that a stop in a cell, or in its parts, may serve */
+    double *audible; /* (K,) metres from which on a device is not worth its price */
 } Potentials;
 
 /* On the first of so many meshes. */
@@ -50,13 +61,20 @@ static Potentials lay_out_potentials(
         .every = claim(arena, blocks_of(devices), sizeof(int32_t)),
         .phi = claim(arena, last.vertices * blocks_of(devices), sizeof(Stored)),
         .chi = claim(arena, last.vertices, sizeof(double)),
+        .price = claim(arena, blocks_of(devices), sizeof(Eight)),
+        .heard = claim(arena, (DEEP + 2) * devices->count, sizeof(int32_t)),
+        .audible = claim(arena, devices->count, sizeof(double)),
     };
 }
 
 /* Fill what does not depend on potentials. */
-static void set_up_potentials(const Potentials *all)
+static void set_up_potentials(Potentials *all, double left_out)
 {
+    const Devices *devices = &all->cells.devices;
     fill_rises(&all->cells);
+    all->floor = left_out * all->cells.upper[0];
+    for (int64_t k = 0; k < devices->count; k++)
+        all->highest = most(all->highest, devices->delta[k] * all->cells.upper[0]);
     for (int64_t b = 0; b < all->blocks; b++) all->every[b] = (int32_t)b;
 }
 
@@ -128,11 +146,10 @@ static void refine_potentials(Potentials *all)
     all->mesh = fine;
 }
 
-/* A place in a triangle, and what a device earns there. */
+/* A place in a triangle. */
 typedef struct {
     int32_t vertex[TRIANGLE];
     double share[TRIANGLE];
-    double reward;
 } Sample;
 
 /* A place in a cell, from its south-west corner (0, 0) to the north-east (1, 1). */
@@ -140,8 +157,8 @@ static Sample sample_at(const Mesh *mesh, int64_t cell, double east, double nort
 {
     const int32_t v = (int32_t)cell, across = (int32_t)mesh->across;
     if (east >= north)
-        return (Sample){{v, v + 1, v + across + 1}, {1.0 - east, east - north, north}, 0.0};
-    return (Sample){{v, v + across, v + across + 1}, {1.0 - north, north - east, east}, 0.0};
+        return (Sample){{v, v + 1, v + across + 1}, {1.0 - east, east - north, north}};
+    return (Sample){{v, v + across, v + across + 1}, {1.0 - north, north - east, east}};
 }
 
 static inline double phi_at(const Potentials *all, int64_t k, const Sample *at)
@@ -153,103 +170,9 @@ static inline double phi_at(const Potentials *all, int64_t k, const Sample *at)
     return sum;
 }
 
-/* A part of a cell, by what of the cell's side lies before it, and its own side. */
-typedef struct {
-    int64_t cell;
-    double east, north, side;
-} Part;
-
-/* What is known of the most of delta f - phi: reached somewhere, and exceeded nowhere. */
-typedef struct {
-    int64_t device;
-    double reached, bound, close;
-} Peak;
-
-/* Look for more in a part of a cell. */
-static void look_into(const Potentials *all, Part part, int depth, Peak *peak)
+static inline double price_of(const Potentials *all, int64_t k)
 {
-    const Point corner = vertex_at(&all->mesh, part.cell);
-    const double side = all->mesh.side, half = 0.5 * part.side * side;
-    const Point middle = {
-        corner.x + side * part.east + half, corner.y + side * part.north + half};
-    if (from_start(middle, half, -1.0) > all->limits.length) return;
-    const Corners reward = reward_at_corners(
-        &all->cells, peak->device, middle, half, size_of(half));
-    double bound = -INFINITY;
-    for (int i = 0; i < 4; i++) {
-        const Sample at = sample_at(
-            &all->mesh, part.cell, part.east + part.side * (i & 1),
-            part.north + part.side * (i >> 1));
-        bound = most(bound, reward[i] - phi_at(all, peak->device, &at));
-    }
-    if (bound <= peak->reached + peak->close || depth == 0) {
-        peak->bound = most(peak->bound, bound);
-        return;
-    }
-    const double step = 0.5 * part.side;
-    const Sample at = sample_at(&all->mesh, part.cell, part.east + step, part.north + step);
-    const double here =
-        worth(&all->cells.devices, peak->device, middle) - phi_at(all, peak->device, &at);
-    if (from_start(middle, 0.0, 1.0) <= all->limits.length)
-        peak->reached = most(peak->reached, here);
-    for (int i = 0; i < 4; i++)
-        look_into(
-            all, (Part){part.cell, part.east + step * (i & 1), part.north + step * (i >> 1), step},
-            depth - 1, peak);
-}
-
-/* The distance from which on device k is worth no more than that, whatever its potential. */
-static double audible(const Cells *cells, int64_t k, double value)
-{
-    for (int64_t row = 0; row < cells->devices.rows; row++)
-        if (cells->devices.delta[k] * cells->upper[row] <= value) return (double)row;
-    return INFINITY;
-}
-
-/* Bound of the most that device k earns beyond its potential and the price, anywhere; 0 where there
-   is none. */
-static double most_beyond(const Potentials *all, int64_t k)
-{
-    const Devices *devices = &all->cells.devices;
-    const double highest = devices->delta[k] * all->cells.upper[0], close = CLOSE * highest;
-    if (highest <= all->nu) return 0.0;
-    const double radius = audible(&all->cells, k, all->nu + close) + 2.0 * all->mesh.side;
-    const float *phi = (const float *)all->phi + k;
-    Peak peak = {k, all->nu, all->nu, close};
-    if (isfinite(radius)) peak.bound += close;
-    for (int64_t v = 0; v < all->mesh.vertices; v++) {
-        const Point place = vertex_at(&all->mesh, v);
-        if (between(place, devices->at[k]) > radius) continue;
-        const double here = worth(devices, k, place) - (double)phi[v * all->blocks * EIGHT];
-        peak.reached = most(peak.reached, here);
-    }
-    for (int64_t v = 0; v < all->mesh.vertices; v++)
-        if (is_cell(&all->mesh, v) && !(between(vertex_at(&all->mesh, v), devices->at[k]) > radius))
-            look_into(all, (Part){v, 0.0, 0.0, 1.0}, DEEP, &peak);
-    return peak.bound - all->nu;
-}
-
-/* The bound of the present potentials; where they are no numbers, there is none. */
-static double bound_by_potentials(const Potentials *all)
-{
-    const Blocks every = {all->blocks, all->every};
-    const Directions ways = directions(FINE_GROUPS);
-    double steepest = 0.0, lowest = 0.0, zero = 0.0;
-    for (int64_t i = 0; i < all->mesh.vertices * SHAPES * ways.groups; i++) {
-        const Triangle at = triangle_at(i, ways.groups);
-        if (!is_cell(&all->mesh, at.cell)) continue;
-        Eight slopes = {0}, lean;
-        steepest = most(steepest, steepness(all, at, &ways, every, &slopes, &lean));
-    }
-    for (int64_t v = 0; v < all->mesh.vertices; v++) {
-        const double psi = all->chi[v] - half_sum_at(all, v, every);
-        lowest = least(lowest, psi);
-        zero += 0.0 * psi; /* comparing would pass a NaN */
-    }
-    double bound = steepest * all->limits.length / all->mesh.side - lowest +
-                   all->nu * (double)(all->limits.steps * all->limits.per_step);
-    for (int64_t k = 0; k < all->cells.devices.count; k++) bound += most_beyond(all, k);
-    return isfinite(bound + zero) ? bound : INFINITY;
+    return all->price[k / EIGHT][k % EIGHT];
 }
 
 #endif

@@ -16,7 +16,7 @@ static const double TINY = 1e-4; /* of the best value: an excess not worth branc
 enum { PROBES = 3 };             /* devices compared before one is branched on */
 /* A search that leaves more than this gap after so many nodes, or after a quarter where that is
    more, leaves some percent after all of them. */
-static const double HOPELESS_GAP = 0.12;
+static const double HOPELESS_GAP = 0.08;
 enum { HOPELESS_NODES = 5000 };
 
 /* Memory for a search. */

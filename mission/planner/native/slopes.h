@@ -9,7 +9,7 @@
 enum { MOST_WIDE = 150000 }; /* values: fewer change everywhere */
 static const double VISITED = 1.25; /* margin on what takes part in a maximum */
 static const double NOTHING = 1e-5; /* share of the largest slope that is left out */
-static const double PEAK_HEAT = 0.003, LOW_HEAT = 0.02; /* of peaks and of the least psi */
+static const double LOW_HEAT = 0.02; /* of the least psi, as a share of the best reward */
 
 typedef struct {
     Potentials now;
@@ -17,10 +17,10 @@ typedef struct {
     Eight *fixed;                 /* of `slopes`, by potentials that do not change */
     double *fixed_sum, *half_sum; /* (vertices,) over these and over all of them */
     Stored *slope;                /* (vertices, blocks) by phi */
-    double *chi_slope, nu_slope;  /* (vertices,) */
+    double *chi_slope;            /* (vertices,) */
+    Eight *price_slope;           /* (blocks,) */
     double *low;                  /* (vertices,) psi, then its share in the least */
     int32_t *other;               /* (blocks,) */
-    double unit;                  /* the best reward */
     Directions ways;
     Eight *slopes, *lean;         /* (cells, SHAPES, groups) */
     double *steep;                /* of the same shape: the largest h */
@@ -29,7 +29,7 @@ typedef struct {
 } Slopes;
 
 static Slopes lay_out_slopes(
-    Arena *arena, const Devices *devices, const Limits *limits, int meshes, int64_t samples)
+    Arena *arena, const Devices *devices, const Limits *limits, int meshes, const Samples *counted)
 {
     const Mesh first = mesh_of(devices, limits->length);
     const Mesh mesh = finest_mesh(&first, meshes);
@@ -43,6 +43,7 @@ static Slopes lay_out_slopes(
         .half_sum = claim(arena, v, sizeof(double)),
         .slope = claim(arena, v * blocks_of(devices), sizeof(Stored)),
         .chi_slope = claim(arena, v, sizeof(double)),
+        .price_slope = claim(arena, blocks_of(devices), sizeof(Eight)),
         .other = claim(arena, blocks_of(devices), sizeof(int32_t)),
         .low = claim(arena, v, sizeof(double)),
         .ways = directions(GROUPS),
@@ -50,7 +51,7 @@ static Slopes lay_out_slopes(
         .lean = claim(arena, triangles, sizeof(Eight)),
         .steep = claim(arena, triangles, sizeof(double)),
         .visited = claim(arena, triangles, sizeof(int64_t)),
-        .samples = lay_out_samples(arena, devices->count, samples),
+        .samples = lay_out_samples(arena, devices, limits, counted),
     };
 }
 
@@ -82,7 +83,7 @@ static void open_mesh(Slopes *all, double radius)
     if (mesh->vertices * devices->count <= MOST_WIDE) radius = INFINITY;
     list_blocks(&all->near_vertex, devices, mesh, 0.0, radius);
     list_blocks(&all->near_cell, devices, mesh, mesh->side, radius);
-    fill_samples(&all->samples, &all->now);
+    fill_samples(&all->samples, devices, mesh, all->now.limits.length);
     for (int64_t v = 0; v < mesh->vertices; v++) {
         const Blocks near = blocks_near(&all->near_vertex, v);
         all->fixed_sum[v] = half_sum_at(&all->now, v, others(all, near));
@@ -110,7 +111,7 @@ static double work_out_triangle(const Slopes *all, int64_t i)
 /* Work out h where it may be near mu, or in all triangles; returns mu. */
 static double work_out(Slopes *all, int everywhere, double heat)
 {
-    double steepest = 1e-9 * all->unit;
+    double steepest = 1e-9 * all->now.highest;
     if (everywhere) {
         all->visits = 0;
         for (int64_t i = 0; i < count_triangles(all); i++)
@@ -193,7 +194,7 @@ static void add_triangle(Slopes *all, int64_t number, double scale)
 static void begin_slopes(Slopes *all)
 {
     const int64_t v = all->now.mesh.vertices;
-    const double heat = 1.0 / (LOW_HEAT * all->unit);
+    const double heat = 1.0 / (LOW_HEAT * all->now.highest);
     double lowest = 0.0, total = 0.0;
     for (int64_t i = 0; i < v; i++) {
         all->low[i] = all->now.chi[i] - all->half_sum[i];
@@ -213,55 +214,91 @@ static void begin_slopes(Slopes *all)
     }
 }
 
-/* Add the slopes of the smooth peak of device k; returns the share that is served. */
-static double add_peak(Slopes *all, int64_t k, int everywhere)
+/* Work out the best stops where they may be near the best of all, or at all samples; returns that. */
+static double work_out_stops(Slopes *all, int everywhere, double heat)
 {
-    Sample *sample = all->samples.sample + all->samples.first[k];
-    const int64_t wide = all->now.blocks * EIGHT;
-    const double heat = PEAK_HEAT * all->unit, enough = VISITED * SOFT * heat;
-    double *value = all->samples.value, highest = all->now.nu;
-    float *slope = (float *)all->slope + k;
-    int64_t count = all->samples.active[k];
-    if (everywhere) count = all->samples.first[k + 1] - all->samples.first[k];
-    for (int64_t i = 0; i < count; i++) {
-        value[i] = sample[i].reward - phi_at(&all->now, k, sample + i);
-        highest = most(highest, value[i]);
+    Samples *samples = &all->samples;
+    double highest = 0.0;
+    if (everywhere) {
+        samples->stop_count = samples->count;
+        for (int64_t i = 0; i < samples->count; i++) samples->stops[i] = i;
+    }
+    for (int64_t j = 0; j < samples->stop_count; j++) {
+        const int64_t i = samples->stops[j];
+        samples->best[i] = find_stop(samples, &all->now, i);
+        highest = most(highest, samples->best[i]);
     }
     if (everywhere) {
-        const int64_t all_of_them = count;
-        count = 0;
-        for (int64_t i = 0; i < all_of_them; i++)
-            if (value[i] > highest - enough) {
-                const Sample other = sample[count];
-                sample[count] = sample[i];
-                sample[i] = other;
-                value[count++] = value[i];
-            }
-        all->samples.active[k] = count;
+        const double enough = highest - VISITED * SOFT * heat;
+        int64_t kept = 0;
+        for (int64_t j = 0; j < samples->stop_count; j++)
+            if (samples->best[samples->stops[j]] > enough)
+                samples->stops[kept++] = samples->stops[j];
+        samples->stop_count = kept;
     }
-    const double unserved = soft((all->now.nu - highest) / heat);
-    double total = unserved;
-    for (int64_t i = 0; i < count; i++) {
-        value[i] = soft((value[i] - highest) / heat);
-        total += value[i];
-    }
-    for (int64_t i = 0; i < count; i++)
-        for (int c = 0; c < TRIANGLE; c++)
-            slope[sample[i].vertex[c] * wide] -= (float)(value[i] / total * sample[i].share[c]);
-    return 1.0 - unserved / total;
+    return highest;
 }
 
-/* Work out all slopes. */
-static void find_slopes(Slopes *all, int everywhere, double heat)
+/* Add the slopes of the smooth best of all stops, by potentials and prices. */
+static void add_stops(Slopes *all, int everywhere, double heat)
 {
+    Samples *samples = &all->samples;
+    const double highest = work_out_stops(all, everywhere, heat);
+    double total = 0.0;
+    for (int64_t j = 0; j < samples->stop_count; j++) {
+        double *best = samples->best + samples->stops[j];
+        *best = soft((*best - highest) / heat);
+        total += *best;
+    }
+    const double scale = (double)(all->now.limits.steps - 1) / most(total, 1e-300);
+    for (int64_t j = 0; j < samples->stop_count; j++) {
+        const int64_t i = samples->stops[j];
+        const double share = scale * samples->best[i];
+        if (share < NOTHING) continue;
+        find_stop(samples, &all->now, i);
+        for (int64_t n = 0; n < samples->stop.count; n++) {
+            const int32_t k = samples->stop.device[n];
+            float *slope = (float *)all->slope + k;
+            all->price_slope[k / EIGHT][k % EIGHT] -= share;
+            for (int c = 0; c < TRIANGLE; c++)
+                slope[samples->sample[i].vertex[c] * all->now.blocks * EIGHT] -=
+                    (float)(share * samples->sample[i].share[c]);
+        }
+    }
+}
+
+/* Add the slopes of the stop at the start, by prices. */
+static void add_start(Slopes *all)
+{
+    const Devices *devices = &all->now.cells.devices;
+    Stop *stop = &all->samples.stop;
+    stop->count = 0;
+    for (int64_t k = 0; k < devices->count; k++) {
+        const double gain = worth(devices, k, (Point){0.0, 0.0}) - price_of(&all->now, k);
+        if (gain > least_gain(stop)) serve_at(stop, (int32_t)k, gain);
+    }
+    for (int64_t n = 0; n < stop->count; n++)
+        all->price_slope[stop->device[n] / EIGHT][stop->device[n] % EIGHT] -= 1.0;
+}
+
+/* Work out all slopes. The heat of mu is a share of it; that of a stop, of what the bound has for it. */
+static void find_slopes(Slopes *all, int everywhere, double heat, double stop_heat)
+{
+    const Potentials *now = &all->now;
     const double steepest = work_out(all, everywhere, heat);
     const double sum = most(soften(all, steepest, heat), 1e-300);
-    const double scale = all->now.limits.length / (all->now.mesh.side * sum);
+    const double by_side = now->limits.length / now->mesh.side;
+    Eight prices = {0};
     begin_slopes(all);
-    for (int64_t j = 0; j < all->visits; j++) add_triangle(all, all->visited[j], scale);
-    all->nu_slope = (double)(all->now.limits.steps * all->now.limits.per_step);
-    for (int64_t k = 0; k < all->now.cells.devices.count; k++)
-        all->nu_slope -= add_peak(all, k, everywhere);
+    for (int64_t j = 0; j < all->visits; j++)
+        add_triangle(all, all->visited[j], by_side / sum);
+    for (int64_t b = 0; b < now->blocks; b++) {
+        prices += now->price[b] - now->floor;
+        all->price_slope[b] = eight(1.0);
+    }
+    const double bound = steepest * by_side + sum_of_eight(prices);
+    add_stops(all, everywhere, stop_heat * bound / (double)(now->limits.steps - 1));
+    add_start(all);
 }
 
 #endif

@@ -27,8 +27,8 @@ def flown_in_parts(problem, places, *, neighbours):
     """What paths along legs between places earn at most, if a path may divide, by HiGHS.
 
     The primal of what the potentials bound, on a few places: a path, in parts, leaves the start;
-    what is served somewhere comes from the start with no more than the path has on each leg. Every
-    plan on the places is one way of doing so.
+    what is served somewhere comes from the start with no more than the path has on each leg, and by
+    parts of stops. Every plan on the places is one way of doing so.
     """
     away = np.linalg.norm(places[:, None] - places, axis=-1)
     near = np.argsort(away, axis=1)[:, 1 : neighbours + 1]
@@ -39,7 +39,8 @@ def flown_in_parts(problem, places, *, neighbours):
     worth = worth[worth.max(axis=1) > HEARD * problem.importance]
     device, place = np.nonzero(worth > HEARD * worth.max(axis=1, keepdims=True))
     n_legs, n_served, devices, inner = len(tail), len(place), len(worth), len(places) - 1
-    # Columns: the path on each leg, what is on its way to each device on each leg, who is served.
+    # Columns: the path on each leg, what is on its way to each device on each leg, who is served,
+    # stops at each place.
     ways = n_legs + devices * n_legs
     into = coo_matrix(
         (np.repeat([1.0, -1.0], n_legs), (np.r_[head, tail], np.tile(np.arange(n_legs), 2)))
@@ -50,22 +51,32 @@ def flown_in_parts(problem, places, *, neighbours):
         shape=(devices * inner, n_served),
     )
     each = coo_matrix((np.ones(n_served), (device, np.arange(n_served))))
-    no_way = csr_matrix((1, devices * n_legs + n_served))
+    at_place = coo_matrix((np.ones(n_served), (place, np.arange(n_served))))
+    stop_of = coo_matrix((np.ones(n_served), (np.arange(n_served), place)))
+    rest = devices * n_legs + n_served + len(places)
+    no_way = csr_matrix((1, rest))
+    no_leg = csr_matrix((1, ways + n_served))
     limits = [
         (hstack([kron(np.ones((devices, 1)), -eye(n_legs)), eye(devices * n_legs),
-                 csr_matrix((devices * n_legs, n_served))]), np.zeros(devices * n_legs)),
-        (hstack([csr_matrix((devices, ways)), each]), np.ones(devices)),
-        (csr_matrix(np.r_[away[tail, head], np.zeros(no_way.shape[1])]), [problem.path_budget_m]),
-        (csr_matrix(np.r_[np.zeros(ways), np.ones(n_served)]), [problem.steps * problem.per_step]),
+                 csr_matrix((devices * n_legs, n_served + len(places)))]),
+         np.zeros(devices * n_legs)),
+        (hstack([csr_matrix((devices, ways)), each, csr_matrix((devices, len(places)))]),
+         np.ones(devices)),
+        (csr_matrix(np.r_[away[tail, head], np.zeros(rest)]), [problem.path_budget_m]),
+        (hstack([csr_matrix((len(places), ways)), at_place, -problem.per_step * eye(len(places))]),
+         np.zeros(len(places))),
+        (hstack([csr_matrix((n_served, ways)), eye(n_served), -stop_of]), np.zeros(n_served)),
+        (hstack([no_leg, csr_matrix(np.ones((1, len(places))))]), [problem.steps]),
         (hstack([-into[1:], kron(np.ones((inner, 1)), no_way)]), np.zeros(inner)),
         (hstack([-into[0], no_way]), [1.0]),
     ]  # fmt: skip
     found = linprog(
-        np.r_[np.zeros(ways), -worth[device, place]],
+        np.r_[np.zeros(ways), -worth[device, place], np.zeros(len(places))],
         A_ub=vstack([row for row, _ in limits]),
         b_ub=np.concatenate([most for _, most in limits]),
         A_eq=hstack([
-            csr_matrix((devices * inner, n_legs)), kron(eye(devices), into[1:]), -arrives
+            csr_matrix((devices * inner, n_legs)), kron(eye(devices), into[1:]), -arrives,
+            csr_matrix((devices * inner, len(places))),
         ]),
         b_eq=np.zeros(devices * inner),
         method="highs-ipm",
@@ -75,8 +86,9 @@ def flown_in_parts(problem, places, *, neighbours):
 
 
 @pytest.mark.slow
-def test_no_path_in_parts_lies_above_the_bound():
-    problem = random_problem(1, devices=100, steps=50, preset="suburban+10dB")
+@pytest.mark.parametrize(("devices", "steps"), [(100, 50), (30, 8)])
+def test_no_path_in_parts_lies_above_the_bound(devices, steps):
+    problem = random_problem(1, devices=devices, steps=steps, preset="suburban+10dB")
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
     places = places_of(problem, plan.waypoints_m, apart_m=50.0, most=22)

@@ -93,10 +93,13 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     phi = np.maximum(0.0, phi - phi[:, start[0], start[1], None, None])
     phi = phi.astype(np.float32).astype(float)  # as they are stored
     chi = rng.uniform(-0.1, 0.1, phi.shape[1:])
-    chi[start], nu = 0.0, 0.05 * (seed % 2)
+    chi[start] = 0.0
+    price = rng.uniform(0.0, 0.2, 7) * problem.importance
     devices, limits = instance(problem)
     flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
-    bound = potential_bound(devices, limits, *flat, nu)
+    as_it_is, raised = (
+        potential_bound(devices, limits, *flat, price, sampled=most) for most in (np.inf, 0.0)
+    )
 
     steepest = 0.0  # over directions, of what all potentials rise on a metre
     angles = np.linspace(0.0, 2.0 * np.pi, 2001)
@@ -114,19 +117,26 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
             along = [np.cos(angle) * x + np.sin(angle) * y for x, y in slopes]
             rise = sum(np.maximum(0.0, one) for one in along[:-1]) + along[-1]
             steepest = max(steepest, rise.max())
-    peaks = np.full(7, nu)
+
+    def stop_of(beyond):  # (..., 7): what a stop is worth
+        return np.sort(np.maximum(0.0, beyond), axis=-1)[..., -problem.per_step :].sum(axis=-1)
+
+    best, peaks = 0.0, price.copy()
     for east in np.linspace(0.0, 1.0, 17):
         for north in np.linspace(0.0, 1.0, 17):
             at = places[:-1, :-1] + side * np.array([east, north])
-            reward = np.moveaxis(rewards(problem, at + problem.start_m), -1, 0)
-            beyond = reward - linear_on_triangles(phi, east, north)
-            beyond[:, np.linalg.norm(at, axis=-1) > problem.path_budget_m] = 0.0
-            peaks = np.maximum(peaks, beyond.max(axis=(1, 2)))
-    sampled = (
-        steepest * problem.path_budget_m - psi.min() + nu * limits.steps * limits.per_step
-        + (peaks - nu).sum()
-    )  # fmt: skip
-    assert sampled * (1.0 - 1e-6) <= bound <= sampled * 1.03
+            beyond = rewards(problem, at + problem.start_m)
+            beyond = beyond - np.moveaxis(linear_on_triangles(phi, east, north), 0, -1)
+            beyond = beyond[np.linalg.norm(at, axis=-1) <= problem.path_budget_m]
+            best = max(best, stop_of(beyond - price).max())
+            peaks = np.maximum(peaks, beyond.max(axis=0))
+    at_start = rewards(problem, problem.start_m[None])[0]
+    rise = steepest * problem.path_budget_m - psi.min()
+    sampled = rise + price.sum() + stop_of(at_start - price) + (limits.steps - 1) * best
+    assert sampled * (1.0 - 1e-6) <= as_it_is <= sampled * 1.03
+    # Prices that are raised until no stop is worth anything are what each device earns at most.
+    sampled = min(sampled, rise + peaks.sum())
+    assert sampled * (1.0 - 1e-6) <= raised <= sampled * 1.03
 
 
 def test_potentials_that_are_no_numbers_prove_nothing():
@@ -136,13 +146,13 @@ def test_potentials_that_are_no_numbers_prove_nothing():
     for broken in range(2):
         potentials = np.zeros((3, vertices)), np.zeros(vertices)
         potentials[broken].flat[-1] = np.nan
-        assert potential_bound(devices, limits, *potentials, 0.0) == np.inf
+        assert potential_bound(devices, limits, *potentials, np.zeros(3), sampled=0.0) == np.inf
 
 
 def test_potentials_on_another_mesh_are_refused():
     devices, limits = instance(random_problem(0, devices=3))
     with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
-        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), 0.0)
+        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), np.zeros(3), sampled=0.0)
 
 
 def test_a_crowd_has_as_many_meshes_as_there_is_memory_for():
@@ -238,7 +248,7 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
 @pytest.mark.parametrize("meshes", [2, 3])
 @pytest.mark.parametrize("channel", ["suburban", "suburban+30dB", "suburban-log-variance"])
 def test_a_crowd_in_one_place_is_approached_as_far_as_the_budget_goes(channel, meshes):
-    problem = random_problem(0, devices=60, steps=20, budget=800.0, preset=channel)
+    problem = random_problem(0, devices=60, steps=21, budget=800.0, preset=channel)
     there = problem.start_m + 900.0 * np.array([np.cos(0.3), np.sin(0.3)])
     problem = dataclasses.replace(problem, devices_m=np.tile(there, (60, 1)))
     best = float(
@@ -253,7 +263,20 @@ def test_devices_on_opposite_sides_are_not_both_reached():
     problem = random_problem(0, devices=4, steps=12, budget=600.0, preset="suburban+10dB")
     sides = 600.0 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     problem = dataclasses.replace(problem, devices_m=problem.start_m + sides, importance=np.ones(4))
-    assert 1.0 - 1e-9 <= bound_of(problem, 400) <= 1.15
+    assert 1.0 - 1e-9 <= bound_of(problem, 800) <= 1.15
+
+
+@pytest.mark.parametrize("channel", ["suburban+10dB", "high-rise"])
+def test_few_stops_serve_fewer_devices_than_the_path_passes(channel):
+    """What a bound that lets a path stop as often as it likes cannot see."""
+    problem = random_problem(0, devices=24, steps=4, per_step=24, budget=900.0, preset=channel)
+    angles = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
+    ring = 250.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    problem = dataclasses.replace(problem, devices_m=problem.start_m + ring, importance=np.ones(24))
+    quick = CertifiedPlanner(max_nodes=100)
+    plan = quick.plan(problem)
+    often = quick.plan(dataclasses.replace(problem, steps=25))
+    assert plan.value <= bound_of(problem, 1500) <= 0.7 * often.value
 
 
 def by_grid(problem, *, spacing, slack_m):
@@ -354,7 +377,7 @@ def test_bounds_agree_with_an_integer_programme_on_a_grid(devices, steps, per_st
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("devices", "channel", "gap"),
-    [(100, "suburban", 0.05), (100, "suburban+30dB", 0.02), (300, "suburban", 0.05)],
+    [(100, "suburban", 0.05), (100, "suburban+30dB", 0.025), (300, "suburban", 0.05)],
 )
 def test_large_plans_are_proven_to_a_few_percent(devices, channel, gap):
     problem = random_problem(1, devices=devices, steps=50, preset=channel)
