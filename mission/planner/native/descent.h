@@ -69,7 +69,7 @@ static Descent lay_out_descent(
 
 /* Potentials to begin with: a part of what devices earn beyond the start and the price of a place;
    and prices: what they earn beyond these. */
-static void begin_potentials(Descent *all, double price, double value)
+static void begin_potentials(Descent *all, double place_price, double value)
 {
     Potentials *now = &all->at.now;
     const Devices *devices = &now->cells.devices;
@@ -77,7 +77,7 @@ static void begin_potentials(Descent *all, double price, double value)
     for (int64_t v = 0; v < now->mesh.vertices; v++)
         for (int64_t k = 0; v != now->mesh.start && k < devices->count; k++) {
             const double here = worth(devices, k, vertex_at(&now->mesh, v));
-            const double start = most(price, worth(devices, k, (Point){0.0, 0.0}));
+            const double start = most(place_price, worth(devices, k, (Point){0.0, 0.0}));
             stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT] = (float)most(0.0, here - start);
         }
     for (int64_t i = 0; i < count_triangles(&all->at); i++)
@@ -90,7 +90,7 @@ static void begin_potentials(Descent *all, double price, double value)
     for (int64_t v = 0; v < now->mesh.vertices; v++)
         for (int64_t k = 0; k < devices->count; k++) {
             double *mine = (double *)now->price + k;
-            const double here = worth(devices, k, vertex_at(&now->mesh, v)) - price;
+            const double here = worth(devices, k, vertex_at(&now->mesh, v)) - place_price;
             const double phi = stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT];
             *mine = most(*mine, now->floor + here - phi);
         }
@@ -120,16 +120,13 @@ static inline Eight steps_down(Eight slope, Eight *mean, Eight *square, Pace pac
 static void step_phi(Descent *all, int64_t v, Pace pace)
 {
     Slopes *at = &all->at;
-    const double rate = at->now.highest * pace.rate / pace.mean_past, past = 1.0 / pace.square_past;
     const Blocks near = blocks_near(&at->near_vertex, v);
     Eight sum = {0};
     for (int64_t j = 0; j < near.count; j++) {
         const int64_t i = v * at->now.blocks + near.block[j];
-        const Eight slope = taken(at->slope[i]);
-        const Eight mean = MEAN_KEPT * taken(all->mean[i]) + (1.0 - MEAN_KEPT) * slope;
-        const Eight square =
-            SQUARE_KEPT * taken(all->square[i]) + (1.0 - SQUARE_KEPT) * slope * slope;
-        const Eight step = rate * mean / (root_of_eight(square * past) + 1e-8);
+        Eight mean = taken(all->mean[i]), square = taken(all->square[i]);
+        const Eight step =
+            steps_down(taken(at->slope[i]), &mean, &square, pace, at->now.highest);
         const Eight phi =
             between_zero_and(taken(at->now.phi[i]) - step, all->highest[near.block[j]]);
         all->mean[i] = stored(mean);
@@ -141,7 +138,7 @@ static void step_phi(Descent *all, int64_t v, Pace pace)
     at->half_sum[v] = at->fixed_sum[v] + 0.5 * sum_of_eight(sum);
 }
 
-/* One step of all potentials and of the price. */
+/* One step of all potentials and prices. */
 static void step_all(Descent *all, Pace pace)
 {
     Potentials *now = &all->at.now;
@@ -188,7 +185,7 @@ static double work_of_turn(const Slopes *all)
 }
 
 /* The scales of a problem, and the first mesh with what potentials begin with. */
-static void begin_descent(Descent *all, double price, double left_out, double value)
+static void begin_descent(Descent *all, double place_price, double left_out, double value)
 {
     Potentials *now = &all->at.now;
     const Devices *devices = &now->cells.devices;
@@ -200,7 +197,7 @@ static void begin_descent(Descent *all, double price, double left_out, double va
     for (int64_t k = 0; k < devices->count; k++)
         all->highest[k / EIGHT][k % EIGHT] = devices->delta[k] * now->cells.upper[0];
     open_mesh(&all->at, all->radius);
-    begin_potentials(all, price, value);
+    begin_potentials(all, place_price, value);
 }
 
 /* So many turns on the present mesh, `from` where to `until` where in the whole course. */
@@ -222,13 +219,13 @@ static void descend_on_mesh(Descent *all, int mesh, int64_t turns, double from, 
 /* Lower the bound, of which `bound` is what is known, by so many turns or to that gap; returns the
    turns. */
 static int64_t descend(
-    Descent *all, int64_t turns, double price, double left_out, double value, double gap,
+    Descent *all, int64_t turns, double place_price, double left_out, double value, double gap,
     double *bound)
 {
     const double hopeless = TOO_FAR * *bound;
     double shares = 0.0, done = 0.0;
     int64_t taken = 0;
-    begin_descent(all, price, left_out, value);
+    begin_descent(all, place_price, left_out, value);
     for (int mesh = 0; mesh < all->meshes; mesh++) shares += SHARE[mesh];
     for (int mesh = 0; mesh < all->meshes; mesh++) {
         if (mesh > 0) next_mesh(all, mesh);

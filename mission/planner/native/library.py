@@ -53,7 +53,8 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE,
+            _DOUBLE)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -368,13 +369,21 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
 
 
 def potential_bound(
-    devices: Devices, limits: Limits, phi: Floats, chi: Floats, price: Floats, *, sampled: float
+    devices: Devices,
+    limits: Limits,
+    phi: Floats,
+    chi: Floats,
+    price: Floats,
+    *,
+    left_out: float = 0.0,
+    sampled: float,
 ) -> float:
     """Bound of potentials `phi` (K, V), `chi` (V,) at the first mesh's vertices, and prices.
 
     Args:
-        price: (K,) of each device; they are raised where that helps.
-        sampled: what a stop is worth at samples, at most: what prices may be raised for.
+        price: (K,) of each device.
+        left_out: importance of devices that are not given, at most.
+        sampled: prices may be raised so that no stop is worth more.
 
     Raises:
         ValueError: the mesh has another number of vertices.
@@ -387,6 +396,7 @@ def potential_bound(
         address(phi, np.float64, (len(devices.delta), vertices)),
         address(chi, np.float64, (vertices,)),
         address(price, np.float64, (len(devices.delta),)),
+        left_out,
         sampled,
     )
     if bound < 0.0:

@@ -64,7 +64,7 @@ typedef struct {
        worth. Devices of up to `left_out` importance need not be given. For any number of them,
        neighbours side by side; it says most where the path is what is scarce. Returns the turns. */
     int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t meshes, int64_t turns,
-                                double value, double price, double left_out, double gap,
+                                double value, double place_price, double left_out, double gap,
                                 double *bound);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
@@ -83,10 +83,12 @@ typedef struct {
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
     /* Bound of given potentials `phi` (K, vertices), not below 0, and `chi` (vertices,) on the first
-       mesh, both 0 at the start, in single precision, and of prices (K,), not below 0, where a stop
-       is worth `sampled` at most at samples; -1 if the mesh has another number of vertices. */
+       mesh, both 0 at the start, in single precision, and of prices (K,), not below 0, for devices
+       given and others of up to `left_out` importance. Prices may be raised so that no stop is worth
+       more than `sampled`. -1 if the mesh has another number of vertices. */
     double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, const double *price, double sampled);
+                              const double *chi, const double *price, double left_out,
+                              double sampled);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

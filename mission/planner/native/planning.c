@@ -70,7 +70,7 @@ static int64_t search_places(
 
 static int64_t lower_potentials(
     const Devices *devices, const Limits *limits, int64_t meshes, int64_t turns, double value,
-    double price, double left_out, double gap, double *bound)
+    double place_price, double left_out, double gap, double *bound)
 {
     Arena arena = {0};
     const int mesh = meshes_for(devices, limits, (int)meshes);
@@ -78,7 +78,7 @@ static int64_t lower_potentials(
     Descent all = lay_out_descent(&arena, devices, limits, mesh, &counted);
     if (!provide(&arena)) return -1;
     all = lay_out_descent(&arena, devices, limits, mesh, &counted);
-    turns = descend(&all, turns, price, left_out, value, gap, bound);
+    turns = descend(&all, turns, place_price, left_out, value, gap, bound);
     release(&arena);
     return turns;
 }
@@ -152,19 +152,19 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, const double *price, double sampled)
+    const double *chi, const double *price, double left_out, double sampled)
 {
     Arena arena = {0};
     Potentials all = lay_out_potentials(&arena, devices, limits, 1);
     if (all.mesh.vertices != vertices) return -1.0;
     if (!provide(&arena)) return NAN;
     all = lay_out_potentials(&arena, devices, limits, 1);
-    set_up_potentials(&all, 0.0);
+    set_up_potentials(&all, left_out);
     for (int64_t v = 0; v < vertices; v++)
         for (int64_t k = 0; k < devices->count; k++)
             stored_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = (float)phi[k * vertices + v];
     memcpy(all.chi, chi, (size_t)vertices * sizeof(double));
-    for (int64_t k = 0; k < devices->count; k++) all.price[k / EIGHT][k % EIGHT] = price[k];
+    for (int64_t k = 0; k < devices->count; k++) all.price[k / EIGHT][k % EIGHT] = price[k] + all.floor;
     const double bound = bound_by_potentials(&all, sampled);
     release(&arena);
     return bound;

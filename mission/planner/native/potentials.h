@@ -6,17 +6,16 @@
        sum_k phi_k(x_k) + psi(end) <= integral of h over the path,
        h = most over directions t of sum_k (grad phi_k . t)+ + grad psi . t,
 
-   at most mu L where h <= mu everywhere. What k earns, delta_k f, is phi_k, a price pi_k >= 0 that is
-   paid once, and what is left. A stop has what is left of K_bar devices at one place, at most
+   at most mu L where h <= mu everywhere. Any device earns a floor >= 0 at most, at each of the N K_bar
+   places, or is one of those that are given. What k of these earns, delta_k f, is the floor, phi_k, a
+   price pi_k >= 0 that is paid once, and what is left. A stop has what is left of K_bar devices at one
+   place, at most
 
-       best(x) = sum of the K_bar largest (delta_k f(|x - u_k|) - phi_k(x) - pi_k)+.
+       best(x) = sum of the K_bar largest (delta_k f(|x - u_k|) - phi_k(x) - pi_k - floor)+.
 
    The first stop is at the start, N - 1 are anywhere. So no plan earns more than
 
-       mu L - least psi + sum_k pi_k + best(v_0) + (N - 1) most over x of best(x).
-
-   Devices that are not given, worth `floor` at most, are bounded by that at each of the N K_bar
-   places; others then bring only what is above it, which pi_k holds.
+       mu L - least psi + floor N K_bar + sum_k pi_k + best(v_0) + (N - 1) most over x of best(x).
 
    This is the dual of the flow relaxation of a path: what is served somewhere must have been passed,
    each metre only serves one direction, and stops are few, each at one place.
@@ -42,10 +41,10 @@ typedef struct {
     Stored *phi;     /* (vertices, blocks) */
     double *chi;     /* (vertices,) */
     Eight *price;    /* (blocks,) pi and the floor */
-    double floor;
+    double floor;    /* what devices that are not given earn at most */
     double highest;  /* the best reward */
     int32_t *heard;  /* (DEEP + 2, K) devices that a stop in a cell, or in its parts, may serve */
-    double *audible; /* (K,) metres from which on a device is not worth its price */
+    double *radius;  /* (K,) metres from which on a device is not worth its price */
 } Potentials;
 
 /* On the first of so many meshes. */
@@ -63,7 +62,7 @@ static Potentials lay_out_potentials(
         .chi = claim(arena, last.vertices, sizeof(double)),
         .price = claim(arena, blocks_of(devices), sizeof(Eight)),
         .heard = claim(arena, (DEEP + 2) * devices->count, sizeof(int32_t)),
-        .audible = claim(arena, devices->count, sizeof(double)),
+        .radius = claim(arena, devices->count, sizeof(double)),
     };
 }
 

@@ -22,8 +22,8 @@ typedef struct {
     int32_t *block; /* (heard,) heard there, */
     Stored *reward; /* and what its devices earn */
     double *best;   /* (samples,) what a stop is worth */
-    int64_t *stops; /* numbers of samples near the best stop */
-    int64_t count, heard, stop_count;
+    int64_t *near_best; /* numbers of samples near the best stop */
+    int64_t count, heard, near_count;
     Stop stop;
 } Samples;
 
@@ -95,11 +95,11 @@ static void fill_samples(
         const Point u = devices->at[k];
         const double east = (u.x - mesh->low.x) / mesh->side;
         const double north = (u.y - mesh->low.y) / mesh->side;
-        const int64_t column = (int64_t)east, row = (int64_t)north;
-        if (column < 0 || row < 0 || column + 1 >= mesh->across || row + 1 >= mesh->up) continue;
-        const int64_t cell = row * mesh->across + column;
-        const double x = east - (double)column, y = north - (double)row;
-        add_sample(all, devices, length, u, sample_at(mesh, cell, x, y));
+        if (!(east >= 0.0 && north >= 0.0)) continue; /* out of reach */
+        const int64_t column = fewer((int64_t)east, mesh->across - 2);
+        const int64_t row = fewer((int64_t)north, mesh->up - 2);
+        const double x = least(1.0, east - (double)column), y = least(1.0, north - (double)row);
+        add_sample(all, devices, length, u, sample_at(mesh, row * mesh->across + column, x, y));
     }
 }
 
@@ -128,7 +128,7 @@ static Samples lay_out_samples(
         .block = claim(arena, counted->heard, sizeof(int32_t)),
         .reward = claim(arena, counted->heard, sizeof(Stored)),
         .best = claim(arena, counted->count, sizeof(double)),
-        .stops = claim(arena, counted->count, sizeof(int64_t)),
+        .near_best = claim(arena, counted->count, sizeof(int64_t)),
         .stop = {
             .device = claim(arena, most, sizeof(int32_t)),
             .gain = claim(arena, most, sizeof(double)),

@@ -190,7 +190,7 @@ static void add_triangle(Slopes *all, int64_t number, double scale)
     }
 }
 
-/* Begin all slopes, which are 0, with those of the smooth minimum of psi. */
+/* Begin all slopes, which are 0 where potentials change, with those of the smooth minimum of psi. */
 static void begin_slopes(Slopes *all)
 {
     const int64_t v = all->now.mesh.vertices;
@@ -220,21 +220,21 @@ static double work_out_stops(Slopes *all, int everywhere, double heat)
     Samples *samples = &all->samples;
     double highest = 0.0;
     if (everywhere) {
-        samples->stop_count = samples->count;
-        for (int64_t i = 0; i < samples->count; i++) samples->stops[i] = i;
+        samples->near_count = samples->count;
+        for (int64_t i = 0; i < samples->count; i++) samples->near_best[i] = i;
     }
-    for (int64_t j = 0; j < samples->stop_count; j++) {
-        const int64_t i = samples->stops[j];
+    for (int64_t j = 0; j < samples->near_count; j++) {
+        const int64_t i = samples->near_best[j];
         samples->best[i] = find_stop(samples, &all->now, i);
         highest = most(highest, samples->best[i]);
     }
     if (everywhere) {
         const double enough = highest - VISITED * SOFT * heat;
         int64_t kept = 0;
-        for (int64_t j = 0; j < samples->stop_count; j++)
-            if (samples->best[samples->stops[j]] > enough)
-                samples->stops[kept++] = samples->stops[j];
-        samples->stop_count = kept;
+        for (int64_t j = 0; j < samples->near_count; j++)
+            if (samples->best[samples->near_best[j]] > enough)
+                samples->near_best[kept++] = samples->near_best[j];
+        samples->near_count = kept;
     }
     return highest;
 }
@@ -245,14 +245,14 @@ static void add_stops(Slopes *all, int everywhere, double heat)
     Samples *samples = &all->samples;
     const double highest = work_out_stops(all, everywhere, heat);
     double total = 0.0;
-    for (int64_t j = 0; j < samples->stop_count; j++) {
-        double *best = samples->best + samples->stops[j];
+    for (int64_t j = 0; j < samples->near_count; j++) {
+        double *best = samples->best + samples->near_best[j];
         *best = soft((*best - highest) / heat);
         total += *best;
     }
     const double scale = (double)(all->now.limits.steps - 1) / most(total, 1e-300);
-    for (int64_t j = 0; j < samples->stop_count; j++) {
-        const int64_t i = samples->stops[j];
+    for (int64_t j = 0; j < samples->near_count; j++) {
+        const int64_t i = samples->near_best[j];
         const double share = scale * samples->best[i];
         if (share < NOTHING) continue;
         find_stop(samples, &all->now, i);

@@ -79,7 +79,7 @@ static double best_at(
 
 /* Look for a better stop in a part of a cell. */
 static void look_into(
-    const Potentials *all, Part part, int depth, int32_t *heard, int64_t count, Peak *peak)
+    Potentials *all, Part part, int depth, int32_t *heard, int64_t count, Peak *peak)
 {
     const Point corner = vertex_at(&all->mesh, part.cell);
     const double side = all->mesh.side, half = 0.5 * part.side * side, step = 0.5 * part.side;
@@ -122,28 +122,25 @@ static int64_t list_heard(const Potentials *all, Point middle, double half)
     const Devices *devices = &all->cells.devices;
     int64_t count = 0;
     for (int64_t k = 0; k < devices->count; k++)
-        if (between(middle, devices->at[k]) - 1.4142136 * half < all->audible[k])
+        if (between(middle, devices->at[k]) - 1.4142136 * half < all->radius[k])
             all->heard[count++] = (int32_t)k;
     return count;
 }
 
-/* Look at the best stop of all, first in the middle of cells. */
-static void look_everywhere(const Potentials *all, Peak *peak)
+/* Look for the best stop in all cells: only in the middle of each, or in its parts. */
+static void look_everywhere(Potentials *all, int depth, Peak *peak)
 {
     const double half = 0.5 * all->mesh.side;
-    for (int64_t k = 0; k < all->cells.devices.count; k++)
-        all->audible[k] = audible(&all->cells, k, price_of(all, k));
-    for (int inside = peak->raising; inside < 2; inside++)
-        for (int64_t v = 0; v < all->mesh.vertices; v++) {
-            if (!is_cell(&all->mesh, v)) continue;
-            const Point low = vertex_at(&all->mesh, v), middle = {low.x + half, low.y + half};
-            const int64_t count = list_heard(all, middle, half);
-            const Sample at = sample_at(&all->mesh, v, 0.5, 0.5);
-            if (inside)
-                look_into(all, (Part){v, 0.0, 0.0, 1.0}, DEEP, all->heard, count, peak);
-            else if (from_start(middle, 0.0, 1.0) <= all->limits.length)
-                peak->reached = most(peak->reached, best_at(all, middle, &at, all->heard, count));
-        }
+    for (int64_t v = 0; v < all->mesh.vertices; v++) {
+        if (!is_cell(&all->mesh, v)) continue;
+        const Point low = vertex_at(&all->mesh, v), middle = {low.x + half, low.y + half};
+        const int64_t count = list_heard(all, middle, half);
+        const Sample at = sample_at(&all->mesh, v, 0.5, 0.5);
+        if (depth > 0)
+            look_into(all, (Part){v, 0.0, 0.0, 1.0}, depth, all->heard, count, peak);
+        else if (from_start(middle, 0.0, 1.0) <= all->limits.length)
+            peak->reached = most(peak->reached, best_at(all, middle, &at, all->heard, count));
+    }
 }
 
 /* Bound of the stop at the start, where potentials are 0. */
@@ -158,19 +155,22 @@ static double best_at_start(const Potentials *all)
     return sum_of_largest(cells)[0];
 }
 
-/* What all prices and stops add to the bound. */
-static double cost_of_stops(const Potentials *all, Peak peak)
+/* What all prices and stops add to the bound; prices may be raised, and stay so. */
+static double cost_of_stops(Potentials *all, Peak peak)
 {
-    look_everywhere(all, &peak);
+    for (int64_t k = 0; k < all->cells.devices.count; k++)
+        all->radius[k] = audible(&all->cells, k, price_of(all, k));
+    if (!peak.raising) look_everywhere(all, 0, &peak);
+    look_everywhere(all, DEEP, &peak);
     double cost = best_at_start(all) + (double)(all->limits.steps - 1) * peak.bound;
     for (int64_t k = 0; k < all->cells.devices.count; k++) cost += price_of(all, k) - all->floor;
     return cost;
 }
 
 /* The bound of the present potentials; where they are no numbers, there is none. With few stops the
-   best of them may be worth more anywhere than `sampled`, with many it is better to raise the prices
-   of the devices where it is. */
-static double bound_by_potentials(const Potentials *all, double sampled)
+   best of them may be worth more anywhere than `sampled`; with many it is better to raise the prices
+   of the devices where it is, which then stay so. */
+static double bound_by_potentials(Potentials *all, double sampled)
 {
     const Blocks every = {all->blocks, all->every};
     const Directions ways = directions(FINE_GROUPS);

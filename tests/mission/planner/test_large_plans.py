@@ -28,7 +28,7 @@ def flown_in_parts(problem, places, *, neighbours):
 
     The primal of what the potentials bound, on a few places: a path, in parts, leaves the start;
     what is served somewhere comes from the start with no more than the path has on each leg, and by
-    parts of stops. Every plan on the places is one way of doing so.
+    parts of stops, of which one is at the start. Every plan on the places is one way of doing so.
     """
     away = np.linalg.norm(places[:, None] - places, axis=-1)
     near = np.argsort(away, axis=1)[:, 1 : neighbours + 1]
@@ -70,6 +70,8 @@ def flown_in_parts(problem, places, *, neighbours):
         (hstack([-into[1:], kron(np.ones((inner, 1)), no_way)]), np.zeros(inner)),
         (hstack([-into[0], no_way]), [1.0]),
     ]  # fmt: skip
+    at_least = np.zeros(ways + n_served + len(places))
+    at_least[ways + n_served] = 1.0
     found = linprog(
         np.r_[np.zeros(ways), -worth[device, place], np.zeros(len(places))],
         A_ub=vstack([row for row, _ in limits]),
@@ -79,6 +81,7 @@ def flown_in_parts(problem, places, *, neighbours):
             csr_matrix((devices * inner, len(places))),
         ]),
         b_eq=np.zeros(devices * inner),
+        bounds=np.c_[at_least, np.full(len(at_least), np.inf)],
         method="highs-ipm",
     )  # fmt: skip
     assert found.status == 0

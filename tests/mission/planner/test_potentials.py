@@ -81,10 +81,17 @@ def linear_on_triangles(values, east, north):
     return (1.0 - north) * a + (north - east) * c + east * d
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    ("devices", "steps", "per_step"), [(7, 4, 3), (11, 2, 20)], ids=["some", "all-at-once"]
+)
 @pytest.mark.parametrize("channel", ["suburban+10dB", "suburban+30dB", "high-rise"])
-def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
-    problem = random_problem(seed, devices=7, steps=4, budget=700.0, preset=channel)
+def test_the_bound_of_given_potentials_is_what_its_formula_says(
+    seed, channel, devices, steps, per_step
+):
+    problem = random_problem(
+        seed, devices=devices, steps=steps, per_step=per_step, budget=700.0, preset=channel
+    )
     rng = np.random.default_rng(seed)
     places, side, start = mesh_of(problem)
     away = np.linalg.norm(places - (problem.devices_m - problem.start_m)[:, None, None], axis=-1)
@@ -94,12 +101,15 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
     phi = phi.astype(np.float32).astype(float)  # as they are stored
     chi = rng.uniform(-0.1, 0.1, phi.shape[1:])
     chi[start] = 0.0
-    price = rng.uniform(0.0, 0.2, 7) * problem.importance
-    devices, limits = instance(problem)
-    flat = np.ascontiguousarray(phi.reshape(7, -1)), np.ascontiguousarray(chi.ravel())
+    price = rng.uniform(0.0, 0.2, devices) * problem.importance
+    given, limits = instance(problem)
+    flat = np.ascontiguousarray(phi.reshape(devices, -1)), np.ascontiguousarray(chi.ravel())
+    left_out = 0.1 * (seed % 2)
     as_it_is, raised = (
-        potential_bound(devices, limits, *flat, price, sampled=most) for most in (np.inf, 0.0)
+        potential_bound(given, limits, *flat, price, left_out=left_out, sampled=most)
+        for most in (np.inf, 0.0)
     )
+    floor = left_out * given.rows[0, 0]
 
     steepest = 0.0  # over directions, of what all potentials rise on a metre
     angles = np.linspace(0.0, 2.0 * np.pi, 2001)
@@ -118,21 +128,21 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(seed, channel):
             rise = sum(np.maximum(0.0, one) for one in along[:-1]) + along[-1]
             steepest = max(steepest, rise.max())
 
-    def stop_of(beyond):  # (..., 7): what a stop is worth
-        return np.sort(np.maximum(0.0, beyond), axis=-1)[..., -problem.per_step :].sum(axis=-1)
+    def stop_of(beyond):  # (..., K): what a stop is worth
+        return np.sort(np.maximum(0.0, beyond), axis=-1)[..., -per_step:].sum(axis=-1)
 
     best, peaks = 0.0, price.copy()
     for east in np.linspace(0.0, 1.0, 17):
         for north in np.linspace(0.0, 1.0, 17):
             at = places[:-1, :-1] + side * np.array([east, north])
             beyond = rewards(problem, at + problem.start_m)
-            beyond = beyond - np.moveaxis(linear_on_triangles(phi, east, north), 0, -1)
+            beyond = beyond - floor - np.moveaxis(linear_on_triangles(phi, east, north), 0, -1)
             beyond = beyond[np.linalg.norm(at, axis=-1) <= problem.path_budget_m]
             best = max(best, stop_of(beyond - price).max())
             peaks = np.maximum(peaks, beyond.max(axis=0))
-    at_start = rewards(problem, problem.start_m[None])[0]
-    rise = steepest * problem.path_budget_m - psi.min()
-    sampled = rise + price.sum() + stop_of(at_start - price) + (limits.steps - 1) * best
+    at_start = rewards(problem, problem.start_m[None])[0] - floor
+    rise = steepest * problem.path_budget_m - psi.min() + floor * steps * per_step
+    sampled = rise + price.sum() + stop_of(at_start - price) + (steps - 1) * best
     assert sampled * (1.0 - 1e-6) <= as_it_is <= sampled * 1.03
     # Prices that are raised until no stop is worth anything are what each device earns at most.
     sampled = min(sampled, rise + peaks.sum())
