@@ -5,8 +5,8 @@
 
 #include "stops.h"
 
-enum { SPLITS = 3 };              /* of a cell's side, where f bends */
-static const double BENT = 0.01;  /* share of the best f that it bends by within a cell */
+enum { SPLITS = 3 };               /* of a cell's side, where f bends */
+static const double BENT = 0.01;   /* share of the best f that it bends by within a cell */
 static const double FAINT = 0.004; /* share of the best f that is not sampled */
 
 /* The devices of a stop, from the one that brings the most. */
@@ -22,7 +22,7 @@ typedef struct {
     int32_t *block; /* (heard,) heard there, */
     Stored *reward; /* and what its devices earn */
     double *best;   /* (samples,) what a stop is worth */
-    int64_t *near_best; /* numbers of samples near the best stop */
+    int64_t *near_best; /* (samples,) numbers of those near the best stop */
     int64_t count, heard, near_count;
     Stop stop;
 } Samples;
