@@ -94,6 +94,8 @@ def plan(
         print_json(plans_as_json(planned.plans))
     else:
         _print(planned.plans)
+        if loose := resolved.planner.loosely_proven([named.plan.gap for named in planned.plans]):
+            Terminal(**PLAIN).print(loose)
     if planned.failure is not None:
         raise planned.failure
     return 0

@@ -1,10 +1,14 @@
 """Which planner a run uses."""
 
+from collections.abc import Sequence
 from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.plugins import is_plugin
+from mission.base.wording import count
+
+_ROUNDING = 1e-9  # of a gap that was met
 
 PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 
@@ -56,3 +60,16 @@ class PlannerConfig(BaseModel):
         if self.kind != "import" and self.factory is not None:
             raise ValueError(f"factory belongs to kind = 'import', but kind is {self.kind!r}")
         return self
+
+    def loosely_proven(self, gaps: Sequence[float]) -> str:
+        """How many plans of such gaps are proven less closely than asked for, in words; empty where
+        none is. NaN stands for a plan without a bound."""
+        loose = [gap for gap in gaps if gap > self.gap + _ROUNDING]
+        if self.kind != "certified" or not loose:
+            return ""
+        verb = "is" if len(loose) == 1 else "are"
+        return (
+            f"{len(loose)} of {count(len(gaps), 'plan')} {verb} proven less closely than "
+            f"planner.gap = {self.gap:g} asks, the loosest to {100.0 * max(loose):.1f} % of the "
+            "best possible; docs/planner.md says what is proven where"
+        )

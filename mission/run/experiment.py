@@ -21,8 +21,6 @@ from mission.run.summary import Summary
 from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
 
-_ROUNDING = 1e-9  # of a gap that the planner met
-
 
 @dataclass(kw_only=True)
 class Experiment(ABC):
@@ -79,25 +77,12 @@ class Experiment(ABC):
             return
         if why := totals.why_over(self.budget):
             console.say(why)
-        if loose := self._loose():
+        if loose := self.scenario.config.planner.loosely_proven(totals.gaps):
             console.say(loose)
         console.say(
             f"{count(done, 'round')}, {self.flown()}, "
             f"{totals.delivered}/{totals.scheduled} updates delivered; "
             f"{self.stopwatch.total_s:.1f} s ({shares})"
-        )
-
-    def _loose(self) -> str:
-        """How many plans are proven less closely than asked for, in words; empty where none is."""
-        planner = self.scenario.config.planner
-        gaps = [gap for gap in self.totals.gaps if gap > planner.gap + _ROUNDING]
-        if planner.kind != "certified" or not gaps:
-            return ""
-        verb = "is" if len(gaps) == 1 else "are"
-        return (
-            f"{len(gaps)} of {count(self.totals.rounds_done, 'plan')} {verb} proven less closely "
-            f"than planner.gap = {planner.gap:g} asks, the loosest to {100.0 * max(gaps):.1f} % of "
-            "the best possible; docs/planner.md says what is proven where"
         )
 
     @abstractmethod

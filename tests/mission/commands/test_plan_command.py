@@ -35,6 +35,18 @@ def test_a_problem_file_is_planned(tmp_path: Path, capsys: pytest.CaptureFixture
     assert len(list((tmp_path / "pictures").glob("*.png"))) == 1
 
 
+def test_a_plan_that_is_proven_less_closely_than_asked_for_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "problems.json"
+    source.write_text(json.dumps([PROBLEM, {**PROBLEM, "id": "same"}]))
+    assert call(["plan", "--problem", str(source), "--set", "planner.max_nodes=0"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 of 2 plans are proven less closely than planner.gap = 0.01 asks" in said
+    assert call(["plan", "--problem", str(source)]) == 0
+    assert "less closely" not in capsys.readouterr().out
+
+
 def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     qgc, out = tmp_path / "first.plan", tmp_path / "plans.json"
     assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
