@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -107,15 +108,31 @@ def _add_zoom(layers: Sequence[Spec], channels: Sequence[str]) -> None:
             return
 
 
-@cache
 def libraries() -> str:
     """The JavaScript of Vega, Vega-Lite and Vega-Embed (BSD-3-Clause), as vl-convert brings it.
 
     Raises:
         AerofedError: no memory for it.
     """
-    (script,) = _drawn([("libraries", "window.vegaEmbed = vegaEmbed;")])
+    try:
+        (script,) = _libraries().result()
+    except AerofedError:
+        _libraries.cache_clear()  # there may be memory another time
+        raise
     return script.decode()
+
+
+def begin_libraries() -> None:
+    """Let `libraries` be made while other things are drawn: it takes as long as they do."""
+    _libraries()
+
+
+@cache
+def _libraries() -> Future[list[bytes]]:
+    beside = ThreadPoolExecutor(1)
+    made = beside.submit(_drawn, [("libraries", "window.vegaEmbed = vegaEmbed;")])
+    beside.shutdown(wait=False)
+    return made
 
 
 def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:

@@ -76,8 +76,12 @@ def fly_recorded(
     try:
         if flight is not None:
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
+                if page is not None:
+                    from mission.figures.render import begin_libraries  # with it Altair
+
+                    begin_libraries()
                 if figures:
-                    from mission.figures.run import draw_run  # with it Altair
+                    from mission.figures.run import draw_run
 
                     draw_run(folder.path)
                 flight.conclude(summary)
