@@ -3,20 +3,6 @@
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-# What the user's own code raises where it does not fit or is unfinished.
-USERS_MISTAKES = (
-    ImportError,
-    SyntaxError,
-    NameError,
-    AttributeError,
-    TypeError,
-    ValueError,
-    LookupError,
-    ArithmeticError,
-    AssertionError,
-    RuntimeError,
-)
-
 
 def first_line(error: BaseException) -> str:
     """Kind and message of an exception, on one line."""
@@ -103,11 +89,11 @@ class NetworkError(LearningInputError):
 
     network: str
     reason: str
-    community: str = ""  # whose it is, where that is known
+    community: int | None = None  # whose it is, from 0, where that is known
 
     def __str__(self) -> str:
-        whose = f"community {self.community}: " if self.community else ""
-        return f"{whose}network {self.network!r}: {self.reason}"
+        key = "communities" if self.community is None else f"communities.{self.community}"
+        return f"{key}.network = {self.network!r}: {self.reason}"
 
 
 @dataclass(eq=False)
