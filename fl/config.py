@@ -144,8 +144,8 @@ class CommunityConfig(_Frozen):
         None,
         min_length=1,
         max_length=1000,
-        description="how much data each device has against the others of its community; without "
-        "it all have alike",
+        description="a weight for each device when samples are split: of all data with partition = "
+        "'iid', of each class among its owners with 'labels'; without it all weigh alike",
     )
     devices: int = Field(
         default_factory=lambda known: len(known.get("positions_m") or ()) or USUAL_DEVICES,
