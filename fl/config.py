@@ -195,7 +195,9 @@ class CommunityConfig(_Frozen):
         "its own, and is measured with them",
     )
     convnet: ConvNetConfig | None = Field(
-        None, description="for network = 'convnet': how many layers, how large"
+        None,
+        description="for network = 'convnet': how many layers, how large; what is left out has its "
+        "default",
     )
 
     @model_validator(mode="after")
@@ -234,11 +236,9 @@ class CommunityConfig(_Frozen):
 
     @model_validator(mode="after")
     def _sizes_with_convnet_only(self) -> Self:
-        if (self.network == "convnet") != (self.convnet is not None):
+        if self.convnet is not None and self.network != "convnet":
             raise ValueError(
-                "network = 'convnet' needs the table convnet, which may be empty"
-                if self.network == "convnet"
-                else f"the table convnet is for network = 'convnet' only; network = "
+                f"the table convnet is for network = 'convnet' only; network = "
                 f"'{self.network}' has sizes of its own: leave it out"
             )
         return self
