@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from fl.errors import did_you_mean
 from fl.plugins import checked_name, is_plugin
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
@@ -59,7 +60,10 @@ class _NamedChannel(_Frozen):
     @classmethod
     def _known(cls, preset: str) -> str:
         if preset not in CHANNEL_PRESETS:
-            raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
+            raise ValueError(
+                f"no such channel; there are {', '.join(CHANNEL_PRESETS)}"
+                f"{did_you_mean(preset, CHANNEL_PRESETS)}"
+            )
         return preset
 
 

@@ -1,12 +1,20 @@
 """What can go wrong in learning. Every exception carries the values that explain it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 
 
 def first_line(error: BaseException) -> str:
     """Kind and message of an exception, on one line."""
     return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of a message about a name that is not known: the closest one, if any is close."""
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def kind_of(value: object) -> str:

@@ -45,6 +45,7 @@ def test_extra_gain_moves_between_the_named_link_budgets() -> None:
     ("settings", "message"),
     [
         ({"preset": "moon"}, "no such channel; there are suburban, "),
+        ({"preset": "Urban"}, r"high-rise; did you mean urban\?"),
         ({"sigma_los": 0.0}, "greater than 0"),
         ({"noise_db": math.nan}, "finite number"),
         ({"tx_power_dbm": 3.0}, "Extra inputs are not permitted"),
