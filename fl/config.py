@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from fl.errors import did_you_mean
 from fl.plugins import checked_name, is_plugin
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 
@@ -59,7 +60,10 @@ class _NamedChannel(_Frozen):
     @classmethod
     def _known(cls, preset: str) -> str:
         if preset not in CHANNEL_PRESETS:
-            raise ValueError(f"no such channel; there are {', '.join(CHANNEL_PRESETS)}")
+            raise ValueError(
+                f"no such channel; there are {', '.join(CHANNEL_PRESETS)}"
+                f"{did_you_mean(preset, CHANNEL_PRESETS)}"
+            )
         return preset
 
 
@@ -144,8 +148,8 @@ class CommunityConfig(_Frozen):
         None,
         min_length=1,
         max_length=1000,
-        description="how much data each device has against the others of its community; without "
-        "it all have alike",
+        description="a weight for each device when samples are split: of all data with partition = "
+        "'iid', of each class among its owners with 'labels'; without it all weigh alike",
     )
     devices: int = Field(
         default_factory=lambda known: len(known.get("positions_m") or ()) or USUAL_DEVICES,
@@ -195,7 +199,9 @@ class CommunityConfig(_Frozen):
         "its own, and is measured with them",
     )
     convnet: ConvNetConfig | None = Field(
-        None, description="for network = 'convnet': how many layers, how large"
+        None,
+        description="for network = 'convnet': how many layers, how large; what is left out has its "
+        "default",
     )
 
     @model_validator(mode="after")
@@ -234,11 +240,9 @@ class CommunityConfig(_Frozen):
 
     @model_validator(mode="after")
     def _sizes_with_convnet_only(self) -> Self:
-        if (self.network == "convnet") != (self.convnet is not None):
+        if self.convnet is not None and self.network != "convnet":
             raise ValueError(
-                "network = 'convnet' needs the table convnet, which may be empty"
-                if self.network == "convnet"
-                else f"the table convnet is for network = 'convnet' only; network = "
+                f"the table convnet is for network = 'convnet' only; network = "
                 f"'{self.network}' has sizes of its own: leave it out"
             )
         return self

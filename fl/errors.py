@@ -1,26 +1,20 @@
 """What can go wrong in learning. Every exception carries the values that explain it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
-
-# What the user's own code raises where it does not fit or is unfinished.
-USERS_MISTAKES = (
-    ImportError,
-    SyntaxError,
-    NameError,
-    AttributeError,
-    TypeError,
-    ValueError,
-    LookupError,
-    ArithmeticError,
-    AssertionError,
-    RuntimeError,
-)
 
 
 def first_line(error: BaseException) -> str:
     """Kind and message of an exception, on one line."""
     return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of a message about a name that is not known: the closest one, if any is close."""
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def kind_of(value: object) -> str:
@@ -103,11 +97,11 @@ class NetworkError(LearningInputError):
 
     network: str
     reason: str
-    community: str = ""  # whose it is, where that is known
+    community: int | None = None  # whose it is, from 0, where that is known
 
     def __str__(self) -> str:
-        whose = f"community {self.community}: " if self.community else ""
-        return f"{whose}network {self.network!r}: {self.reason}"
+        key = "communities" if self.community is None else f"communities.{self.community}"
+        return f"{key}.network = {self.network!r}: {self.reason}"
 
 
 @dataclass(eq=False)

@@ -13,11 +13,10 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from fl.errors import LearningError, LearningInputError, first_line, kind_of
+from fl.errors import LearningError, LearningInputError, did_you_mean, first_line, kind_of
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 GROUP = "aerofed.plugins"
@@ -59,12 +58,10 @@ def checked_name(name: str, built_in: tuple[str, ...]) -> str:
     """
     if name in built_in or is_plugin(name):
         return name
-    installed = _entry_points()
-    close = get_close_matches(name, (*built_in, *installed), n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
+    names = (*built_in, *_entry_points())
     raise ValueError(
-        f"must be one of {', '.join(map(repr, (*built_in, *installed)))} or the import path of "
-        f"your own, 'package.module:callable'{hint}"
+        f"must be one of {', '.join(map(repr, names))} or the import path of your own, "
+        f"'package.module:callable'{did_you_mean(name, names)}"
     )
 
 

@@ -2,9 +2,9 @@
 
 import sys
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter, Token, convert
 from rich.console import Console
 
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
@@ -21,6 +21,13 @@ def _version() -> str:
     return version("aerofed")
 
 
+def _read(kind: Any, tokens: Sequence[Token]) -> Any:
+    """The value of an option; cyclopts would round a fraction where a whole number is wanted."""
+    if kind is int and "." in tokens[0].value:
+        raise ValueError
+    return convert(kind, tokens)
+
+
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
 app = App(
@@ -30,6 +37,7 @@ app = App(
     help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
     help_epilogue=f"Exit codes:\n{_CODES}",
     help_format="plaintext",
+    default_parameter=Parameter(converter=_read),
     result_action="return_value",
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,

@@ -200,7 +200,7 @@ def build(
                 )
             )
         except NetworkError as error:
-            raise replace(error, community=config.name) from error
+            raise replace(error, community=index) from error
         except PluginError as error:
             raise error.in_community(index) from error.__cause__
     algorithm, trainer = make_algorithm(learning), make_trainer(learning)

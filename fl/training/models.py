@@ -5,8 +5,10 @@ from fl.errors import NetworkError
 from fl.training.convnet import ConvNet
 from fl.training.local import Network
 
-LENET = ConvNetConfig(channels=(6, 16), kernel=5, hidden=(120, 84))
-MCMAHAN = ConvNetConfig(channels=(32, 64), kernel=5, hidden=(512,))
+_SIZES = {
+    "lenet": ConvNetConfig(channels=(6, 16), kernel=5, hidden=(120, 84)),
+    "mcmahan": ConvNetConfig(channels=(32, 64), kernel=5, hidden=(512,)),
+}
 
 
 def make_network(
@@ -51,7 +53,7 @@ def make_network(
 def _conv_net(
     name: str, convnet: ConvNetConfig | None, *, image_shape: tuple[int, int, int], classes: int
 ) -> ConvNet:
-    sizes = convnet or (LENET if name == "lenet" else MCMAHAN)
+    sizes = _SIZES.get(name) or convnet or ConvNetConfig()
     smallest, blocks = min(image_shape[:2]), len(sizes.channels)
     if smallest < 2**blocks:
         least = f"{blocks} blocks halve them to nothing, {2**blocks} x {2**blocks} is the least"

@@ -162,10 +162,15 @@ def _columns(path: Path, head: list[str]) -> tuple[int, int, bool]:
         raise InputError(f"{path}: row 1: has metres and degrees; leave x and y, or lat and lon")
     if found:
         return found[0]
-    raise InputError(
-        f"{path}: row 1: the columns are {', '.join(head) or 'none'}; there must be x and y "
-        "(metres east and north of the area's south-west corner), or lat and lon (degrees)"
+    needed = (
+        "there must be x and y (metres east and north of the area's south-west corner), or lat and "
+        "lon (degrees)"
     )
+    if not any(head):
+        raise InputError(f"{path}: row 1: has no names of columns; {needed}")
+    # What spreadsheets write where the comma is the decimal sign.
+    commas = "; commas separate columns" if len(head) == 1 and ";" in head[0] else ""
+    raise InputError(f"{path}: row 1: the columns are {', '.join(head)}{commas}; {needed}")
 
 
 def _at(head: list[str], names: tuple[str, ...]) -> int | None:

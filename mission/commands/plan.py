@@ -92,6 +92,8 @@ def plan(
         _write_qgc(qgc, problems[0], planned.plans[0], scenario)
     if as_json:
         print_json(plans_as_json(planned.plans))
+    elif not planned.plans:
+        Terminal(**PLAIN).print(f"no problems in {problem}")
     else:
         _print(planned.plans)
         if loose := resolved.planner.loosely_proven([named.plan.gap for named in planned.plans]):
@@ -167,7 +169,7 @@ def _print(plans: "tuple[NamedPlan, ...]") -> None:
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column("problem", overflow="fold")
     rows = [_row(named) for named in plans]
-    headings = max(rows, key=len, default={})  # plans of one command have the same, or some fewer
+    headings = max(rows, key=len)  # plans of one command have the same, or some fewer
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for named, row in zip(plans, rows, strict=True):

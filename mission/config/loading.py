@@ -7,12 +7,12 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from fl.errors import did_you_mean
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal, shown
 from mission.config.models import RunConfig
@@ -48,9 +48,10 @@ def config_file(path: Path) -> Path:
         return path
     if str(path) in SHIPPED:
         return builtin_config(f"{path}.toml")
-    close = get_close_matches(str(path), SHIPPED, n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
-    raise InputError(f"{path}: no such configuration file; shipped are {', '.join(SHIPPED)}{hint}")
+    raise InputError(
+        f"{path}: no such configuration file; shipped are {', '.join(SHIPPED)}"
+        f"{did_you_mean(str(path), SHIPPED)}"
+    )
 
 
 def load_config(

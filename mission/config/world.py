@@ -50,7 +50,7 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
     )
     area = _with_rings(area, blame)
     placed = config.model_copy(update={"area": area, "communities": communities})
-    _check_inside(placed, found, blame.source)
+    _check_inside(placed, found, blame.source, sized="size_m" in config.area.model_fields_set)
     return placed
 
 
@@ -333,15 +333,21 @@ def _pair(values: Floats) -> Pair:
     return x, y
 
 
-def _check_inside(config: RunConfig, found: dict[int, tuple[Place, ...]], source: str) -> None:
+def _check_inside(
+    config: RunConfig, found: dict[int, tuple[Place, ...]], source: str, *, sized: bool
+) -> None:
+    """Refuse devices outside the area; `sized` says whether its size was given."""
     width, height = config.area.size_m
     for index, community in enumerate(config.communities):
         for device, (x, y) in enumerate(community.positions_m or ()):
             if not (0.0 <= x <= width and 0.0 <= y <= height):
                 key = f"communities.{index}.positions_m.{device}"
                 where = found[index][device].where if index in found else f"{source}: {key}"
-                raise InputError(
-                    f"{where}: a device at x = {x:.1f}, y = {y:.1f} m, outside the area: x must be "
-                    f"from 0 to {width:g}, y from 0 to {height:g} m from its south-west corner "
-                    "(area.size_m)"
+                allowed = (
+                    f", outside the area: x must be from 0 to {width:g}, y from 0 to {height:g} m "
+                    "from its south-west corner (area.size_m)"
+                    if sized or min(x, y) >= 0.0
+                    else ": x and y must be 0 or more, from the area's south-west corner; add the "
+                    "same to all places"
                 )
+                raise InputError(f"{where}: a device at x = {x:.1f}, y = {y:.1f} m{allowed}")

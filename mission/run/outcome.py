@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from fl.errors import first_line
-from mission.base.errors import AerofedError, UsersCodeError
+from mission.base.errors import AerofedError, FlightError, PlanError, TrainingError, UsersCodeError
 from mission.base.run_folder import write_atomically
 
 TRACEBACK = "traceback.txt"  # in the folder of a run that a researcher's own code ended
@@ -71,8 +71,11 @@ class Outcome:
         why = {} if self.error is None else {"error": str(self.error)}
         return {"status": self.status, **why}
 
-    def raise_error(self, folder: Path) -> None:
-        """Raise what went wrong, if anything did, and say what is left of the flight."""
+    def raise_error(self, folder: Path, *, goes_on: str = "") -> None:
+        """Raise what went wrong, if anything did, and say what is left of the flight.
+
+        `goes_on` says how it can go on once people have mended what went wrong.
+        """
         if self.error is None:
             return
         left = f"; what was flown is in {folder}"
@@ -80,4 +83,7 @@ class Outcome:
             path = folder / TRACEBACK
             write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
             left = f"; the whole traceback is in {path}"
+        # A full disk, or code, can be mended; the same plan, flight or training fails again.
+        if not isinstance(self.error, PlanError | FlightError | TrainingError):
+            left += goes_on
         raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__

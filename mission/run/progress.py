@@ -41,10 +41,10 @@ class PlainLines(Progress):
         accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
         flight = (
             f"t {record.start_t_s + record.duration_s:.0f} s, {real_time_factor:.0f}x, "
-            f"objective {record.true_objective:.3f} flown, {record.plan_objective:.3f} planned "
-            f"({_change(record)})"
+            f"objective {_objective(record.true_objective)} flown, "
+            f"{_objective(record.plan_objective)} planned ({_change(record)})"
             if self._flown and _takes_time(record)
-            else f"nothing flown, objective {record.true_objective:.3f}"
+            else f"nothing flown, objective {_objective(record.true_objective)}"
         )
         self.notice(
             f"round {record.round}/{self._rounds}: {flight}, "
@@ -101,8 +101,8 @@ class LiveTable(Progress):
             cells = (
                 f"{record.start_t_s + record.duration_s:.0f} s",
                 f"{real_time_factor:.0f}x",
-                f"{record.plan_objective:.3f}",
-                f"{record.true_objective:.3f}",
+                _objective(record.plan_objective),
+                _objective(record.true_objective),
                 _change(record),
             )
             table.add_row(
@@ -117,6 +117,11 @@ class LiveTable(Progress):
 def _takes_time(record: RoundRecord) -> bool:
     """Whether the round is one of flight: a hover takes time, `ideal` takes none."""
     return record.duration_s > 0.0
+
+
+def _objective(value: float) -> str:
+    """Where a channel reaches hardly anybody, three decimals would be zeros."""
+    return f"{value:.3f}" if value == 0.0 or abs(value) >= 0.1 else f"{value:.3g}"
 
 
 def _change(record: RoundRecord) -> str:

@@ -51,7 +51,7 @@ def fly_recorded(
     """Fly what `opening` opens, with its log, and leave a summary however it ends.
 
     Returns the exit code. Without `figures` nothing is drawn. `page` makes a page of the folder,
-    last of all. `goes_on` says how an interrupted flight can go on.
+    last of all. `goes_on` says how a flight that was cut off can go on.
 
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
@@ -98,7 +98,7 @@ def fly_recorded(
                 raise error.in_words(f"{error}; {again}") from error.__cause__
         if outcome.status != "finished":
             summary.ended(outcome, totals, stopwatch)
-    outcome.raise_error(folder.path)
+    outcome.raise_error(folder.path, goes_on=goes_on)
     if flight is not None:
         flight.show(console)
     look = ": open report.html in a browser" if page and outcome.status == "finished" else ""

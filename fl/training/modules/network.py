@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from fl.arrays import Vector
 from fl.data.dataset import Split
-from fl.errors import USERS_MISTAKES, first_line
+from fl.errors import first_line
+from fl.plugins import FAILURES
 from fl.training.local import (
     LocalResult,
     LocalSettings,
@@ -22,7 +23,7 @@ from fl.training.local import (
 from fl.training.modules.alone import OneByOne, images_of, take
 from fl.training.modules.repeatable import own_randomness, repeatable
 from fl.training.modules.statistics import Statistics
-from fl.training.modules.users import Factory, built, check_answer
+from fl.training.modules.users import Factory, built, check_answer, made
 
 logger = logging.getLogger(__name__)
 
@@ -64,12 +65,12 @@ class ModuleNetwork:
         self._factory = factory
         self._classes = classes
         self._device = torch.device(device)
-        self._module = built(factory, name).to(self._device)
+        height, width, channels = image_shape
+        self._images = torch.zeros(2, channels, height, width)
+        self._module = built(factory, self._images, name=name).to(self._device)
         self._parameters = list(self._module.parameters())
         self._statistics = Statistics(self._module)
-        height, width, channels = image_shape
-        images = torch.zeros(2, channels, height, width, device=self._device)
-        check_answer(self._module, images, name=name, classes=classes)
+        check_answer(self._module, self._images.to(self._device), name=name, classes=classes)
         alone = OneByOne(self._module, self._device)
         self._training: Training = alone
         # Buffers change within a step, which no module shares between devices.
@@ -102,7 +103,7 @@ class ModuleNetwork:
     def initial(self, rng: np.random.Generator) -> Vector:
         """The module's own initialisation, with torch's generator seeded from `rng`."""
         with own_randomness(rng, self._device):
-            module = self._factory()
+            module = made(self._factory, self._images)
         values = [value.detach().reshape(-1).numpy() for value in module.parameters()]
         return np.concatenate([*values, Statistics(module).read()])
 
@@ -154,7 +155,7 @@ class ModuleNetwork:
         try:
             with repeatable():
                 pairs = zip(models(alone), models(together), strict=True)
-        except USERS_MISTAKES as error:
+        except FAILURES as error:
             return first_line(error)
         for one, other in pairs:
             if not np.linalg.norm(one - other) <= TRIAL_TOLERANCE * np.linalg.norm(one - start):

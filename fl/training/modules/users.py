@@ -4,9 +4,10 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
 
-from fl.errors import USERS_MISTAKES, NetworkError, first_line, kind_of
-from fl.plugins import PluginError, find, is_plugin
+from fl.errors import NetworkError, first_line, kind_of
+from fl.plugins import FAILURES, PluginError, find, is_plugin
 
 Factory = Callable[[], nn.Module]
 
@@ -22,20 +23,36 @@ def imported(name: str) -> Factory:
     return factory
 
 
-def built(factory: Factory, name: str) -> nn.Module:
+def made(factory: Factory, images: Tensor) -> nn.Module:
+    """What the factory makes; lazy layers have their sizes from one forward pass of the images."""
+    module = factory()
+    if isinstance(module, nn.Module) and _unsized(module):
+        # Not in training: the images are none to learn statistics from.
+        training = module.training
+        with torch.no_grad():
+            module.eval()(images)
+        module.train(training)
+    return module
+
+
+def built(factory: Factory, images: Tensor, *, name: str) -> nn.Module:
     """The module that the factory makes, with all its parameters trained as float32.
 
     Raises `NetworkError`.
     """
     try:
         with torch.random.fork_rng(devices=[]):
-            module = factory()
-    except USERS_MISTAKES as error:
+            module = made(factory, images)
+    except FAILURES as error:
         raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
     if not isinstance(module, nn.Module):
         raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
     if next(iter(module.parameters()), None) is None:
         raise NetworkError(name, "it has no parameters")
+    for key in _unsized(module):
+        raise NetworkError(
+            name, f"{key} has no size after a forward pass: use its layer, or give that its sizes"
+        )
     for key, value in module.named_parameters():
         if not value.requires_grad:
             raise NetworkError(name, f"parameter {key} is frozen; all parameters are trained")
@@ -44,12 +61,21 @@ def built(factory: Factory, name: str) -> nn.Module:
     return module
 
 
+def _unsized(module: nn.Module) -> list[str]:
+    """Names of the parameters and buffers that have no size yet."""
+    return [
+        key
+        for key, value in (*module.named_parameters(), *module.named_buffers())
+        if is_lazy(value)
+    ]
+
+
 def check_answer(module: nn.Module, images: Tensor, *, name: str, classes: int) -> None:
     """One forward pass, so that a wrong shape shows before the first flight: `NetworkError`."""
     try:
         with torch.inference_mode():
             out = module(images)
-    except USERS_MISTAKES as error:
+    except FAILURES as error:
         reason = f"fails on images of {tuple(images.shape)}: {first_line(error)}"
         raise NetworkError(name, reason) from error
     if not isinstance(out, Tensor):

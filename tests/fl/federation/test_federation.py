@@ -228,7 +228,7 @@ def test_a_network_that_does_not_fit_names_its_community(tmp_path: Path) -> None
     small = CommunityConfig(
         name="small", task="npz", data_file="few.npz", devices=2, labels_per_device=1
     )
-    with pytest.raises(NetworkError, match=r"^community small: network 'lenet': .*too small"):
+    with pytest.raises(NetworkError, match=r"^communities.0.network = 'lenet': .*too small"):
         fed.build([small], FAST, data_dir=tmp_path, stream=RandomStreams(1).generator)
 
 
@@ -351,7 +351,7 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         ({"labels_per_device": 11}, r"community digits: labels_per_device = 11: .* 10 classes"),
         ({"labels_per_device": 2, "coverage": True}, "community digits: coverage"),
         ({"devices": 900, "partition": "dirichlet"}, "community digits: dirichlet_alpha"),
-        ({"network": "resnet"}, "network 'resnet': it is 'lenet', 'mcmahan' or"),
+        ({"network": "resnet"}, "communities.0.network = 'resnet': it is 'lenet', 'mcmahan' or"),
         (
             {"task": "npz", "data_file": "x.npz"},
             "npz: needs files: give their folder by --data-dir",

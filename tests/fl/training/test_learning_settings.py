@@ -5,8 +5,9 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from fl.config import ChannelConfig, CommunityConfig, LearningConfig
+from fl.config import ChannelConfig, CommunityConfig, ConvNetConfig, LearningConfig
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from fl.training.models import make_network
 
 
 def test_defaults_are_the_papers() -> None:
@@ -44,6 +45,7 @@ def test_extra_gain_moves_between_the_named_link_budgets() -> None:
     ("settings", "message"),
     [
         ({"preset": "moon"}, "no such channel; there are suburban, "),
+        ({"preset": "Urban"}, r"high-rise; did you mean urban\?"),
         ({"sigma_los": 0.0}, "greater than 0"),
         ({"noise_db": math.nan}, "finite number"),
         ({"tx_power_dbm": 3.0}, "Extra inputs are not permitted"),
@@ -63,7 +65,6 @@ def test_channel_settings_refused(settings: dict[str, object], message: str) -> 
         ({"task": "npz"}, "task = 'npz' needs data_file"),
         ({"data_file": "x.npz"}, "data_file is for task = 'npz' only; task = 'mnist' has files"),
         ({"dirichlet_alpha": 0.0}, "dirichlet_alpha"),
-        ({"network": "convnet"}, "network = 'convnet' needs the table convnet"),
         ({"convnet": {}}, "the table convnet is for network = 'convnet' only"),
         ({"network": "convnet", "convnet": {"kernel": 4}}, "convnet.kernel"),
         ({"network": "convnet", "convnet": {"channels": [8, 0]}}, "convnet.channels.1"),
@@ -73,6 +74,15 @@ def test_channel_settings_refused(settings: dict[str, object], message: str) -> 
 def test_community_settings_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         CommunityConfig.model_validate({"name": "a", "task": "mnist"} | settings)
+
+
+def test_a_convnet_without_a_table_has_the_defaults() -> None:
+    config = CommunityConfig.model_validate({"name": "a", "task": "mnist", "network": "convnet"})
+    plain, spelt_out = (
+        make_network(config.network, convnet=sizes, image_shape=(12, 12, 1), classes=10)
+        for sizes in (config.convnet, ConvNetConfig())
+    )
+    assert plain.shapes == spelt_out.shapes
 
 
 def test_npz_task_names_its_file() -> None:

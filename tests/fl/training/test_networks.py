@@ -34,6 +34,35 @@ class Small(nn.Module):
         return self.layers(x)
 
 
+class Lazy(nn.Module):
+    """Layers that have their sizes from the first images; without dropout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(nn.Flatten(), nn.LazyBatchNorm1d(), nn.LazyLinear(10))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.layers(x)
+
+
+def sized() -> nn.Module:
+    return nn.Sequential(nn.Flatten(), nn.BatchNorm1d(64), nn.Linear(64, 10))
+
+
+class NeverUsed(Small):
+    def __init__(self) -> None:
+        super().__init__()
+        self.spare = nn.LazyLinear(3)
+
+
+def needs_a_file() -> nn.Module:
+    raise FileNotFoundError("weights.pt")
+
+
+def gives_up() -> nn.Module:
+    raise SystemExit(3)
+
+
 class TooFew(Small):
     def __init__(self) -> None:
         super().__init__()
@@ -135,12 +164,33 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     np.testing.assert_array_equal(counts[0], counts[1])
 
 
+def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
+    lazy, plain = (
+        make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
+        for name in ("Lazy", "sized")
+    )
+    assert lazy.shapes == plain.shapes
+    model = lazy.initial(rng(3))
+    np.testing.assert_array_equal(model, lazy.initial(rng(3)))
+    np.testing.assert_array_equal(model, plain.initial(rng(3)))
+    split = bright_spots(70)
+    mine, theirs = (
+        network.train(LocalWork(split, model, [task], scaling_of(split), ONE))[0].model
+        for network in (lazy, plain)
+        for task in [LocalTask(np.arange(70), rng(1))]
+    )
+    np.testing.assert_array_equal(mine, theirs)
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
         ("TooFew", r"gives \(2, 9\) for 2 images, not \(2, 10\)"),
         ("WrongImage", r"fails on images of \(2, 1, 8, 8\)"),
         ("needs_argument", "calling it fails"),
+        ("needs_a_file", "calling it fails: FileNotFoundError: weights.pt"),
+        ("gives_up", "calling it fails: SystemExit: 3"),
+        ("NeverUsed", "spare.weight has no size after a forward pass: use its layer"),
         ("not_a_module", "gives an int"),
         ("double", "torch.float64"),
         ("frozen", r"parameter layers\.1\.weight is frozen"),

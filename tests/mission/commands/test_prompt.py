@@ -188,6 +188,25 @@ MESSAGES = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        (["run"], "--seed"),
+        (["run"], "--rounds"),
+        (["run"], "--live-port"),
+        (["sweep", "quickstart"], "--seeds"),
+        (["sweep", "quickstart"], "--jobs"),
+        (["sitl"], "--count"),
+        (["world", "--px4"], "--port"),
+    ],
+)
+@pytest.mark.parametrize("value", ["1.5", "2.0"])
+def test_whole_numbers_are_not_rounded(command: list[str], option: str, value: str, capsys) -> None:
+    # The wrong key ends the command also where the fraction is taken.
+    said = refused(capsys, *command, option, value, "--set", "mission.rounds=0")
+    assert f"{option} {value}: must be a whole number" in said
+
+
 @pytest.mark.parametrize("tokens", MESSAGES)
 def test_messages_say_the_way_out(tokens, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)

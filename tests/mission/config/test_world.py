@@ -139,7 +139,8 @@ BAD_TABLES = {
     "x,y\n1,2\n3,nan\n": "d.csv: row 3: y = 'nan': must be a number",
     "x,y\n1,2\n3\n": "d.csv: row 3: has 1 cells, the header has 2",
     "a,b\n1,2\n": "row 1: the columns are a, b; there must be x and y",
-    "": "row 1: the columns are none",
+    "x;y\n1;2\n": "row 1: the columns are x;y; commas separate columns; there must be x and y",
+    "": "row 1: has no names of columns; there must be x and y",
     "x,x,y\n1,2,3\n": "d.csv: row 1: the column x is there twice",
     "x,y,lat,lon\n1,2,43.6,7.1\n": "d.csv: row 1: has metres and degrees; leave x and y, or lat",
     "x,y\n": "holds no device; it must hold a point a device",
@@ -147,7 +148,8 @@ BAD_TABLES = {
     "lat,lon\n143,43\n": "row 2: lat = 143: must be from -85 to 85 degrees; are lat",
     "lat,lon\n43,190\n": "row 2: lon = 190: must be from -180 to 180 degrees",
     "lat,lon\n43.5,7.1\n7.1,43.5\n": "km at most are allowed; are lat and lon of one swapped?",
-    "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m, outside the area: x must be from 0 to",
+    "x,y\n-3,4\n": "row 2: a device at x = -3.0, y = 4.0 m: x and y must be 0 or more, from the "
+    "area's south-west corner; add the same to all places",
     "x,y\n0,0\n1e9,4\n": "d.csv: row 3: x = 1e+09: must be from -100000 to 100000 m",
     "x,y\n0,0\n3,-1e6\n": "d.csv: row 3: y = -1e+06: must be from -100000 to 100000 m",
     "x,y\n1,2\n9,9\n99000,4\n": "d.csv: row 4 (99000, 4) lie so far apart that the area around "
@@ -249,6 +251,11 @@ def test_a_file_that_cannot_be_read_is_refused(load, tmp_path: Path, name: str) 
         ("devices = 2\ndata_shares = [1]\n", "data_shares has 1 entries for 2 devices"),
         ("positions_m = [[1, 2, 3]]\n", "must be 2 numbers|must be a list of 2"),
         ("positions_m = [[1e9, 2]]\n", "from -100000 to 100000"),
+        (
+            "positions_m = [[9, -2]]\n",
+            r"positions_m\.0: a device at x = 9.0, y = -2.0 m: x and y must be 0",
+        ),
+        ("positions_m = [[9, -2]]\n[area]\nsize_m = [800, 800]\n", "outside the area"),
         ("positions_m = [[900, 2]]\n[area]\nsize_m = [800, 800]\n", "outside the area"),
     ],
 )

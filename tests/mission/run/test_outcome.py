@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from mission.base.errors import AerofedError, FlightError, InputError, UsersCodeError
+from mission.base.errors import (
+    AerofedError,
+    FlightError,
+    InputError,
+    PlanError,
+    TrainingError,
+    UsersCodeError,
+)
 from mission.planner.errors import SolverError
 from mission.run.outcome import Outcome
 
@@ -58,6 +65,21 @@ def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
     with outcome.post_processing():
         raise KeyboardInterrupt
     assert outcome.status == status
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (InputError("no room"), "no room; what was flown is in out; resume"),
+        (FlightError("lost"), "lost; what was flown is in out"),
+        (TrainingError("diverged"), "diverged; what was flown is in out"),
+        (PlanError("no plan"), "no plan; what was flown is in out"),
+    ],
+)
+def test_an_error_that_can_be_mended_says_how_to_go_on(error: AerofedError, said: str) -> None:
+    with pytest.raises(type(error)) as caught:
+        Outcome(error=error).raise_error(Path("out"), goes_on="; resume")
+    assert str(caught.value) == said
 
 
 def test_an_error_in_other_words_stays_what_it_is(tmp_path: Path) -> None:

@@ -65,6 +65,11 @@ def test_a_plan_that_reaches_nobody_divides_by_nothing() -> None:
     assert "0.000 planned (0.0 %)" in shown(terminal=False, planned=0.0)
 
 
+def test_small_objectives_keep_their_digits() -> None:
+    assert " 0.000123 planned" in shown(terminal=False, planned=0.00012345)
+    assert re.search(r" 0\.000123 1\.900 ", shown(terminal=True, planned=0.00012345))
+
+
 def test_two_communities_fit_a_terminal() -> None:
     text = shown(terminal=True)
     assert "colour-shapes" in text

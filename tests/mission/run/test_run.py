@@ -396,6 +396,9 @@ def test_figures_without_memory_end_in_one_line_and_lose_nothing(run: Path, tmp_
         capture_output=True, text=True, check=False, timeout=HANG_S,
     )  # fmt: skip
     assert ended.returncode == 1, ended.stderr
-    assert ended.stderr == f"aerofed: figures: out of memory; what was flown is in {out}\n"
+    assert ended.stderr == (
+        f"aerofed: figures: out of memory; what was flown is in {out}; "
+        f"aerofed run --resume {out} goes on\n"
+    )
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"
     assert digests(out) == digests(run)

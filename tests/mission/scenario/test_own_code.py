@@ -277,13 +277,15 @@ def test_own_code_that_is_unfinished_is_one_line(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "failure", [LogError(Path("flight.mcap"), "no room"), SolverError("OSQP", "max_iter")]
+    ("failure", "resumed"),
+    [(LogError(Path("flight.mcap"), "no room"), True), (SolverError("OSQP", "max_iter"), False)],
 )
 def test_an_error_of_any_kind_names_the_folder(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     failure: AerofedError,
+    resumed: bool,
 ) -> None:
     def fail(self: FolderRecorder, result: RoundResult) -> None:  # noqa: ARG001
         raise failure
@@ -291,7 +293,8 @@ def test_an_error_of_any_kind_names_the_folder(
     monkeypatch.setattr(FolderRecorder, "finished", fail)
     out = tmp_path / "out"
     assert fly(out) == failure.exit_code
-    assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}\n"
+    goes_on = f"; aerofed run --resume {out} goes on" if resumed else ""
+    assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}{goes_on}\n"
 
 
 @pytest.mark.parametrize(
