@@ -36,7 +36,7 @@ _WIDTH, _PANEL = 640.0, 300.0
 _MARGIN = 0.04  # of the area, around it
 _FEW = 8  # rounds that can be told apart on one map
 _SAME_END_M = 15.0  # ends that are closer share their words
-_THIN_PX, _WIDER_PX = 2.6, 1.1  # path of the last of few rounds, and each before it
+_THIN_PX, _WIDER_PX = 2.6, 1.1  # the path of a round, and of each before it of few
 _HOME_PX = 5.0
 # A ring, one unit across, and a cross in it.
 _RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
@@ -63,7 +63,7 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
         *frame.lines([line for line in lines if line[0] not in ("planned", "flown")]),
         *(_by_round(frame, flights) if flights else []),
         frame.chart(line_table(planned))
-        .mark_line(stroke=INK, strokeWidth=0.8, strokeDash=[3, 4])
+        .mark_line(stroke=INK, strokeWidth=0.7, strokeDash=[2, 5])
         .encode(order="step:Q", detail="part:N"),
         *_devices(run, frame, [(0, importance, {})]),
         *words(
@@ -164,7 +164,7 @@ def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> list[alt.Ch
         order="step:Q", detail="part:N", color=colour, tooltip="round:Q"
     )
     if not few:
-        return [chart.mark_line(strokeWidth=1.6, opacity=0.9)]
+        return [chart.mark_line(strokeWidth=_THIN_PX)]
     widths = [_THIN_PX + _WIDER_PX * later for later in reversed(range(len(numbers)))]
     scale = alt.Scale(type="ordinal", domain=numbers, range=widths)
     wide = alt.StrokeWidth("round:O", scale=scale, legend=None)
