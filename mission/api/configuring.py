@@ -1,6 +1,7 @@
 """What a run is told: configurations by name, file or value, and channels."""
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -28,8 +29,17 @@ def config(
         InputError: there is no such file, or a key or value is refused; a line for each.
     """
     from mission.config.loading import load_config
+    from mission.config.models import RunConfig
 
-    found = Path(source) if isinstance(source, str) else source
+    if not isinstance(source, str | PathLike | RunConfig):
+        raise InputError(
+            f"source = {source!r}: must be a configuration's name, its file, or a RunConfig"
+        )
+    if not isinstance(overrides, Mapping | None):
+        raise InputError(
+            f"overrides = {overrides!r}: must be a dictionary, such as {{'mission.rounds': 3}}"
+        )
+    found = source if isinstance(source, RunConfig) else Path(source)
     return load_config(found, overrides, giver="overrides")
 
 
@@ -61,6 +71,17 @@ def channel(
         raise InputError(f"channel: {error}") from None
 
 
+def as_path(path: object, what: str) -> Path:
+    """What `what` was given, as a path.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"{what} = {path!r}: must be a path")
+    return Path(path)
+
+
 def folder(path: Path | str | None, what: str) -> Path | None:
     """A data folder, which must be there.
 
@@ -69,7 +90,7 @@ def folder(path: Path | str | None, what: str) -> Path | None:
     """
     if path is None:
         return None
-    found = Path(path)
+    found = as_path(path, what)
     if not found.is_dir():
         raise InputError(f"{what} = {str(path)!r}: no such folder")
     return found

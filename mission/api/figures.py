@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mission.api.configuring import as_path
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,8 +28,9 @@ class Figure:
         """
         from mission.figures.render import save
 
-        save(self.chart, Path(path))
-        return Path(path)
+        target = as_path(path, "path")
+        save(self.chart, target)
+        return target
 
     def _repr_png_(self) -> bytes:
         with tempfile.TemporaryDirectory() as folder:

@@ -24,14 +24,15 @@ def plan(
         options: keys of the table `planner` of a configuration: `gap=0.001`.
 
     Raises:
-        InputError: no such planner, or an option is refused.
-        PlanError: the problem makes no sense, or the plan breaks a constraint.
+        InputError: no such planner, an option is refused, or the problem makes no sense.
+        PlanError: the plan breaks a constraint.
     """
-    from mission.base.explain import Blame, explain
+    from mission.base.explain import Blame, explain, shown
     from mission.planner.check import check_plan
     from mission.planner.config import PlannerConfig
     from mission.planner.evaluate import check_problem
     from mission.planner.factory import make_planner
+    from mission.planner.problem import RoundPlan
 
     check_problem(problem)
     if isinstance(planner, str):
@@ -42,9 +43,18 @@ def plan(
         method = make_planner(chosen)
     elif options:
         raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")
+    elif not callable(getattr(planner, "plan", None)):
+        raise InputError(
+            f"planner = {shown(planner)}: must be a planner's name, or an object with plan(problem)"
+        )
     else:
         method = planner
     found = method.plan(problem)
+    if not isinstance(found, RoundPlan):
+        raise InputError(
+            f"planner: plan(problem) gave {shown(found)}: must be a RoundPlan, such as finish() "
+            "makes"
+        )
     check_plan(problem, found)
     return found
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mission.api.configuring import Source, config, folder
+from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
 
@@ -140,7 +140,7 @@ class Run:
         """
         from mission.report.page import write_report
 
-        return write_report(self.path, None if target is None else Path(target))
+        return write_report(self.path, None if target is None else as_path(target, "target"))
 
     @cached_property
     def _loaded(self) -> "LoadedRun":
@@ -177,7 +177,7 @@ def run(
 
     resolved = config(source, overrides)
     data = folder(data_dir, "data_dir")
-    path = free_folder(resolved.run_name) if out is None else Path(out)
+    path = free_folder(resolved.run_name) if out is None else as_path(out, "out")
 
     def fly(console: "RunConsole") -> int:
         from mission.run.session import fly_session
@@ -195,12 +195,14 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
         KeyboardInterrupt: it was interrupted again.
     """
 
+    folder = as_path(path, "path")
+
     def fly(console: "RunConsole") -> int:
         from mission.run.session import resume_session
 
-        return resume_session(Path(path), console=console)
+        return resume_session(folder, console=console)
 
-    return _flown(fly, Path(path), quiet=quiet)
+    return _flown(fly, folder, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:
@@ -209,7 +211,7 @@ def load(path: Path | str) -> Run:
     Raises:
         InputError: neither.
     """
-    found = Run(Path(path))
+    found = Run(as_path(path, "path"))
     _ = found._loaded
     return found
 

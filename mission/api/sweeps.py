@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
-from mission.api.configuring import Source, config, folder
+from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run
 from mission.base.errors import INTERRUPTED, InputError
@@ -63,7 +63,7 @@ class Sweep:
         """
         from mission.report.sweep_page import write_sweep_report
 
-        return write_sweep_report(self.path, Path(target or self.path / "report.html"))
+        return write_sweep_report(self.path, as_path(target or self.path / "report.html", "target"))
 
     @cached_property
     def _state(self) -> "SweepState":
@@ -126,7 +126,7 @@ def sweep(
     base = config(source, overrides)
     axes = [Axis(key, tuple(values)) for key, values in (settings or {}).items()]
     grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes, giver="sweep")
-    path = Path(out) if out is not None else RUNS / f"sweep-{grid.base.name}"
+    path = as_path(out, "out") if out is not None else RUNS / f"sweep-{grid.base.name}"
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute
 
@@ -149,6 +149,6 @@ def load_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: not a sweep's folder, or none of its runs is done.
     """
-    found = Sweep(Path(path))
+    found = Sweep(as_path(path, "path"))
     _ = found._state
     return found

@@ -80,6 +80,7 @@ def _of_option(option: str, value: object, reason: str) -> str:
 def shown(value: object) -> str:
     """A value as TOML and JSON have it; shortened if it is long."""
     text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
+    text = text.replace("\n", "")  # of arrays
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 

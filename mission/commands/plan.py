@@ -86,7 +86,12 @@ def plan(
     if problem is None:
         about += f" · strategy {resolved.mission.strategy} · seed {resolved.seed}"
     planned = plan_problems(
-        problems, planner=resolved.planner, out=out, figure_dir=figure, about=about
+        problems,
+        planner=resolved.planner,
+        out=out,
+        figure_dir=figure,
+        about=about,
+        communities=() if scenario is None else scenario.community_of,
     )
     if qgc is not None and scenario is not None:
         _write_qgc(qgc, problems[0], planned.plans[0], scenario)

@@ -34,11 +34,13 @@ def plan_problems(
     out: Path | None = None,
     figure_dir: Path | None = None,
     about: str = "",
+    communities: Sequence[str] = (),
 ) -> Planned:
     """Plan every problem, and write the plans and a picture of each where asked.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
-    against its problem before anything is written. `about` says on the pictures whose they are.
+    against its problem before anything is written. `about` says on the pictures whose they are,
+    `communities` colours their devices.
 
     Raises:
         InputError: the output cannot be written, or a picture is there already.
@@ -74,7 +76,11 @@ def plan_problems(
 
         pictures = {
             files[entry.id]: plan_picture(
-                entry.problem, plans[entry.id].plan, title=entry.id, about=about
+                entry.problem,
+                plans[entry.id].plan,
+                title=entry.id,
+                about=about,
+                communities=communities,
             )
             for entry in problems
             if entry.id in plans

@@ -7,7 +7,7 @@ import altair as alt
 import numpy as np
 import pyarrow as pa
 
-from mission.analysis.load import extent, flown
+from mission.analysis.load import flown
 from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
@@ -26,7 +26,6 @@ from mission.log.values import FlightData, PlanRecord
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
 TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
-_MARGIN = 0.04
 # Colour, width and dashes of each kind of line, in the order in which they lie.
 _LINES: Mapping[str, tuple[str, float, list[int]]] = {
     "fence": (FENCE, 1.4, [7, 2, 1, 2]),
@@ -58,10 +57,11 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
 
 
 class Frame:
-    """Axes in metres, alike in both directions, around everything planned and flown."""
+    """Axes in metres, alike in both directions, between two corners (2,)."""
 
-    def __init__(self, run: FlightData, width: float, *, chosen: int | None = None) -> None:
-        low, high = extent(run, margin=_MARGIN)
+    def __init__(
+        self, low: Floats, high: Floats, width: float, *, chosen: int | None = None
+    ) -> None:
         self.width, self.height = width, width * float((high - low)[1] / (high - low)[0])
         self._low, self._high, self._chosen = low, high, chosen
 
@@ -75,6 +75,11 @@ class Frame:
         domain = [float(self._low[1]), float(self._high[1])]
         scale = alt.Scale(domain=domain, nice=False)
         return alt.Y(field, title="north (m)", scale=scale, axis=alt.Axis(grid=False))
+
+    def pixels(self, points_m: Floats) -> Floats:
+        """(n, 2) from the upper left corner, of places (n, 2) on the map."""
+        share = (points_m - self._low) / (self._high - self._low)
+        return np.column_stack((share[:, 0] * self.width, (1.0 - share[:, 1]) * self.height))
 
     def chart(self, data: pa.Table) -> alt.Chart:
         """A layer at `x` and `y`, of the chosen `round` where one is chosen (0 is of all)."""
@@ -96,7 +101,6 @@ class Frame:
             .encode(x2="x2", y2="y2"),
             *self._areas(run),
             home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
-            _label(home, "home", dy=14),
         ]
 
     def _areas(self, run: FlightData) -> list[alt.Chart]:
@@ -110,7 +114,7 @@ class Frame:
             if np.array_equal(zone["polygon_m"], ring)
         ]
         names = [
-            _label(self.chart(table(round=[0], x=[x], y=[y])), name, dy=0)
+            self.chart(table(round=[0], x=[x], y=[y])).mark_text(text=name, fontSize=10, color=SOFT)
             for name, (x, y) in named_here
         ]
         return names + [
@@ -168,7 +172,6 @@ class Frame:
         return [
             self.chart(data).mark_point(size=22, stroke=PLANNED, **look).encode(tooltip=tip),
             start.mark_point(size=70, shape="diamond", stroke=FLOWN, **look),
-            _label(start, "start", dy=-12),
         ]
 
     def finished(self, layers: Sequence[alt.Chart]) -> alt.LayerChart:
@@ -179,11 +182,6 @@ class Frame:
         return made.add_params(
             alt.param("shown", value=self._chosen), alt.param("everything", value=False)
         )
-
-
-def _label(places: alt.Chart, text: str, *, dy: int) -> alt.Chart:
-    label: alt.Chart = places.mark_text(text=text, dy=dy, fontSize=10, color=SOFT)
-    return label
 
 
 def line_table(lines: Lines) -> pa.Table:

@@ -7,6 +7,8 @@ from typing import TypeAlias
 import altair as alt
 import numpy as np
 
+from mission.analysis.load import extent
+from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.frame import Frame, line_table, run_lines
@@ -15,8 +17,9 @@ from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
     INK,
-    PLANNED,
+    PAPER,
     SOFT,
+    dot_radii,
     importance_size,
     keys,
     named,
@@ -24,11 +27,17 @@ from mission.figures.style import (
     per_scale,
     table,
 )
+from mission.figures.words import CROWDED, NAME, Drawn, Look, Word, words
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0
+_MARGIN = 0.04  # of the area, around it
+_FEW = 8  # rounds that can be told apart on one map
+_SAME_END_M = 15.0  # ends that are closer share their words
+_THIN_PX, _WIDER_PX = 2.6, 1.1  # the path of a round, and of each before it of few
+_HOME_PX = 5.0
 # A ring, one unit across, and a cross in it.
 _RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _LOST = (
@@ -42,19 +51,26 @@ Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
 
 def overview(run: FlightData, about: str) -> alt.LayerChart:
-    """All rounds on one map: planned dashed, flown coloured by round."""
-    frame = Frame(run, _WIDTH)
+    """All rounds on one map: flown coloured by round, planned dashed over it."""
+    frame = Frame(*extent(run, margin=_MARGIN), _WIDTH)
     lines = run_lines(run, run.plans)
     flights = [line for line in lines if line[0] == "flown"]
+    planned = [line for line in lines if line[0] == "planned"]
     importance = np.mean([plan.importance for plan in run.plans], axis=0)
+    few = len(flights) <= _FEW
     layers = [
         *frame.ground(run),
         *frame.lines([line for line in lines if line[0] not in ("planned", "flown")]),
-        *([_by_round(frame, flights)] if flights else []),
-        frame.chart(line_table([line for line in lines if line[0] == "planned"]))
-        .mark_line(stroke=PLANNED, strokeWidth=1.0, strokeDash=[4, 3])
+        *(_by_round(frame, flights) if flights else []),
+        frame.chart(line_table(planned))
+        .mark_line(stroke=INK, strokeWidth=0.7, strokeDash=[2, 5])
         .encode(order="step:Q", detail="part:N"),
         *_devices(run, frame, [(0, importance, {})]),
+        *words(
+            frame,
+            [*_device_words(run, {}), (NAME, _ends(flights) if few else []), (NAME, [_home(run)])],
+            _drawn(run, [importance], [(0, points) for _, _, points in lines]),
+        ),
     ]
     title = heading("Planned (dashed) and flown paths, all rounds", about)
     return frame.finished(layers).properties(title=title)
@@ -79,14 +95,28 @@ def round_map(
 
     The parameter `everything` shows the flown paths of the others too.
     """
-    frame = Frame(run, width, chosen=plans[0].round if len(plans) > 1 else None)
+    chosen = plans[0].round if len(plans) > 1 else None
+    frame = Frame(*extent(run, margin=_MARGIN), width, chosen=chosen)
     served = {plan.round: _served(run, plan.round) for plan in plans}
+    lines = [(plan.round, plan.route_m) for plan in plans]
+    lines += [(number, link) for number, of in served.items() for link in _link_lines(run, of)]
+    is_round = run.plan_file is None
+    starts = [Word("start", tuple(plan.waypoints_m[0]), plan.round) for plan in plans]
     layers = [
         *frame.ground(run),
         *_links(run, frame, served),
         *frame.lines(run_lines(run, plans)),
-        *(frame.waypoints(plans) if run.plan_file is None else places(frame, run)),
+        *(frame.waypoints(plans) if is_round else places(frame, run)),
         *_devices(run, frame, [(p.round, p.importance, served[p.round]) for p in plans]),
+        *words(
+            frame,
+            [
+                *_device_words(run, served),
+                (NAME, [_home(run)]),
+                (NAME, starts if is_round else []),
+            ],
+            _drawn(run, [plan.importance for plan in plans], lines),
+        ),
     ]
     title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
     return frame.finished(layers).properties(
@@ -115,11 +145,13 @@ def _served(run: FlightData, number: int) -> Served:
     return {item.device: item for item in run.uplinks if item.round == number}
 
 
-def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> alt.Chart:
+def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> list[alt.Chart]:
+    """Where rounds are few, later ones are thinner and lie on earlier ones, and arrows tell the
+    direction."""
     numbers = sorted({number for _, number, _ in lines})
-    # Without viridis's lightest end, which drowns on white.
-    scheme = alt.SchemeParams("viridis", extent=[0.0, 0.88])
-    few = len(numbers) <= 8
+    few = len(numbers) <= _FEW
+    # From light to dark, without the ends: plans are dark and lie above, the paper is white.
+    scheme = alt.SchemeParams("plasma", extent=[0.92, 0.3])
     colour = alt.Color(
         "round:O" if few else "round:Q",
         title="flown in round",
@@ -128,18 +160,99 @@ def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> alt.Chart:
         if few
         else alt.Legend(gradientLength=260, tickMinStep=1, format="d"),
     )
-    paths: alt.Chart = frame.chart(line_table(lines)).mark_line(strokeWidth=1.6, opacity=0.9)
-    return paths.encode(order="step:Q", detail="part:N", color=colour, tooltip="round:Q")
+    chart = frame.chart(line_table(lines)).encode(
+        order="step:Q", detail="part:N", color=colour, tooltip="round:Q"
+    )
+    if not few:
+        return [chart.mark_line(strokeWidth=_THIN_PX)]
+    widths = [_THIN_PX + _WIDER_PX * later for later in reversed(range(len(numbers)))]
+    scale = alt.Scale(type="ordinal", domain=numbers, range=widths)
+    wide = alt.StrokeWidth("round:O", scale=scale, legend=None)
+    return [chart.mark_line().encode(strokeWidth=wide), *_arrows(frame, lines, colour)]
+
+
+def _arrows(
+    frame: Frame, lines: list[tuple[str, int, Floats]], colour: alt.Color
+) -> list[alt.Chart]:
+    """One on each path that leads anywhere, not all at the same place of paths that are alike."""
+    moved = [(number, points) for _, number, points in lines if polyline.length(points) > 0.0]
+    rows = []
+    for (number, points), share in zip(moved, np.linspace(0.25, 0.75, len(moved)), strict=True):
+        along = polyline.along(points)
+        at_m = share * along[-1]
+        leg = min(int(np.searchsorted(along, at_m, side="right")), len(points) - 1)
+        x, y = (np.interp(at_m, along, points[:, axis]) for axis in (0, 1))
+        east, north = points[leg] - points[leg - 1]
+        rows.append((number, x, y, math.degrees(math.atan2(east, north))))
+    if not rows:
+        return []
+    numbers, east_m, north_m, headings = zip(*rows, strict=True)
+    arrows: alt.Chart = frame.chart(
+        table(round=numbers, x=east_m, y=north_m, heading=headings)
+    ).mark_point(shape="triangle", filled=True, size=230, opacity=1, stroke=PAPER, strokeWidth=1)
+    return [arrows.encode(color=colour, angle=alt.Angle("heading:Q", scale=None))]
+
+
+def _ends(lines: list[tuple[str, int, Floats]]) -> list[Word]:
+    """Which rounds ended at a place."""
+    ends: list[tuple[Floats, list[int]]] = []
+    for _, number, points in lines:
+        known = (numbers for at, numbers in ends if np.linalg.norm(at - points[-1]) < _SAME_END_M)
+        if (found := next(known, None)) is not None:
+            found.append(number)
+        else:
+            ends.append((points[-1], [number]))
+    return [
+        Word(
+            f"round{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+            f" end{'s' * (len(numbers) == 1)}",
+            tuple(at),
+        )
+        for at, numbers in ends
+    ]
+
+
+def _home(run: FlightData) -> Word:
+    return Word("home", run.area.home_m)
+
+
+def _device_words(run: FlightData, served: Mapping[int, Served]) -> list[tuple[Look, list[Word]]]:
+    """Their numbers; in a crowd of which it is known, of those only that one asks about."""
+    at_m, count = [tuple(at) for at in run.devices.pos_m], len(run.devices.community)
+    if count > CROWD and served:
+        asked = [
+            Word(str(k), at_m[k], number)
+            for number, of in served.items()
+            for k, uplink in of.items()
+            if uplink.outcome in ("lost", LATE)
+        ]
+        return [(CROWDED, asked)]
+    every = [Word(str(k), at_m[k]) for k in range(count)]
+    return [(CROWDED if count > CROWD else Look(), every)]
+
+
+def _drawn(run: FlightData, importance: Sequence[Floats], lines: list[tuple[int, Floats]]) -> Drawn:
+    most = np.max(importance, axis=0)
+    radii = dot_radii(most, float(most.max(initial=0.0)))
+    dots = np.column_stack((run.devices.pos_m, radii)) if len(radii) else np.empty((0, 3))
+    return Drawn(np.vstack((dots, (*run.area.home_m, _HOME_PX))), lines)
+
+
+def _link_lines(run: FlightData, served: Served) -> list[Floats]:
+    return [
+        np.array([[uplink.true_x_m, uplink.true_y_m], run.devices.pos_m[uplink.device]])
+        for uplink in _met(served)
+    ]
+
+
+def _met(served: Served) -> list[UplinkRecord]:
+    """Transmissions whose slots the aircraft reached in time."""
+    return [u for u in served.values() if math.isfinite(u.slot_t_s) and u.outcome != LATE]
 
 
 def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[alt.Chart]:
     """From the slot, where each transmission was met, to its device; coloured by the true PER."""
-    met = [
-        uplink
-        for of in served.values()
-        for uplink in of.values()
-        if math.isfinite(uplink.slot_t_s) and uplink.outcome != LATE
-    ]
+    met = [uplink for of in served.values() for uplink in _met(of)]
     if not met:
         return []
     at_m = run.devices.pos_m[[uplink.device for uplink in met]]
@@ -194,14 +307,8 @@ def _devices(
         ),
         size=importance_size(most, count),
     )
-    dx, font = (5, 8.0) if count > CROWD else (8, 9.5)
-    labels = (
-        frame.chart(data)
-        .mark_text(align="left", dx=dx, dy=-6, fontSize=font, color=INK)
-        .encode(text="device:Q")
-    )
     if not outcome:
-        return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip), labels]
+        return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip)]
     some_late = any(uplink.outcome == LATE for uplink in run.uplinks)
     late = {LATE: _LATE_SHAPE} if some_late else {}
     looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: _RING}
@@ -210,13 +317,7 @@ def _devices(
         shape=alt.Shape("outcome:N", scale=named(list(looks), list(looks.values())), legend=key),
         tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
     )
-    # In a crowd only those have their number that one asks about; on a page each tells it.
-    return [
-        became,
-        labels.transform_filter("datum.outcome == 'lost' || datum.outcome == 'late'")
-        if count > CROWD
-        else labels,
-    ]
+    return [became]
 
 
 def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:

@@ -1,36 +1,49 @@
 """A picture of one plan: path, devices sized by importance, served links coloured by PER."""
 
+from collections.abc import Sequence
+
 import altair as alt
 import numpy as np
 
+from mission.base.arrays import Ints
+from mission.base.palette import community_colour
 from mission.figures.charts import LayerChart
+from mission.figures.frame import Frame
 from mission.figures.render import heading
 from mission.figures.style import (
+    CROWD,
     FENCE,
-    INK,
     PAPER,
     PLANNED,
-    SOFT,
+    dot_radii,
     importance_size,
+    keys,
     named,
     per_key,
     per_scale,
     table,
 )
+from mission.figures.words import CROWDED, NAME, Drawn, Look, Word, words
 from mission.planner.evaluate import success
 from mission.planner.problem import RoundPlan, RoundProblem
 
 _WIDTH = 560.0
 _AIR = 0.06  # of the extent, around everything
 _SERVED = ("served", "not served")
+_START_PX = 6.0
 
 
 def plan_picture(
-    problem: RoundProblem, plan: RoundPlan, *, title: str, about: str = ""
+    problem: RoundProblem,
+    plan: RoundPlan,
+    *,
+    title: str,
+    about: str = "",
+    communities: Sequence[str] = (),
 ) -> LayerChart:
     """The path with its slots, and the devices; one that is not served stays hollow.
 
-    `about` says whose plan it is.
+    `about` says whose plan it is, `communities` (K,) each device's, where they are known.
     """
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
     height = "" if plan.altitude_m is None else f", {plan.altitude_m:.1f} m above home"
@@ -42,18 +55,26 @@ def plan_picture(
     every = np.vstack((problem.devices_m, plan.route_m, *problem.airspace.keep_out))
     low, high = every.min(axis=0), every.max(axis=0)
     air = _AIR * float((high - low).max() or 1.0)
-    low, high = low - air, high + air
-    x = alt.X("x:Q", title="east (m)", scale=_scale(low[0], high[0]))
-    y = alt.Y("y:Q", title="north (m)", scale=_scale(low[1], high[1]))
-    words = heading(title, [numbers, *([about] if about else [])])
-    return alt.LayerChart(layer=_layers(problem, plan, x, y)).properties(
-        width=_WIDTH, height=_WIDTH * float((high - low)[1] / (high - low)[0]), title=words
-    )
+    frame = Frame(low - air, high + air, _WIDTH)
+    layers = [
+        *_outlines(problem, frame),
+        *_path(problem, plan, frame),
+        *_devices(problem, plan, frame, communities),
+        *_words(problem, plan, frame),
+    ]
+    words_above = heading(title, [numbers, *([about] if about else [])])
+    return frame.finished(layers).properties(title=words_above)
 
 
-def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[alt.Chart]:
-    per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
+def _served(plan: RoundPlan) -> tuple[Ints, Ints]:
+    """Slots and the devices that they serve."""
     slots, devices = np.nonzero(plan.schedule)
+    return slots, devices
+
+
+def _path(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Chart]:
+    per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
+    slots, devices = _served(plan)
     colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
     links = table(
         x=plan.waypoints_m[slots, 0],
@@ -66,33 +87,59 @@ def _layers(problem: RoundProblem, plan: RoundPlan, x: alt.X, y: alt.Y) -> list[
         step=np.arange(len(plan.waypoints_m)), x=plan.waypoints_m[:, 0], y=plan.waypoints_m[:, 1]
     )
     route = table(step=np.arange(len(plan.route_m)), x=plan.route_m[:, 0], y=plan.route_m[:, 1])
-    count, served = len(problem.devices_m), np.isin(np.arange(len(problem.devices_m)), devices)
-    dots = table(
-        device=np.arange(count),
-        x=problem.devices_m[:, 0],
-        y=problem.devices_m[:, 1],
-        importance=problem.importance,
-        state=np.where(served, *_SERVED),
-    )
-    way = alt.Chart(path).encode(x, y)
-    device = alt.Chart(dots).encode(x, y)
+    way = frame.chart(path)
     start = way.transform_filter("datum.step == 0")
     return [
-        *_outlines(problem, x, y),
-        alt.Chart(links).mark_rule(strokeWidth=1.3).encode(x, y, colour, x2="x2", y2="y2"),
-        alt.Chart(route).mark_line(stroke=PLANNED, strokeWidth=1.8).encode(x, y, order="step:Q"),
+        frame.chart(links).mark_rule(strokeWidth=1.3).encode(colour, x2="x2", y2="y2"),
+        frame.chart(route).mark_line(stroke=PLANNED, strokeWidth=1.8).encode(order="step:Q"),
         way.mark_point(fill=PAPER, stroke=PLANNED, size=32, opacity=1),
         start.mark_point(fill=PLANNED, stroke=PLANNED, shape="square", size=70, opacity=1),
-        start.mark_text(text="start", dy=-13, fontSize=10, color=SOFT),
-        device.mark_point(stroke=PLANNED, fill=PLANNED, opacity=1).encode(
-            size=importance_size(float(problem.importance.max(initial=0.0)), count),
-            fillOpacity=alt.FillOpacity("state:O", scale=named(_SERVED, [1.0, 0.0]), legend=None),
-        ),
-        device.mark_text(align="left", dx=8, dy=-7, fontSize=9, color=INK).encode(text="device:Q"),
     ]
 
 
-def _outlines(problem: RoundProblem, x: alt.X, y: alt.Y) -> list[alt.Chart]:
+def _devices(
+    problem: RoundProblem, plan: RoundPlan, frame: Frame, communities: Sequence[str]
+) -> list[alt.Chart]:
+    count = len(problem.devices_m)
+    dots = table(
+        x=problem.devices_m[:, 0],
+        y=problem.devices_m[:, 1],
+        importance=problem.importance,
+        state=np.where(np.isin(np.arange(count), _served(plan)[1]), *_SERVED),
+        community=list(communities) or [""] * count,
+    )
+    names = list(dict.fromkeys(communities))
+    marks = frame.chart(dots).mark_point(stroke=PLANNED, fill=PLANNED, opacity=1)
+    if names:
+        scale = named(names, [community_colour(index) for index in range(len(names))])
+        key = keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0)
+        marks = marks.encode(
+            fill=alt.Fill("community:N", title=None, scale=scale, legend=key),
+            stroke=alt.Stroke("community:N", scale=scale, legend=None),
+        )
+    most = float(problem.importance.max(initial=0.0))
+    hollow = alt.FillOpacity("state:O", scale=named(_SERVED, [1.0, 0.0]), legend=None)
+    return [marks.encode(size=importance_size(most, count), fillOpacity=hollow)]
+
+
+def _words(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Chart]:
+    """The devices' numbers, and where the path starts."""
+    most = float(problem.importance.max(initial=0.0))
+    radii = dot_radii(problem.importance, most)
+    slots, devices = _served(plan)
+    lines = [(0, plan.route_m)]
+    lines += [
+        (0, np.stack((plan.waypoints_m[slot], problem.devices_m[device])))
+        for slot, device in zip(slots, devices, strict=True)
+    ]
+    start = plan.waypoints_m[0]
+    dots = np.vstack((np.column_stack((problem.devices_m, radii)), (*start, _START_PX)))
+    look = CROWDED if len(radii) > CROWD else Look()
+    each = [Word(str(k), tuple(at)) for k, at in enumerate(problem.devices_m)]
+    return words(frame, [(look, each), (NAME, [Word("start", tuple(start))])], Drawn(dots, lines))
+
+
+def _outlines(problem: RoundProblem, frame: Frame) -> list[alt.Chart]:
     """Areas that must not be flown, and the fence."""
     space = problem.airspace
     made = []
@@ -103,12 +150,8 @@ def _outlines(problem: RoundProblem, x: alt.X, y: alt.Y) -> list[alt.Chart]:
         closed = np.vstack((ring, ring[:1]))
         data = table(step=np.arange(len(closed)), x=closed[:, 0], y=closed[:, 1])
         made.append(
-            alt.Chart(data)
+            frame.chart(data)
             .mark_line(stroke=FENCE, strokeWidth=1.4, fill=fill, fillOpacity=0.12, clip=True)
-            .encode(x, y, order="step:Q")
+            .encode(order="step:Q")
         )
     return made
-
-
-def _scale(low: float, high: float) -> alt.Scale:
-    return alt.Scale(domain=[float(low), float(high)], nice=False)

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
+from mission.base.arrays import Floats
 from mission.base.palette import css_colour, per_colour
 
 PAPER, INK, SOFT, GRID = "var(--paper)", "var(--ink)", "var(--soft)", "var(--grid)"
@@ -96,10 +97,20 @@ def per_key() -> alt.Legend:
                       symbolStrokeWidth=2.2, format="~g")  # fmt: skip
 
 
+def _areas(count: int) -> tuple[float, float]:
+    """Of the dots of devices of no and of the most importance."""
+    return (10.0, 110.0) if count > CROWD else (30.0, 260.0)
+
+
+def dot_radii(importance: Floats, most: float) -> Floats:
+    """(K,) in pixels, of the dots of all devices."""
+    low, high = _areas(len(importance))
+    return np.asarray(np.sqrt((low + (high - low) * importance / (most or 1.0)) / np.pi))
+
+
 def importance_size(most: float, count: int) -> alt.Size:
     """Area of a device's dot, with its key."""
-    crowded = count > CROWD
-    scale = alt.Scale(domain=[0.0, most or 1.0], range=[10, 110] if crowded else [30, 260])
+    scale = alt.Scale(domain=[0.0, most or 1.0], range=list(_areas(count)))
     legend = alt.Legend(
         title="importance",
         tickCount=3,

@@ -5,12 +5,16 @@ Everything here uses the exact average PER, so that plans of all methods are com
 
 import math
 from dataclasses import replace
+from numbers import Real
+from typing import SupportsIndex
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fl.radio.channel import average_per
+from fl.radio.channel import Channel, average_per
 from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
+from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.schedule import assign
@@ -46,18 +50,23 @@ def path_length(waypoints_m: Floats) -> float:
     return float(np.hypot(step[:, 0], step[:, 1]).sum())
 
 
-def fit_budget(waypoints_m: Floats, path_budget_m: float) -> Floats:
+def fit_budget(waypoints_m: ArrayLike, path_budget_m: float) -> Floats:
     """The waypoints, shrunk about the first one if the path is longer than the budget."""
-    length = path_length(waypoints_m)
+    waypoints = np.asarray(waypoints_m, dtype=np.float64)
+    length = path_length(waypoints)
     if length <= path_budget_m:
-        return waypoints_m
-    start = waypoints_m[0]
+        return waypoints
+    start = waypoints[0]
     # One part in 1e12 keeps rounding from putting the path over the budget again.
-    return np.asarray(start + (waypoints_m - start) * (path_budget_m / length * (1.0 - 1e-12)))
+    return np.asarray(start + (waypoints - start) * (path_budget_m / length * (1.0 - 1e-12)))
 
 
 def finish(
-    problem: RoundProblem, waypoints_m: Floats, *, upper_bound: float = float("nan"), nodes: int = 0
+    problem: RoundProblem,
+    waypoints_m: ArrayLike,
+    *,
+    upper_bound: float = float("nan"),
+    nodes: int = 0,
 ) -> RoundPlan:
     """The plan along the given waypoints with its optimal schedule and true objective, and from
     the best altitude, where it has a choice (`best_altitude`).
@@ -125,7 +134,9 @@ def _best_altitude(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) 
     return best_m
 
 
-def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tuple[Floats, ...]]:
+def allowed_path(
+    problem: RoundProblem, waypoints_m: ArrayLike
+) -> tuple[Floats, tuple[Floats, ...]]:
     """Waypoints (N, 2), moved to where may be flown, and corners (C, 2) between each and the next.
 
     The start stays. A waypoint to which no way leads is where the one before it is; the path ends
@@ -197,8 +208,10 @@ def check_problem(problem: RoundProblem) -> None:
     """Refuse a problem that makes no sense.
 
     Raises:
-        PlanInputError: wrong shapes, NaN or infinity, negative importance or budget, no step.
+        PlanInputError: wrong types or shapes, NaN or infinity, negative importance or budget, no
+            step.
     """
+    _check_types(problem)
     devices = problem.devices_m
     if devices.ndim != 2 or devices.shape[1] != 2:
         raise PlanInputError(
@@ -207,6 +220,11 @@ def check_problem(problem: RoundProblem) -> None:
     if problem.importance.shape != (len(devices),):
         raise PlanInputError(
             f"importance has shape {problem.importance.shape}: must be ({len(devices)},), "
+            "one value a device"
+        )
+    if problem.upload_s is not None and problem.upload_s.shape != (len(devices),):
+        raise PlanInputError(
+            f"upload_s has shape {problem.upload_s.shape}: must be ({len(devices)},), "
             "one value a device"
         )
     if problem.start_m.shape != (2,):
@@ -240,3 +258,26 @@ def check_problem(problem: RoundProblem) -> None:
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
         if count < 1:
             raise PlanInputError(f"{name} = {count}: must be a whole number of 1 or more")
+
+
+def _check_types(problem: RoundProblem) -> None:
+    """Of what is no array; a notebook checks no types."""
+    if not isinstance(problem, RoundProblem):
+        raise PlanInputError(
+            f"problem = {shown(problem)}: must be a RoundProblem, such as first_problem() gives"
+        )
+
+    def must(name: str, right: bool, words: str) -> None:
+        if not right:
+            raise PlanInputError(f"{name} = {shown(getattr(problem, name))}: must be {words}")
+
+    is_channel = isinstance(problem.channel, Channel)
+    must("channel", is_channel, 'a Channel, such as aerofed.channel("urban")')
+    must("path_budget_m", isinstance(problem.path_budget_m, Real), "a number of metres")
+    for name in ("steps", "per_step"):
+        is_whole = isinstance(getattr(problem, name), SupportsIndex)
+        must(name, is_whole, "a whole number of 1 or more")
+    heights = problem.altitudes_m
+    listed = heights if isinstance(heights, tuple | list) else ()
+    two = heights is None or [isinstance(height, Real) for height in listed] == [True, True]
+    must("altitudes_m", two, "two heights in metres, the lower first, or None")

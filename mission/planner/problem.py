@@ -5,11 +5,14 @@ from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
+from mission.base.explain import shown
+from mission.planner.errors import PlanInputError
 from mission.planner.performance import Foreseen, RoundLimits
 
 
@@ -17,7 +20,10 @@ from mission.planner.performance import Foreseen, RoundLimits
 class RoundProblem:
     """Maximise sum_n sum_k omega_k[n] (1 - q_bar_k[n]) delta_k over path and schedule.
 
-    Coordinates are area coordinates in metres (x east, y north).
+    Coordinates are area coordinates in metres (x east, y north). Lists and tuples become arrays.
+
+    Raises:
+        PlanInputError: something that is to be an array is none of numbers.
     """
 
     devices_m: Floats  # (K, 2) where the devices stand
@@ -34,6 +40,9 @@ class RoundProblem:
     altitudes_m: tuple[float, float] | None = None
     # (K,) how long the aircraft hovers for each device that it serves; None: it does not
     upload_s: Floats | None = None
+
+    def __post_init__(self) -> None:
+        _make_arrays(self, "devices_m", "importance", "start_m", "upload_s")
 
     @property
     def most_m(self) -> float:
@@ -54,9 +63,28 @@ def relative_gap(value: float, upper_bound: float) -> float:
     return 0.0 if upper_bound == 0.0 else (upper_bound - value) / upper_bound
 
 
-@dataclass(frozen=True)
+def _make_arrays(item: object, *names: str, dtype: DTypeLike = np.float64) -> None:
+    """Make arrays of a frozen dataclass's fields, which may be lists and tuples; None stays."""
+    for name in names:
+        value = getattr(item, name)
+        if value is None:
+            continue
+        try:
+            made: NDArray[np.generic] = np.asarray(value, dtype=dtype)
+        except (TypeError, ValueError):
+            raise PlanInputError(f"{name} = {shown(value)}: must be an array of numbers") from None
+        object.__setattr__(item, name, made)
+
+
+@dataclass(frozen=True, repr=False)
 class RoundPlan:
-    """A feasible path and schedule with its true objective (exact average PER)."""
+    """A feasible path and schedule with its true objective (exact average PER).
+
+    Lists and tuples become arrays.
+
+    Raises:
+        PlanInputError: something that is to be an array is none of numbers.
+    """
 
     waypoints_m: Floats  # (N, 2) area coordinates in metres; the first is the start
     schedule: Bools  # (N, K) device k transmits as step n is passed; each device once at most
@@ -68,6 +96,19 @@ class RoundPlan:
     # Height above home in metres, chosen within the problem's limits; None: those name one.
     altitude_m: float | None = None
     foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
+
+    def __post_init__(self) -> None:
+        _make_arrays(self, "waypoints_m")
+        _make_arrays(self, "schedule", dtype=np.bool_)
+
+    def __repr__(self) -> str:
+        # Without its arrays, which are as long as there are steps and devices.
+        height = "" if self.altitude_m is None else f", altitude_m={self.altitude_m:g}"
+        return (
+            f"RoundPlan(value={self.value:.6g}, upper_bound={self.upper_bound:.6g}, "
+            f"path_m={self.path_m:.1f}{height}; {self.schedule.any(axis=0).sum()} of "
+            f"{self.schedule.shape[-1]} devices served in {len(self.waypoints_m)} steps)"
+        )
 
     @property
     def gap(self) -> float:

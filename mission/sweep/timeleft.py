@@ -12,6 +12,8 @@ from mission.sweep.grid import SweepRun
 from mission.sweep.results import read_run
 from mission.sweep.state import rounds_in
 
+_LEAST_S = 5.0  # less is not told by the second
+
 
 class TimeLeft:
     """Estimates the end of a sweep from how long the rounds of its runs have taken so far.
@@ -80,7 +82,9 @@ class TimeLeft:
                 else math.fsum(known) / len(known)
             )
             heapq.heapreplace(free_at, free_at[0] + whole * (1.0 - flown / expected))
-        return f"about {duration(max(free_at))} left"
+        left_s = max(free_at)
+        # All rounds are flown, but a run is not over before its last files are written.
+        return f"about {duration(left_s)} left" if left_s >= _LEAST_S else "a few seconds left"
 
     def _with(
         self, run: SweepRun, seconds: float, spent: dict[str, tuple[float, int]] | None = None

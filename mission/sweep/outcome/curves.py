@@ -14,7 +14,6 @@ from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
-_POINTS = 200  # of a curve over distance or time
 _TOLD_APART = 2 * COLOURS  # curves in one chart
 
 
@@ -67,13 +66,13 @@ def by_round(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[F
 
 
 def by_distance(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
-    """Kilometres of path budget, and what held there: the value after the last round before."""
-    return _held(runs, column, window, "budget_used_m", 1000.0)
+    """As `by_round`, at the kilometres of path budget that a round had cost by its end."""
+    return _by_clock(runs, column, window, "budget_used_m", 1000.0)
 
 
 def by_time(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
-    """Simulated minutes, and what held then."""
-    return _held(runs, column, window, "end_t_s", 60.0)
+    """As `by_round`, at the simulated minutes at which a round ended."""
+    return _by_clock(runs, column, window, "end_t_s", 60.0)
 
 
 def running_mean(values: Floats, window: int) -> Floats:
@@ -85,19 +84,16 @@ def running_mean(values: Floats, window: int) -> Floats:
     return mean
 
 
-def _held(
+def _by_clock(
     runs: Sequence[RunResult], column: str, window: int, clock: str, unit: float
 ) -> tuple[Floats, Floats]:
-    """Where every run has finished a round and none has ended."""
-    ends = [run.curve(clock) / unit for run in runs]
-    grid = np.linspace(max(e[0] for e in ends), min(e[-1] for e in ends), _POINTS)
-    values = [
-        running_mean(run.curve(column), window)[
-            np.maximum(np.searchsorted(end, grid, side="right") - 1, 0)
-        ]
-        for run, end in zip(runs, ends, strict=True)
-    ]
-    return grid, np.array(values)
+    """Every round at the mean of its ends, the untrained model at zero.
+
+    A grid of its own would show rounds where it happens to meet them, and the last one not at all.
+    """
+    rounds, values = by_round(runs, column, window)
+    ends = np.array([run.curve(clock)[: int(rounds[-1])] for run in runs]).mean(axis=0) / unit
+    return np.concatenate(([0.0] * (len(rounds) - len(ends)), ends)), values
 
 
 _LABELS: dict[Sampling, str] = {

@@ -37,6 +37,26 @@ TABLES = ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap")
 UNTYPED: Any = aerofed  # as a notebook calls it
 
 
+class Gives:
+    """A planner that gives whatever it was told to."""
+
+    def __init__(self, plan: object) -> None:
+        self._plan = plan
+
+    def plan(self, _problem: aerofed.RoundProblem) -> Any:
+        return self._plan
+
+
+def problem(**other: object) -> Any:
+    """A problem as a notebook writes it, with plain lists and tuples."""
+    known: dict[str, object] = {
+        "devices_m": [(100, 200), (300, 400), (500, 600)], "importance": [1, 2, 0.5],
+        "start_m": (400, 400), "steps": 3, "per_step": 1, "path_budget_m": 300,
+        "channel": aerofed.channel(),
+    }  # fmt: skip
+    return UNTYPED.RoundProblem(**{**known, **other})
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
     """Flown as a notebook flies: an event loop is running."""
@@ -167,6 +187,31 @@ def test_plans() -> None:
     assert aerofed.plan(problem, Stay()).path_m == 0.0
 
 
+def test_lists_and_tuples_are_arrays() -> None:
+    arrays = problem(
+        devices_m=np.array([(100.0, 200.0), (300.0, 400.0), (500.0, 600.0)]),
+        importance=np.array([1.0, 2.0, 0.5]),
+        start_m=np.array([400.0, 400.0]),
+    )
+    plan = aerofed.plan(problem())
+    assert plan.waypoints_m.tolist() == aerofed.plan(arrays).waypoints_m.tolist()
+    way = [(400, 400), (300, 400), (200, 400)]
+    made = aerofed.finish(problem(), way)
+    assert made.path_m == pytest.approx(200.0)
+    assert aerofed.fit_budget(way, 100).tolist()[-1] == pytest.approx([300.0, 400.0])
+    plain = UNTYPED.RoundPlan(way, made.schedule.astype(int).tolist(), made.value)
+    assert aerofed.plan(problem(), Gives(plain)) is plain
+
+
+def test_a_plan_is_printed_in_a_line() -> None:
+    many = np.zeros((300, 2))
+    crowd = problem(devices_m=many, importance=np.ones(300), steps=40, per_step=2)
+    printed = repr(aerofed.finish(crowd, np.full((40, 2), 400.0)))
+    assert printed.startswith("RoundPlan(value=")
+    assert "path_m=0.0; 80 of 300 devices served in 40 steps" in printed
+    assert len(printed) < 120
+
+
 def test_channels() -> None:
     per = aerofed.channel("suburban").per([0.0, 100.0], 60.0)
     assert per == pytest.approx(average_per(CHANNEL_PRESETS["suburban"], [0.0, 100.0]))
@@ -225,6 +270,29 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.sweep(strategies=[]), "strategies: at least one"),
         (lambda: aerofed.sweep(strategies=["c"]), "^sweep: mission.strategy = 'c'"),
         (lambda: UNTYPED.sweep(settings={"seed": 3}), "seed = 3: must be a list of values"),
+        (lambda: UNTYPED.run(5), "^source = 5: must be a configuration's name, its file, or"),
+        (lambda: UNTYPED.run("quickstart", 3), r"^overrides = 3: must be a dictionary"),
+        (lambda: UNTYPED.run(out=5), "^out = 5: must be a path"),
+        (lambda: UNTYPED.run(data_dir=5), "^data_dir = 5: must be a path"),
+        (lambda: UNTYPED.sweep(out=5), "^out = 5: must be a path"),
+        (lambda: UNTYPED.load(5), "^path = 5: must be a path"),
+        (lambda: UNTYPED.compare(5), "^path = 5: must be a path"),
+        (lambda: UNTYPED.load_sweep(5), "^path = 5: must be a path"),
+        (lambda: UNTYPED.resume(5), "^path = 5: must be a path"),
+        (lambda: UNTYPED.channel(5), "^channel: preset = 5: must be"),
+        (lambda: UNTYPED.plan(3), r"^problem = 3: must be a RoundProblem"),
+        (lambda: UNTYPED.plan(problem(), 3), r"^planner = 3: must be a planner's name, or an"),
+        (lambda: UNTYPED.plan(problem(), Gives(3)), r"^planner: plan\(problem\) gave 3: must be"),
+        (lambda: aerofed.plan(problem(channel="urban")), "^channel = 'urban': must be a Channel"),
+        (lambda: aerofed.plan(problem(steps="8")), "^steps = '8': must be a whole number"),
+        (lambda: aerofed.plan(problem(per_step=1.5)), "^per_step = 1.5: must be a whole number"),
+        (lambda: aerofed.plan(problem(path_budget_m="9")), "^path_budget_m = '9': must be"),
+        (lambda: aerofed.plan(problem(altitudes_m=60)), "^altitudes_m = 60: must be two heights"),
+        (lambda: aerofed.plan(problem(altitudes_m=(60,))), "^altitudes_m = .* two heights"),
+        (lambda: aerofed.plan(problem(start_m=4)), r"^start has shape \(\): must be"),
+        (lambda: aerofed.plan(problem(upload_s=4)), r"^upload_s has shape \(\): must be"),
+        (lambda: problem(start_m="home"), "^start_m = 'home': must be an array of numbers"),
+        (lambda: problem(devices_m=[(1, 2), (3,)]), r"^devices_m = \[.*: must be an array of"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:

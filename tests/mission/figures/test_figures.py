@@ -1,31 +1,37 @@
 """The pictures of a run: what their descriptions promise, and that they become files."""
 
 import itertools
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from described import axes, described, keys, layers, rows
+from described import axes, described, keys, layers, rows, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
 
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
+from mission.api import first_problem, plan
+from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.cli import call
 from mission.figures import render
 from mission.figures.charts import Series, line_chart, some
 from mission.figures.conditions import along_chart
-from mission.figures.frame import thin
+from mission.figures.frame import Frame, thin
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
+from mission.figures.plan import plan_picture
 from mission.figures.render import save, save_all, stacked
 from mission.figures.run import comparison_figure, draw_comparison, draw_run
+from mission.figures.words import Drawn, Look, Word, words
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import Table
 from mission.log.values import LearningRecord, Zone
@@ -36,6 +42,11 @@ PNG = b"\x89PNG\r\n"
 
 def size_of(png: bytes) -> tuple[int, int]:
     return int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
+
+
+def written(spec: dict[str, Any]) -> set[str]:
+    """The words beside the marks of a map."""
+    return {row["word"] for table in tables(spec, "word") for row in table}
 
 
 @pytest.mark.slow
@@ -91,8 +102,7 @@ def test_a_map_explains_its_lines_sizes_colours_and_what_became_of_updates(tmp_p
     for row in rows(spec, "device", "outcome"):
         state = {True: "delivered", False: "lost", None: "not served"}[served.get(row["device"])]
         assert row["outcome"] == state
-    numbers = [layer for layer in layers(spec) if layer["encoding"].get("text")]
-    assert numbers[0]["encoding"]["text"]["field"] == "device"
+    assert {str(device) for device in range(len(run.devices.community))} <= written(spec)
 
 
 def test_areas_that_must_not_be_flown_have_their_names_on_the_map(tmp_path: Path) -> None:
@@ -104,9 +114,103 @@ def test_areas_that_must_not_be_flown_have_their_names_on_the_map(tmp_path: Path
         load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),),
         attachments={"config.toml": text.encode()},
     )  # fmt: skip
-    marks = [layer["mark"] for layer in layers(described(round_map(run, run.plans[:1])))]
-    assert {mark.get("text") for mark in marks} >= {"home", "pond"}
+    spec = described(round_map(run, run.plans[:1]))
+    marks = [layer["mark"] for layer in layers(spec)]
+    assert {mark.get("text") for mark in marks} >= {"pond"}
+    assert written(spec) >= {"home", "start"}
     assert "overhead" not in str(marks)
+
+
+def test_the_map_of_all_rounds_tells_their_order_and_direction(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=3)
+    run = load_run(tmp_path).data
+    spec = described(overview(run, "run"))
+    ends = {word for word in written(spec) if "end" in word}
+    assert sorted(re.findall(r"\d+", " ".join(ends))) == ["1", "2", "3"]
+    arrows = rows(spec, "heading")
+    assert [row["round"] for row in arrows] == [1, 2, 3]
+    for row in arrows:
+        ahead = np.array([np.sin(np.radians(row["heading"])), np.cos(np.radians(row["heading"]))])
+        record = run.rounds[row["round"] - 1]
+        track = flown(run, record).pos_m[:, :2]
+        nearest = int(np.linalg.norm(track - (row["x"], row["y"]), axis=1).argmin())
+        later = track[nearest + 5] - track[nearest - 5]
+        assert later @ ahead > 0.9 * np.linalg.norm(later)
+    # Planned paths lie above the flown ones, and later rounds are thinner than those before.
+    kinds = [layer["mark"] for layer in layers(spec)]
+    dashed = next(index for index, mark in enumerate(kinds) if mark.get("strokeDash"))
+    (wide,) = [
+        (index, layer["encoding"]["strokeWidth"]["scale"]["range"])
+        for index, layer in enumerate(layers(spec))
+        if layer["encoding"].get("strokeWidth", {}).get("field") == "round"
+    ]
+    assert wide[0] < dashed
+    assert wide[1] == sorted(wide[1], reverse=True)
+
+
+def test_rounds_that_are_many_are_coloured_alone(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=9)
+    spec = described(overview(load_run(tmp_path).data, "run"))
+    assert not tables(spec, "heading")
+    assert not any("end" in word for word in written(spec))
+
+
+@pytest.mark.parametrize("count", [2, 12, 24])
+def test_words_cover_neither_each_other_nor_dots_where_there_is_room(count: int) -> None:
+    """By the boxes of their letters, as Vega places them."""
+    frame = Frame(np.zeros(2), np.full(2, 500.0), 500.0)
+    rng = np.random.default_rng(count)
+    grid = np.stack(np.meshgrid(np.arange(1.0, 9.0), np.arange(1.0, 9.0)), axis=-1).reshape(-1, 2)
+    # Pairs that stand so near that the usual side would cover the other's dot.
+    places = 55.0 * rng.permutation(grid)[: count // 2]
+    at_m = np.vstack((places, places + np.array([14.0, 9.0])))
+    dots = np.column_stack((at_m, np.full(len(at_m), 6.0)))
+    items = [Word(str(k), tuple(at)) for k, at in enumerate(at_m)]
+    charts = words(frame, [(Look(), items)], Drawn(dots, []))
+    boxes = []
+    for chart in charts[len(charts) // 2 :]:  # over the rims
+        mark = chart.to_dict()["mark"]
+        for row in next(iter(chart.to_dict()["datasets"].values())):
+            wide, high = 0.56 * mark["fontSize"] * len(row["word"]), 0.7 * mark["fontSize"]
+            left = row["x"] + mark["dx"]
+            left -= {"left": 0.0, "center": wide / 2.0, "right": wide}[mark["align"]]
+            middle = 500.0 - row["y"] + mark["dy"]
+            boxes.append((left, middle - high / 2.0, left + wide, middle + high / 2.0))
+    assert len(boxes) == len(items)
+    for one, other in itertools.combinations(boxes, 2):
+        assert one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+    for box in boxes:
+        for x, y in at_m:
+            near = np.clip((x, 500.0 - y), box[:2], box[2:])
+            assert np.hypot(*(near - (x, 500.0 - y))) > 5.0
+
+
+def test_a_word_leaves_the_line_that_runs_through_its_usual_side() -> None:
+    frame = Frame(np.zeros(2), np.full(2, 500.0), 500.0)
+
+    def side(lines: list[tuple[int, Floats]], number: int = 0) -> tuple[float, float]:
+        drawn = Drawn(np.empty((0, 3)), lines)
+        chart = words(frame, [(Look(), [Word("start", (250.0, 250.0), number)])], drawn)[-1]
+        mark = chart.to_dict()["mark"]
+        return mark["dx"], mark["dy"]
+
+    north_east = np.array([[250.0, 250.0], [350.0, 290.0]])
+    dx, dy = side([])
+    assert dx > 0.0 > dy
+    assert side([(1, north_east)]) != (dx, dy)
+    # A line of another round is never seen with it.
+    assert side([(1, north_east)], 2) == (dx, dy)
+
+
+def test_a_plan_s_devices_have_their_communities_colours() -> None:
+    problem = first_problem("quickstart", {"mission.steps": 3})
+    made = plan(problem)
+    names = ["a"] * 6 + ["b"] * 6
+    spec = described(plan_picture(problem, made, title="t", communities=names))
+    assert keys(spec)["fill"] == ["a", "b"]
+    assert [row["community"] for row in rows(spec, "community")] == names
+    assert {"start", "0", "11"} <= written(spec)
+    assert "fill" not in keys(described(plan_picture(problem, made, title="t")))
 
 
 def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 import csv
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -30,6 +32,19 @@ from mission.log.tables import read_table
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Fixed:
     return fly(tmp_path_factory.mktemp("run"), rounds=2)
+
+
+def test_the_page_s_example_reads_a_log(made: Fixed) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "reading-logs.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    done = subprocess.run(
+        [sys.executable, "-c", example], cwd=made.log.parent, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    first = [float(part) for part in done.stdout.splitlines()[0].split()]
+    truth = read_log(made.log).truth
+    np.testing.assert_allclose(first[1:], truth.pos_m[0, :2], atol=1e-6)
+    assert first[0] == pytest.approx(truth.t_ns[0] / 1e9)
 
 
 def foreign(path: Path) -> Path:

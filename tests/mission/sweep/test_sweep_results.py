@@ -61,25 +61,24 @@ def result(seed: int, budget_m: list[float], accuracy: list[float]) -> RunResult
     return RunResult(Point("cov", seed, ()), {"seed": seed}, rows, {"fly": 1.0})
 
 
-def test_over_distance_the_last_finished_round_counts() -> None:
+def test_over_distance_every_round_is_a_point() -> None:
     runs = [
         result(1, [1000.0, 2000.0, 3000.0], [0.1, 0.2, 0.3]),
         result(2, [500.0, 2500.0], [0.5, 0.7]),
     ]
-    grid, values = by_distance(runs, "accuracy_a")
-    # From where both have finished a round to where the first ends.
-    assert (grid[0], grid[-1]) == (1.0, 2.5)
-    before = grid < 2.0
-    assert (values[0][before] == 0.1).all()
-    assert (values[0][~before] == 0.2).all()
-    assert (values[1][:-1] == 0.5).all()
-    assert values[1][-1] == 0.7
+    at_km, values = by_distance(runs, "accuracy_a")
+    # At the mean of its ends, as far as every run has the round.
+    assert at_km.tolist() == [0.75, 2.25]
+    assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
     rounds, values = by_round(runs, "accuracy_a")
     assert rounds.tolist() == [1, 2]
     assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
     runs = [replace(r, summary={**r.summary, "untrained_accuracy_a": 0.05}) for r in runs]
     rounds, values = by_round(runs, "accuracy_a")
     assert rounds.tolist() == [0, 1, 2]
+    assert values.tolist() == [[0.05, 0.1, 0.2], [0.05, 0.5, 0.7]]
+    at_km, values = by_distance(runs, "accuracy_a")
+    assert at_km.tolist() == [0.0, 0.75, 2.25]
     assert values.tolist() == [[0.05, 0.1, 0.2], [0.05, 0.5, 0.7]]
 
 
@@ -169,6 +168,14 @@ def test_time_left_follows_the_pace_of_every_strategy(
     assert left.rounds(cov2) == (5, 10)
     assert left.text() == "about 2 min left"
     assert left.share() == 25 / 40
+    # All rounds are flown, but the last run has files to write: nothing is over yet.
+    ideal2 = grid.runs[3]
+    left.at_work([cov2, ideal2])
+    for run in (cov2, ideal2):
+        fly(run, 10)
+    now[0] += 30.0
+    left.ended(cov2)
+    assert left.text() == "a few seconds left"
 
 
 def test_time_left_knows_what_earlier_calls_took(

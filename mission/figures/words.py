@@ -1,0 +1,145 @@
+"""Words beside marks of a map, placed so that they cover neither each other nor what is drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import altair as alt
+import numpy as np
+
+from mission.base.arrays import Bools, Floats, Ints
+from mission.figures.frame import Frame
+from mission.figures.style import INK, PAPER, SOFT, table
+
+# Towards where from the mark, the best first: dx and dy in pixels, of which down is more.
+_SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, -1), (0, 1))
+_ALIGN = {1: "left", 0: "center", -1: "right"}
+_ROUND_THE_MARK = {(1, 1): (0.8, 0.7), (1, 0): (1.15, 0.0), (0, 1): (0.0, 1.4)}
+_WIDE, _HIGH = 0.56, 0.9  # of a character, and of a word, in font sizes
+_EACH_PX = 4.0  # between the points that a line is taken for
+_ORDER, _LINE, _DOT, _WORD, _OUTSIDE = 0.6, 2.0, 3.0, 0.5, 20.0  # what covering one costs
+
+
+@dataclass(frozen=True)
+class Word:
+    """What is written beside a place of the map, in a round; 0: in all."""
+
+    text: str
+    at_m: tuple[float, ...]  # x and y
+    round: int = 0
+
+
+@dataclass(frozen=True)
+class Look:
+    """How far from the middle of their marks words stand, and how they look."""
+
+    gap_px: float = 11.0
+    font_px: float = 9.5
+    colour: str = INK
+
+
+CROWDED = Look(7.0, 8.0)
+NAME = Look(12.0, 10.0, SOFT)  # of start and home
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What words must not cover."""
+
+    dots: Floats  # (n, 3) x and y on the map, radius in pixels
+    lines: Sequence[tuple[int, Floats]]  # round (0: of all), and points (n, 2) on the map
+
+
+def words(
+    frame: Frame, each: Sequence[tuple[Look, Sequence[Word]]], drawn: Drawn
+) -> list[alt.Chart]:
+    """The words, of which the first choose their places first."""
+    dots = np.column_stack((frame.pixels(drawn.dots[:, :2]), drawn.dots[:, 2]))
+    parts = [_dotted(frame.pixels(points)) for _, points in drawn.lines]
+    points = np.vstack((np.empty((0, 2)), *parts))
+    numbers = np.array([number for number, _ in drawn.lines], dtype=np.int64)
+    of_round = np.repeat(numbers, [len(part) for part in parts])
+    taken, taken_in = np.empty((0, 4)), np.empty(0, dtype=np.int64)
+    halos, texts = [], []
+    for look, items in each:
+        sides = []
+        for word in items:
+            seen = points[_together(of_round, word.round)]
+            others = taken[_together(taken_in, word.round)]
+            at = frame.pixels(np.array([word.at_m]))[0]
+            side, box = _best(frame, look, word, at, dots, seen, others)
+            taken, taken_in = np.vstack((taken, box)), np.append(taken_in, word.round)
+            sides.append(side)
+        for side in dict.fromkeys(sides):
+            mine = [word for word, own in zip(items, sides, strict=True) if own == side]
+            halo, text = _layers(frame, look, side, mine)
+            halos.append(halo)
+            texts.append(text)
+    return halos + texts
+
+
+def _together(rounds: Ints, other: int) -> Bools:
+    """Which of some rounds are ever seen at once with another."""
+    return np.asarray((rounds == other) | (rounds == 0) | (other == 0))
+
+
+def _offset(side: tuple[int, int], gap_px: float) -> tuple[float, float]:
+    across, down = _ROUND_THE_MARK[abs(side[0]), abs(side[1])]
+    return side[0] * across * gap_px, side[1] * down * gap_px
+
+
+def _best(
+    frame: Frame, look: Look, word: Word, at: Floats, dots: Floats, points: Floats, others: Floats
+) -> tuple[tuple[int, int], Floats]:
+    wide, high = _WIDE * look.font_px * len(word.text), _HIGH * look.font_px
+    rivals = dots[np.hypot(*(dots[:, :2] - at).T) > 1.0]
+    best: tuple[float, tuple[int, int], Floats] | None = None
+    for rank, side in enumerate(_SIDES):
+        dx, dy = _offset(side, look.gap_px)
+        left, top = at[0] + dx - (1 - side[0]) / 2.0 * wide, at[1] + dy - high / 2.0
+        box = np.array([left, top, left + wide, top + high])
+        inside = (points >= box[:2]) & (points <= box[2:])
+        away = np.hypot(*(np.clip(rivals[:, :2], box[:2], box[2:]) - rivals[:, :2]).T)
+        shared = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
+        out = (box < 0.0).any() or box[2] > frame.width or box[3] > frame.height
+        cost = (
+            _ORDER * rank
+            + _LINE * float(inside.all(axis=1).sum())
+            + _DOT * float(np.maximum(rivals[:, 2] - away, 0.0).sum())
+            + _WORD * float(np.maximum(shared, 0.0).prod(axis=1).sum())
+            + _OUTSIDE * bool(out)
+        )
+        if best is None or cost < best[0]:
+            best = cost, side, box
+    assert best is not None
+    return best[1], best[2]
+
+
+def _dotted(points: Floats) -> Floats:
+    """Points of a line, close enough that no word lies between them."""
+    legs = np.hypot(*np.diff(points, axis=0).T)
+    counts = np.maximum(np.ceil(legs / _EACH_PX).astype(np.int64), 1)
+    parts = [
+        np.linspace(a, b, count, endpoint=False)
+        for a, b, count in zip(points[:-1], points[1:], counts, strict=True)
+    ]
+    return np.vstack((*parts, points[-1:]))
+
+
+def _layers(
+    frame: Frame, look: Look, side: tuple[int, int], mine: Sequence[Word]
+) -> tuple[alt.Chart, alt.Chart]:
+    """Words on one side of their marks, under them a rim of paper where they must cover a line."""
+    data = table(
+        round=[word.round for word in mine],
+        x=[word.at_m[0] for word in mine],
+        y=[word.at_m[1] for word in mine],
+        word=[word.text for word in mine],
+    )
+    dx, dy = _offset(side, look.gap_px)
+    places = frame.chart(data).encode(text="word:N")
+    shape: dict[str, Any] = {"align": _ALIGN[side[0]], "dx": dx, "dy": dy, "fontSize": look.font_px}
+    rim: dict[str, Any] = {"stroke": PAPER, "strokeWidth": 2.5, "strokeOpacity": 0.8}
+    return places.mark_text(color=PAPER, **rim, **shape), places.mark_text(
+        color=look.colour, **shape
+    )
