@@ -195,14 +195,14 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
         KeyboardInterrupt: it was interrupted again.
     """
 
-    folder = as_path(path, "path")
+    found = as_path(path, "path")
 
     def fly(console: "RunConsole") -> int:
         from mission.run.session import resume_session
 
-        return resume_session(folder, console=console)
+        return resume_session(found, console=console)
 
-    return _flown(fly, folder, quiet=quiet)
+    return _flown(fly, found, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:
