@@ -43,7 +43,7 @@ def plan(
         method = make_planner(chosen)
     elif options:
         raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")
-    elif not callable(getattr(planner, "plan", None)):
+    elif isinstance(planner, type) or not callable(getattr(planner, "plan", None)):
         raise InputError(
             f"planner = {shown(planner)}: must be a planner's name, or an object with plan(problem)"
         )

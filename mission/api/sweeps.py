@@ -63,7 +63,8 @@ class Sweep:
         """
         from mission.report.sweep_page import write_sweep_report
 
-        return write_sweep_report(self.path, as_path(target or self.path / "report.html", "target"))
+        page = self.path / "report.html" if target is None else as_path(target, "target")
+        return write_sweep_report(self.path, page)
 
     @cached_property
     def _state(self) -> "SweepState":

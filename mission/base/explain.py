@@ -80,7 +80,8 @@ def _of_option(option: str, value: object, reason: str) -> str:
 def shown(value: object) -> str:
     """A value as TOML and JSON have it; shortened if it is long."""
     text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
-    text = text.replace("\n", "")  # of arrays
+    if "\n" in text:  # of arrays
+        text = " ".join(text.split())
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 

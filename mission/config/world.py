@@ -50,7 +50,8 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
     )
     area = _with_rings(area, blame)
     placed = config.model_copy(update={"area": area, "communities": communities})
-    _check_inside(placed, found, blame.source, sized="size_m" in config.area.model_fields_set)
+    given = {"size_m", "home_lat_deg"} & config.area.model_fields_set
+    _check_inside(placed, found, blame.source, fixed=bool(given))
     return placed
 
 
@@ -334,9 +335,9 @@ def _pair(values: Floats) -> Pair:
 
 
 def _check_inside(
-    config: RunConfig, found: dict[int, tuple[Place, ...]], source: str, *, sized: bool
+    config: RunConfig, found: dict[int, tuple[Place, ...]], source: str, *, fixed: bool
 ) -> None:
-    """Refuse devices outside the area; `sized` says whether its size was given."""
+    """Refuse devices outside the area; `fixed` says whether its size or place was given."""
     width, height = config.area.size_m
     for index, community in enumerate(config.communities):
         for device, (x, y) in enumerate(community.positions_m or ()):
@@ -346,7 +347,7 @@ def _check_inside(
                 allowed = (
                     f", outside the area: x must be from 0 to {width:g}, y from 0 to {height:g} m "
                     "from its south-west corner (area.size_m)"
-                    if sized or min(x, y) >= 0.0
+                    if fixed or min(x, y) >= 0.0
                     else ": x and y must be 0 or more, from the area's south-west corner; add the "
                     "same to all places"
                 )

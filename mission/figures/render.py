@@ -114,17 +114,17 @@ def libraries() -> str:
     Raises:
         AerofedError: no memory for it.
     """
-    try:
-        (script,) = _libraries().result()
-    except AerofedError:
-        _libraries.cache_clear()  # there may be memory another time
-        raise
+    begin_libraries()
+    (script,) = _libraries().result()
     return script.decode()
 
 
 def begin_libraries() -> None:
     """Let `libraries` be made while other things are drawn: it takes as long as they do."""
-    _libraries()
+    begun = _libraries()
+    if begun.done() and begun.exception() is not None:  # there may be memory another time
+        _libraries.cache_clear()
+        _libraries()
 
 
 @cache

@@ -1,13 +1,13 @@
 """Words beside marks of a map, placed so that they cover neither each other nor what is drawn."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import altair as alt
 import numpy as np
 
-from mission.base.arrays import Bools, Floats, Ints
+from mission.base.arrays import Floats
 from mission.figures.frame import Frame
 from mission.figures.style import INK, PAPER, SOFT, table
 
@@ -55,20 +55,19 @@ def words(
 ) -> list[alt.Chart]:
     """The words, of which the first choose their places first."""
     dots = np.column_stack((frame.pixels(drawn.dots[:, :2]), drawn.dots[:, 2]))
-    parts = [_dotted(frame.pixels(points)) for _, points in drawn.lines]
-    points = np.vstack((np.empty((0, 2)), *parts))
-    numbers = np.array([number for number, _ in drawn.lines], dtype=np.int64)
-    of_round = np.repeat(numbers, [len(part) for part in parts])
-    taken, taken_in = np.empty((0, 4)), np.empty(0, dtype=np.int64)
+    lines: dict[int, list[Floats]] = {}
+    for number, points in drawn.lines:
+        lines.setdefault(number, []).append(_dotted(frame.pixels(points)))
+    seen = {number: _together(lines, number) for number in {0, *_rounds(each)}}
+    taken: dict[int, list[Floats]] = {}
     halos, texts = [], []
     for look, items in each:
         sides = []
         for word in items:
-            seen = points[_together(of_round, word.round)]
-            others = taken[_together(taken_in, word.round)]
             at = frame.pixels(np.array([word.at_m]))[0]
-            side, box = _best(frame, look, word, at, dots, seen, others)
-            taken, taken_in = np.vstack((taken, box)), np.append(taken_in, word.round)
+            others = _together(taken, word.round, columns=4)
+            side, box = _best(frame, look, word, at, dots, seen[word.round], others)
+            taken.setdefault(word.round, []).append(box[None])
             sides.append(side)
         for side in dict.fromkeys(sides):
             mine = [word for word, own in zip(items, sides, strict=True) if own == side]
@@ -78,9 +77,15 @@ def words(
     return halos + texts
 
 
-def _together(rounds: Ints, other: int) -> Bools:
-    """Which of some rounds are ever seen at once with another."""
-    return np.asarray((rounds == other) | (rounds == 0) | (other == 0))
+def _rounds(each: Sequence[tuple[Look, Sequence[Word]]]) -> set[int]:
+    return {word.round for _, items in each for word in items}
+
+
+def _together(parts: Mapping[int, Sequence[Floats]], number: int, *, columns: int = 2) -> Floats:
+    """All rows that are ever seen at once with those of a round; 0 stands for all rounds."""
+    rounds = parts if number == 0 else {0, number}
+    rows = [row for other in rounds for row in parts.get(other, ())]
+    return np.vstack((np.empty((0, columns)), *rows))
 
 
 def _offset(side: tuple[int, int], gap_px: float) -> tuple[float, float]:
@@ -92,7 +97,11 @@ def _best(
     frame: Frame, look: Look, word: Word, at: Floats, dots: Floats, points: Floats, others: Floats
 ) -> tuple[tuple[int, int], Floats]:
     wide, high = _WIDE * look.font_px * len(word.text), _HIGH * look.font_px
-    rivals = dots[np.hypot(*(dots[:, :2] - at).T) > 1.0]
+    # What no word beside the mark can reach is left out before eight sides are tried.
+    reach = wide + high + 1.4 * look.gap_px
+    points = points[(np.abs(points - at) <= reach).all(axis=1)]
+    away = np.hypot(*(dots[:, :2] - at).T)
+    rivals = dots[(away > 1.0) & (away <= 1.5 * reach + dots[:, 2])]
     best: tuple[float, tuple[int, int], Floats] | None = None
     for rank, side in enumerate(_SIDES):
         dx, dy = _offset(side, look.gap_px)

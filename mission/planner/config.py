@@ -70,6 +70,6 @@ class PlannerConfig(BaseModel):
         verb = "is" if len(loose) == 1 else "are"
         return (
             f"{len(loose)} of {count(len(gaps), 'plan')} {verb} proven less closely than "
-            f"planner.gap = {self.gap:g} asks, the loosest to {100.0 * max(loose):.1f} % of the "
-            "best possible; docs/planner.md says what is proven where"
+            f"planner.gap = {self.gap:g} asks: the largest gap is {100.0 * max(loose):.1f} %; "
+            "docs/planner.md says what is proven where"
         )

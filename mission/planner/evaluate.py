@@ -5,8 +5,7 @@ Everything here uses the exact average PER, so that plans of all methods are com
 
 import math
 from dataclasses import replace
-from numbers import Real
-from typing import SupportsIndex
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -222,10 +221,10 @@ def check_problem(problem: RoundProblem) -> None:
             f"importance has shape {problem.importance.shape}: must be ({len(devices)},), "
             "one value a device"
         )
-    if problem.upload_s is not None and problem.upload_s.shape != (len(devices),):
+    upload_s = np.zeros(len(devices)) if problem.upload_s is None else problem.upload_s
+    if upload_s.shape != (len(devices),):
         raise PlanInputError(
-            f"upload_s has shape {problem.upload_s.shape}: must be ({len(devices)},), "
-            "one value a device"
+            f"upload_s has shape {upload_s.shape}: must be ({len(devices)},), one value a device"
         )
     if problem.start_m.shape != (2,):
         raise PlanInputError(f"start has shape {problem.start_m.shape}: must be (2,), x and y")
@@ -235,16 +234,18 @@ def check_problem(problem: RoundProblem) -> None:
         ("start", problem.start_m),
         ("path_budget_m", np.asarray(problem.path_budget_m)),
         ("altitudes_m", np.asarray(problem.altitudes_m or ())),
+        ("upload_s", upload_s),
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             where = "".join(f"[{i}]" for i in bad[0])
             value = values[tuple(bad[0])]
             raise PlanInputError(f"{name}{where} = {value}: must be a finite number")
-    negative = np.flatnonzero(problem.importance < 0.0)
-    if len(negative):
-        k = int(negative[0])
-        raise PlanInputError(f"importance[{k}] = {problem.importance[k]}: must be 0 or more")
+    for name, values in (("importance", problem.importance), ("upload_s", upload_s)):
+        negative = np.flatnonzero(values < 0.0)
+        if len(negative):
+            k = int(negative[0])
+            raise PlanInputError(f"{name}[{k}] = {values[k]}: must be 0 or more")
     if (
         problem.altitudes_m is not None
         and not 0.0 < problem.altitudes_m[0] < problem.altitudes_m[1]
@@ -275,7 +276,7 @@ def _check_types(problem: RoundProblem) -> None:
     must("channel", is_channel, 'a Channel, such as aerofed.channel("urban")')
     must("path_budget_m", isinstance(problem.path_budget_m, Real), "a number of metres")
     for name in ("steps", "per_step"):
-        is_whole = isinstance(getattr(problem, name), SupportsIndex)
+        is_whole = isinstance(getattr(problem, name), Integral)
         must(name, is_whole, "a whole number of 1 or more")
     heights = problem.altitudes_m
     listed = heights if isinstance(heights, tuple | list) else ()

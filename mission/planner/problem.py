@@ -42,7 +42,9 @@ class RoundProblem:
     upload_s: Floats | None = None
 
     def __post_init__(self) -> None:
-        _make_arrays(self, "devices_m", "importance", "start_m", "upload_s")
+        _make_arrays(self, "devices_m", "importance", "start_m")
+        if self.upload_s is not None:
+            _make_arrays(self, "upload_s")
 
     @property
     def most_m(self) -> float:
@@ -64,15 +66,17 @@ def relative_gap(value: float, upper_bound: float) -> float:
 
 
 def _make_arrays(item: object, *names: str, dtype: DTypeLike = np.float64) -> None:
-    """Make arrays of a frozen dataclass's fields, which may be lists and tuples; None stays."""
+    """Make arrays of a frozen dataclass's fields, which may be lists and tuples."""
     for name in names:
         value = getattr(item, name)
-        if value is None:
-            continue
         try:
-            made: NDArray[np.generic] = np.asarray(value, dtype=dtype)
-        except (TypeError, ValueError):
-            raise PlanInputError(f"{name} = {shown(value)}: must be an array of numbers") from None
+            given: NDArray[np.generic] = np.asarray(value)
+        except ValueError:  # rows of different lengths
+            given = np.empty(0, dtype=object)
+        made = given.astype(dtype, copy=False) if given.dtype.kind in "biuf" else None
+        if made is None or (dtype is np.bool_ and (made != given).any()):
+            kind = "truth values" if dtype is np.bool_ else "numbers"
+            raise PlanInputError(f"{name} = {shown(value)}: must be an array of {kind}")
         object.__setattr__(item, name, made)
 
 

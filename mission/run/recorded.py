@@ -94,6 +94,7 @@ def fly_recorded(
             try:
                 page(folder.path)
             except InputError as error:
+                goes_on = ""  # all is flown
                 again = f"aerofed report {folder.path} makes the page once that is mended"
                 raise error.in_words(f"{error}; {again}") from error.__cause__
         if outcome.status != "finished":

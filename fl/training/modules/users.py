@@ -49,10 +49,9 @@ def built(factory: Factory, images: Tensor, *, name: str) -> nn.Module:
         raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
     if next(iter(module.parameters()), None) is None:
         raise NetworkError(name, "it has no parameters")
-    for key in _unsized(module):
-        raise NetworkError(
-            name, f"{key} has no size after a forward pass: use its layer, or give that its sizes"
-        )
+    if unsized := _unsized(module):
+        reason = f"no forward pass uses the layer of {unsized[0]}: use it, or give it sizes"
+        raise NetworkError(name, reason)
     for key, value in module.named_parameters():
         if not value.requires_grad:
             raise NetworkError(name, f"parameter {key} is frozen; all parameters are trained")

@@ -190,7 +190,7 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
         ("needs_argument", "calling it fails"),
         ("needs_a_file", "calling it fails: FileNotFoundError: weights.pt"),
         ("gives_up", "calling it fails: SystemExit: 3"),
-        ("NeverUsed", "spare.weight has no size after a forward pass: use its layer"),
+        ("NeverUsed", "no forward pass uses the layer of spare.weight: use it"),
         ("not_a_module", "gives an int"),
         ("double", "torch.float64"),
         ("frozen", r"parameter layers\.1\.weight is frozen"),

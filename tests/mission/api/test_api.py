@@ -292,6 +292,10 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.plan(problem(start_m=4)), r"^start has shape \(\): must be"),
         (lambda: aerofed.plan(problem(upload_s=4)), r"^upload_s has shape \(\): must be"),
         (lambda: problem(start_m="home"), "^start_m = 'home': must be an array of numbers"),
+        (lambda: problem(importance=None), "^importance = null: must be an array of numbers"),
+        (lambda: problem(importance=["1"]), r"^importance = \['1'\]: must be an array of numbers"),
+        (lambda: aerofed.plan(problem(upload_s=[1, 1, -1])), r"^upload_s\[2\] = -1.0: must be 0"),
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [[0.5]], 1.0), "^schedule = .*: must be an array"),
         (lambda: problem(devices_m=[(1, 2), (3,)]), r"^devices_m = \[.*: must be an array of"),
     ],
 )  # fmt: skip

@@ -399,3 +399,22 @@ def test_labels_of_whole_numbers_are_few_and_round(count: int, first: int) -> No
     assert found[0] == first
     assert len(found) <= 14
     assert found == sorted(set(found))
+
+
+def test_libraries_are_made_again_where_they_failed_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where Ctrl-C ended their process, in a notebook that goes on."""
+    failing = iter((AerofedError("no memory"),))
+
+    def drawn(_: object) -> list[bytes]:
+        for error in failing:
+            raise error
+        return [b"script"]
+
+    monkeypatch.setattr(render, "_drawn", drawn)
+    render._libraries.cache_clear()
+    try:
+        with pytest.raises(AerofedError, match="no memory"):
+            render.libraries()
+        assert render.libraries() == "script"
+    finally:
+        render._libraries.cache_clear()

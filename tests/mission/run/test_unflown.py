@@ -178,7 +178,9 @@ def test_a_page_without_room_is_made_later(
 
     monkeypatch.setattr("mission.report.page.write_report", full)
     assert play(out, rounds=1) == 2
-    assert f"; aerofed report {out} makes the page once that is mended" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"; aerofed report {out} makes the page once that is mended" in said
+    assert "--resume" not in said
     monkeypatch.undo()
     assert call(["report", str(out)]) == 0
     assert (out / "report.html").is_file()
