@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -115,24 +114,20 @@ def libraries() -> str:
         AerofedError: no memory for it.
     """
     begin_libraries()
-    (script,) = _libraries().result()
+    (script,) = _begun[0].result()
     return script.decode()
+
+
+_begun: list[Future[list[bytes]]] = []  # none or one
 
 
 def begin_libraries() -> None:
     """Let `libraries` be made while other things are drawn: it takes as long as they do."""
-    begun = _libraries()
-    if begun.done() and begun.exception() is not None:  # there may be memory another time
-        _libraries.cache_clear()
-        _libraries()
-
-
-@cache
-def _libraries() -> Future[list[bytes]]:
+    if _begun and not (_begun[0].done() and _begun[0].exception() is not None):
+        return  # what failed is tried again: there may be memory another time
     beside = ThreadPoolExecutor(1)
-    made = beside.submit(_drawn, [("libraries", "window.vegaEmbed = vegaEmbed;")])
+    _begun[:] = [beside.submit(_drawn, [("libraries", "window.vegaEmbed = vegaEmbed;")])]
     beside.shutdown(wait=False)
-    return made
 
 
 def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
