@@ -98,8 +98,8 @@ def _by_clock(
 
 _LABELS: dict[Sampling, str] = {
     by_round: "round",
-    by_distance: "distance flown (km); in a hover, its cost",
-    by_time: "simulated time (min)",
+    by_distance: "distance flown (km), mean over seeds; in a hover, its cost",
+    by_time: "simulated time (min), mean over seeds",
 }
 
 

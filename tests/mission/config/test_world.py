@@ -104,6 +104,13 @@ def test_home_that_is_given_stays_where_it_is(load, tmp_path: Path) -> None:
     assert config.area.home_m == (100, 150)
 
 
+def test_places_west_of_a_home_that_is_fixed_are_not_told_to_move(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN))
+    area = "[area]\nhome_lat_deg = 43.58\nhome_lon_deg = 7.2\nhome_m = [100, 150]\n"
+    with pytest.raises(InputError, match=r"outside the area: x must be from 0 to .*area.size_m"):
+        load(text + area)
+
+
 def test_shares_say_who_has_how_much_of_the_data(load, tmp_path: Path) -> None:
     text = from_file(tmp_path, "d.geojson", points(*TOWN, share=[2, 1, 1]))
     scenario = build_scenario(load(text), data_dir=None)

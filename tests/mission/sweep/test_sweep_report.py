@@ -105,7 +105,7 @@ def test_every_picture_says_which_sweep_and_seeds_it_shows() -> None:
         assert spec["title"]["subtitle"].startswith("s · seeds 1, 2, 3")
         assert all(panel["title"]["text"] for panel in spec["vconcat"])
     assert axes(described(pictures["accuracy-time.png"])) == {
-        "simulated time (min)", "accuracy (%)",
+        "simulated time (min), mean over seeds", "accuracy (%)",
     }  # fmt: skip
     assert keys(described(pictures["fairness.png"]))["color"] == ["cov", "no_cov", "ideal"]
 
