@@ -12,7 +12,8 @@ from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
-PARTITIONS = ("labels", "dirichlet", "iid", "owners")
+WEIGHED_PARTITIONS = ("labels", "dirichlet", "iid")
+PARTITIONS = (*WEIGHED_PARTITIONS, "owners")
 GATES = ("average", "instantaneous")
 
 USUAL_DEVICES = 6  # of a community that says nothing of them
@@ -149,7 +150,8 @@ class CommunityConfig(_Frozen):
         min_length=1,
         max_length=1000,
         description="a weight for each device when samples are split: of all data with partition = "
-        "'iid', of each class among its owners with 'labels'; without it all weigh alike",
+        "'iid', of each class among its owners with 'labels', of what is drawn with 'dirichlet'; "
+        "without it all weigh alike",
     )
     devices: int = Field(
         default_factory=lambda known: len(known.get("positions_m") or ()) or USUAL_DEVICES,
@@ -224,6 +226,15 @@ class CommunityConfig(_Frozen):
                     f"{name} has {len(values)} entries for {self.devices} devices; there must be "
                     "one for each"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _shares_where_they_weigh(self) -> Self:
+        if self.data_shares is not None and self.partition not in WEIGHED_PARTITIONS:
+            raise ValueError(
+                f"data_shares weighs nothing with partition = {self.partition!r}, which says "
+                f"itself who has how much: leave it out, or have {', '.join(WEIGHED_PARTITIONS)}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from fl.config import CommunityConfig
+from fl.config import WEIGHED_PARTITIONS, CommunityConfig
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -202,7 +202,7 @@ def _placed(
         "positions_file": None,
         "devices": len(places),
     }
-    if places[0].share is not None:
+    if places[0].share is not None and community.partition in WEIGHED_PARTITIONS:
         known["data_shares"] = tuple(place.share for place in places)
     for name in ("data_shares", "compute_times_s"):
         given = known.get(name, getattr(community, name))

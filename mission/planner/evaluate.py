@@ -15,7 +15,7 @@ from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem, as_waypoints
 from mission.planner.schedule import assign
 
 ALTITUDES = 17  # that are looked at together
@@ -50,8 +50,12 @@ def path_length(waypoints_m: Floats) -> float:
 
 
 def fit_budget(waypoints_m: ArrayLike, path_budget_m: float) -> Floats:
-    """The waypoints, shrunk about the first one if the path is longer than the budget."""
-    waypoints = np.asarray(waypoints_m, dtype=np.float64)
+    """The waypoints, shrunk about the first one if the path is longer than the budget.
+
+    Raises:
+        PlanInputError: the waypoints are no array (N, 2) of numbers.
+    """
+    waypoints = as_waypoints(waypoints_m)
     length = path_length(waypoints)
     if length <= path_budget_m:
         return waypoints
@@ -72,8 +76,11 @@ def finish(
 
     Where not everywhere may be flown, waypoints are moved out of where they may not be, and the
     path leads around; what the budget does not pay for of that is left out.
+
+    Raises:
+        PlanInputError: the waypoints are no array (steps, 2) of numbers.
     """
-    waypoints, via = allowed_path(problem, waypoints_m)
+    waypoints, via = allowed_path(problem, as_waypoints(waypoints_m, problem.steps))
     if problem.altitudes_m is None:
         schedule, value = scheduled(problem, waypoints)
         altitude_m = None
@@ -133,15 +140,13 @@ def _best_altitude(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) 
     return best_m
 
 
-def allowed_path(
-    problem: RoundProblem, waypoints_m: ArrayLike
-) -> tuple[Floats, tuple[Floats, ...]]:
+def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tuple[Floats, ...]]:
     """Waypoints (N, 2), moved to where may be flown, and corners (C, 2) between each and the next.
 
     The start stays. A waypoint to which no way leads is where the one before it is; the path ends
     where the budget does.
     """
-    space, waypoints = problem.airspace, np.array(waypoints_m, dtype=np.float64)
+    space, waypoints = problem.airspace, waypoints_m.copy()
     if space.is_open:
         return waypoints, ()
     waypoints[1:] = space.moved(waypoints[1:])

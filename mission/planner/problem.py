@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from fl.radio.channel import Channel
 from mission.base import polyline
@@ -65,19 +65,39 @@ def relative_gap(value: float, upper_bound: float) -> float:
     return 0.0 if upper_bound == 0.0 else (upper_bound - value) / upper_bound
 
 
-def _make_arrays(item: object, *names: str, dtype: DTypeLike = np.float64) -> None:
-    """Make arrays of a frozen dataclass's fields, which may be lists and tuples."""
+def as_waypoints(value: ArrayLike, steps: int | None = None) -> Floats:
+    """The array (N, 2) of waypoints that are given as one, or as lists or tuples; N is `steps`,
+    where that is said.
+
+    Raises:
+        PlanInputError: they are no such array.
+    """
+    made = _as_array("waypoints_m", value)
+    if made.ndim != 2 or made.shape[1] != 2 or steps not in (None, len(made)):
+        rows = "N" if steps is None else steps
+        raise PlanInputError(
+            f"waypoints_m has shape {made.shape}: must be ({rows}, 2), x and y in metres at each "
+            "step"
+        )
+    return made
+
+
+def _as_array(name: str, value: object, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    try:
+        given: NDArray[np.generic] = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        given = np.empty(0, dtype=object)
+    made = given.astype(dtype, copy=False) if given.dtype.kind in "biuf" else None
+    if made is None or (dtype is np.bool_ and (made != given).any()):
+        kind = "truth values" if dtype is np.bool_ else "numbers"
+        raise PlanInputError(f"{name} = {shown(value)}: must be an array of {kind}")
+    return made
+
+
+def _make_arrays(item: object, *names: str) -> None:
+    """Make arrays of numbers of a frozen dataclass's fields, which may be lists and tuples."""
     for name in names:
-        value = getattr(item, name)
-        try:
-            given: NDArray[np.generic] = np.asarray(value)
-        except ValueError:  # rows of different lengths
-            given = np.empty(0, dtype=object)
-        made = given.astype(dtype, copy=False) if given.dtype.kind in "biuf" else None
-        if made is None or (dtype is np.bool_ and (made != given).any()):
-            kind = "truth values" if dtype is np.bool_ else "numbers"
-            raise PlanInputError(f"{name} = {shown(value)}: must be an array of {kind}")
-        object.__setattr__(item, name, made)
+        object.__setattr__(item, name, _as_array(name, getattr(item, name)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,7 +107,7 @@ class RoundPlan:
     Lists and tuples become arrays.
 
     Raises:
-        PlanInputError: something that is to be an array is none of numbers.
+        PlanInputError: waypoints or schedule are no arrays of numbers, or of a wrong shape.
     """
 
     waypoints_m: Floats  # (N, 2) area coordinates in metres; the first is the start
@@ -102,8 +122,14 @@ class RoundPlan:
     foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
 
     def __post_init__(self) -> None:
-        _make_arrays(self, "waypoints_m")
-        _make_arrays(self, "schedule", dtype=np.bool_)
+        object.__setattr__(self, "waypoints_m", as_waypoints(self.waypoints_m))
+        schedule = _as_array("schedule", self.schedule, np.bool_)
+        if schedule.ndim != 2 or len(schedule) != len(self.waypoints_m):
+            raise PlanInputError(
+                f"schedule has shape {schedule.shape}: must be ({len(self.waypoints_m)}, K), for "
+                "each step who transmits then"
+            )
+        object.__setattr__(self, "schedule", schedule)
 
     def __repr__(self) -> str:
         # Without its arrays, which are as long as there are steps and devices.

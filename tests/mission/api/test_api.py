@@ -297,6 +297,10 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.plan(problem(upload_s=[1, 1, -1])), r"^upload_s\[2\] = -1.0: must be 0"),
         (lambda: UNTYPED.RoundPlan([(0, 0)], [[0.5]], 1.0), "^schedule = .*: must be an array"),
         (lambda: problem(devices_m=[(1, 2), (3,)]), r"^devices_m = \[.*: must be an array of"),
+        (lambda: UNTYPED.RoundPlan([0, 0], [[1]], 1.0), r"^waypoints_m has .* \(2,\): .* \(N, 2\)"),
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [1], 1.0), r"^schedule has shape \(1,\): .* \(1, K\)"),
+        (lambda: aerofed.fit_budget([(1, 2, 3)], 9.0), r"^waypoints_m has shape \(1, 3\): must be"),
+        (lambda: aerofed.finish(problem(), [(0, 0)]), r"^waypoints_m has .*: must be \(\d, 2\)"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:

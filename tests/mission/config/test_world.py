@@ -127,6 +127,19 @@ def test_the_devices_of_a_run_go_back_in(load, tmp_path: Path, partition: str) -
     assert build_scenario(again, data_dir=None).devices_csv() == first
 
 
+def test_shares_are_refused_where_the_partition_weighs_nothing(load) -> None:
+    words = "data_shares weighs nothing with partition = 'owners'.* or have labels, dirichlet, iid"
+    with pytest.raises(InputError, match=words):
+        load(BASE.replace("iid", "owners") + "devices = 2\ndata_shares = [1, 2]\n")
+
+
+def test_shares_of_a_file_are_left_where_owners_share_out(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN, share=[2, 1, 1])).replace("iid", "owners")
+    config = load(text)
+    assert config.communities[0].data_shares is None
+    assert load(config.to_toml()) == config
+
+
 def test_the_resolved_configuration_needs_no_file(load, tmp_path: Path) -> None:
     config = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
     (tmp_path / "d.geojson").unlink()

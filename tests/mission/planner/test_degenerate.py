@@ -121,7 +121,7 @@ def test_a_problem_without_sense_is_refused(changes, message):
         ),
         ({"value": 17.0}, "claims a value of 17.0"),
         ({"upper_bound": 0.01}, "claims that none is worth more than 0.01, and is worth"),
-        ({"waypoints_m": np.zeros((3, 2))}, r"waypoints \(3, 2\)"),
+        ({"waypoints_m": np.zeros((3, 2)), "schedule": np.zeros((3, 4))}, r"waypoints \(3, 2\)"),
         ({"waypoints_m": np.full((4, 2), np.nan)}, "not finite"),
     ],
 )
