@@ -1,10 +1,12 @@
 """What several areas of the tests share."""
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
+from drawing import undrawn
 
 # No test depends on how fast the machine is.
 hypothesis.settings.register_profile("aerofed", deadline=None)
@@ -21,6 +23,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "shared_data" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.real)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _undrawn() -> Iterator[None]:
+    """Tests that look at pictures say `with drawn()`."""
+    with undrawn():
+        yield
 
 
 @pytest.fixture(scope="session")

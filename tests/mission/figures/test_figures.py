@@ -4,6 +4,7 @@ import itertools
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from described import axes, described, keys, layers, rows, tables
+from drawing import drawn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
@@ -38,6 +40,12 @@ from mission.log.values import LearningRecord, Zone
 from mission.log.write.writer import FlightLog
 
 PNG = b"\x89PNG\r\n"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _drawn() -> Iterator[None]:
+    with drawn():
+        yield
 
 
 def size_of(png: bytes) -> tuple[int, int]:

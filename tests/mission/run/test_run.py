@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_runs
+from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S, until
 
@@ -45,7 +46,8 @@ def digests(folder: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "first"
-    assert fly(out) == 0
+    with drawn():
+        assert fly(out) == 0
     return out
 
 
@@ -55,7 +57,10 @@ def test_a_run_leaves_what_it_promises(run: Path) -> None:
         "config.toml", "devices.csv", "rounds.csv", "uplinks.csv", "flight.mcap", "summary.json",
         "figures", "checkpoint", "plans",
     }  # fmt: skip
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (run / "figures").iterdir())
+    for picture in (run / "figures").iterdir():
+        content = picture.read_bytes()
+        assert content.startswith(b"\x89PNG")
+        assert len(content) > 5000  # more than a dot
     rounds, uplinks = rows(run / "rounds.csv"), rows(run / "uplinks.csv")
     assert [row["round"] for row in rounds] == ["1", "2"]
     assert len(uplinks) == sum(int(row["scheduled"]) for row in rounds) > 0

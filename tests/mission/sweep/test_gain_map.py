@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from described import described, layers
+from drawing import drawn
 
 from mission.base.errors import InputError
 from mission.cli import call
@@ -71,8 +72,8 @@ def test_participation_stands_beside_it() -> None:
 
 def test_a_setting_that_only_one_of_them_has_flown_has_no_cell() -> None:
     some = [r for r in results() if r.point.strategy == "cov" or r.point.settings[0][1] == 2]
-    for drawn in (gain_map, participation_map):
-        (rows,) = described(drawn(some, "no_cov", "a"))["datasets"].values()
+    for chart in (gain_map, participation_map):
+        (rows,) = described(chart(some, "no_cov", "a"))["datasets"].values()
         assert [row["down"] for row in rows] == ["2", "2"]
 
 
@@ -126,10 +127,12 @@ def test_the_tables_alone_are_a_sweep(tables: Path) -> None:
 
 
 def test_one_command_makes_its_figures_and_tables_anew(tables: Path, tmp_path: Path) -> None:
-    drawn, text = tmp_path / "drawn", tmp_path / "table.md"
-    command = ["reproduction", str(tables), "--figures", str(drawn), "--out", str(text)]
-    assert call(command) == 0
-    assert {path.name for path in drawn.iterdir()} >= {"final.png", "gain-map-no_cov.png"}
+    figures, text = tmp_path / "figures", tmp_path / "table.md"
+    command = ["reproduction", str(tables), "--figures", str(figures), "--out", str(text)]
+    with drawn():
+        assert call(command) == 0
+    assert {path.name for path in figures.iterdir()} >= {"final.png", "gain-map-no_cov.png"}
+    assert all(path.stat().st_size > 5000 for path in figures.iterdir())  # more than a dot
     assert "| no_cov | steps = 2, extra_gain_db = -7.0 | a |" in text.read_text()
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from described import charts, rows
+from drawing import drawn
 from mcap.reader import make_reader
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
@@ -282,10 +283,12 @@ def test_its_folder_has_the_after_care_of_a_run(
 ) -> None:
     plan = written(tmp_path, TAKE_OFF, *CORNERS, RETURN)
     first, second = tmp_path / "a", tmp_path / "b"
-    for out in (first, second):
-        assert call(["fly", str(plan), "--out", str(out)]) == 0
+    with drawn():
+        assert call(["fly", str(plan), "--out", str(first)]) == 0
+    assert call(["fly", str(plan), "--out", str(second)]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
+    assert all(path.stat().st_size > 5000 for path in (first / "figures").iterdir())
     assert call(["compare", str(first)]) == 0
     assert capsys.readouterr().out.splitlines() == printed[: printed.index(f"results in {first}")]
     assert call(["compare", str(first), str(second / "flight.mcap"), "--json"]) == 0
