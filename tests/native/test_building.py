@@ -16,8 +16,8 @@ from native.errors import LibraryError
 
 @pytest.fixture
 def library(tmp_path):
-    """A copy of the planner's sources, without a library."""
-    original = building.LIBRARIES[1]
+    """A copy of the sources that compile soonest of those with levels, without a library."""
+    original = building.library("flight")
     folder = tmp_path / "native"
     shutil.copytree(original.folder, folder, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     return replace(original, folder=folder)
@@ -37,7 +37,7 @@ def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
     assert len(first) == 1
     loading.load(library)
     assert library.built == first
-    with (library.folder / "rewards.h").open("a") as file:
+    with (library.folder / "strapdown.h").open("a") as file:
         file.write("/* changed */\n")
     changed = replace(library)
     loading.load(changed)
@@ -69,8 +69,8 @@ def test_without_a_compiler_one_line_says_what_helps(library):
 
 
 def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(library):
-    (library.folder / "rewards.h").write_text("no C\n")
-    with pytest.raises(BuildError, match=r"rewards\.h:1:1: error: "):
+    (library.folder / "strapdown.h").write_text("no C\n")
+    with pytest.raises(BuildError, match=r"strapdown\.h:1:1: error: "):
         building.build(library)
     assert library.built == []
 

@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from toolchains import compile_all, compilers, exercised
+from toolchains import compile_all, compilers, exercised, others
 
 from mission.cli import call
 from native import building, loading
@@ -30,7 +30,7 @@ def test_every_level_gives_the_same_bytes(expected, level):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", compilers())
+@pytest.mark.parametrize("name", others())
 def test_every_compiler_gives_the_same_bytes(expected, name, tmp_path):
     compile_all(tmp_path, compilers()[name])
     ended = exercised(tmp_path)

@@ -7,7 +7,7 @@ from toolchains import compile_all, compilers, exercised
 
 pytestmark = pytest.mark.slow
 
-FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g")
+FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g1")
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,16 @@ def compilers() -> dict[str, list[str]]:
     return found
 
 
+def others() -> list[str]:
+    """Those that our own libraries are not built with anyway."""
+    ours = shutil.which(next(building.compilers(), ("",))[0])
+    return [
+        name
+        for name, (command, *_) in compilers().items()
+        if not ours or Path(shutil.which(command) or command).resolve() != Path(ours).resolve()
+    ]
+
+
 def compile_all(folder: Path, compiler: list[str], flags: tuple[str, ...] = ()) -> None:
     """All libraries, into a folder, for `exercised`."""
     for library in building.LIBRARIES:
