@@ -70,7 +70,10 @@ class Pilot:
         Raises:
             LinkLostError: it falls silent, or never becomes ready.
         """
-        await self._until(lambda: self.watch.armable, "become ready to arm")
+        while not self.watch.armable:
+            self._check_alive("become ready to arm")
+            await asyncio.sleep(POLL_S)
+            await self.watch.ask_armable()
 
     async def arm(self) -> None:
         """Release the motors, in a mode that takes no vehicle without a position."""

@@ -54,6 +54,10 @@ class Watch:
             group.create_task(self._watch_landed())
             group.create_task(self._watch_text())
 
+    async def ask_armable(self) -> None:
+        """Look whether the vehicle can be armed: MAVSDK tells it only once a second."""
+        self._take("armable", (await self._telemetry.health()).is_armable)
+
     def _changed(self) -> None:
         self._changed_at = asyncio.get_running_loop().time()
 

@@ -6,7 +6,7 @@ from sitl.autopilot.values.enums import Message
 
 DEFAULT_RATES_HZ: dict[Message, float] = {
     Message.HEARTBEAT: 1.0,
-    Message.SYS_STATUS: 2.0,
+    Message.SYS_STATUS: 10.0,  # every run waits for one that says that it may begin
     Message.SYSTEM_TIME: 1.0,
     Message.GPS_RAW_INT: 5.0,
     Message.ATTITUDE: 10.0,
@@ -23,6 +23,7 @@ DEFAULT_RATES_HZ: dict[Message, float] = {
 # What PX4 streams to a ground station (its mode "normal", and what it streams to MAVSDK's port
 # where a script may wait for it): for a vehicle that stands by itself.
 SERVED_RATES_HZ: dict[Message, float] = DEFAULT_RATES_HZ | {
+    Message.SYS_STATUS: 2.0,
     Message.ATTITUDE: 15.0,
     Message.SCALED_PRESSURE: 1.0,
     Message.SERVO_OUTPUT_RAW: 1.0,

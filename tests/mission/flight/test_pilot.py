@@ -65,3 +65,26 @@ def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, word
             return str(refusal.value)
 
     assert asyncio.run(run()) == f"the vehicle did not return and land: COMMAND_DENIED{words}"
+
+
+class FallsQuiet(RawLink):
+    """Heartbeats and home positions, on which MAVSDK tells of health, may stay away."""
+
+    quiet = False
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        told = (0, 242) if self.quiet else ()
+        super().send([f for f in frames if int.from_bytes(f[7:10], "little") not in told])
+
+
+def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
+    async def run() -> bool:
+        home = GeodeticPoint(43.6145, 7.0715, 130.0)
+        vehicle = Vehicle(VehicleConfig(), home=home, streams=RandomStreams(1))
+        link = FallsQuiet()
+        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+            link.quiet = True
+            await pilot.ready()
+            return pilot.watch.armable
+
+    assert asyncio.run(run())
