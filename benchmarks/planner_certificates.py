@@ -6,7 +6,7 @@ layouts adds to those of a shorter one. Layouts are drawn from seeds that no con
 planner was chosen on (`benchmarks/planner.py`). CPU time is that of planning, with the channel's
 tables at hand. Run:
 
-    python benchmarks/planner_certificates.py [--layouts 1] [--nodes 20000] [--only scarce]
+    python benchmarks/planner_certificates.py [--layouts 1] [--nodes 60000] [--only scarce]
 """
 
 import argparse
@@ -132,7 +132,7 @@ GROUPS = {"issue": issue, "small": small, "medium": medium, "large": large}
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--layouts", type=int, default=1)
-    parser.add_argument("--nodes", type=int, default=20_000)
+    parser.add_argument("--nodes", type=int, default=60_000)
     parser.add_argument("--only", choices=GROUPS, nargs="*", default=list(GROUPS))
     parser.add_argument("--verbose", action="store_true", help="every problem, on stderr")
     arguments = parser.parse_args()

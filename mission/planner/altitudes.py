@@ -43,7 +43,8 @@ ALIKE = 1.0 + 1e-9  # widths that differ by rounding
 PROMISING = 0.98  # of the best value: a path that is worth looking for its own best altitude
 LEFT_SHARE = 0.5  # of the gap: where e leaves less of it, a part is split
 WORTH_SHARE = 0.9  # the same, where a search has ended short of the gap
-MOST_SEARCHES = 6  # times `max_nodes` are looked into for all altitudes together
+MOST_SEARCHES = 2  # times `max_nodes` are looked into for all altitudes together
+MOST_BOUNDS = 6  # of potentials alone, for more than MOST_DEVICES
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,11 @@ class _Proof:
     def _least_nodes(self) -> int:
         """What a search costs at least; beyond MOST_DEVICES it looks into no nodes."""
         many = len(self.problem.importance) > MOST_DEVICES
-        return max(1, self.goal.max_nodes if many else LEAST_NODES)
+        return max(1, self._most_nodes // MOST_BOUNDS if many else LEAST_NODES)
+
+    @property
+    def _most_nodes(self) -> int:
+        return MOST_SEARCHES * self.goal.max_nodes
 
     @property
     def enough(self) -> float:
@@ -132,12 +137,15 @@ class _Proof:
 
     def lower(self) -> float:
         """The bound of all altitudes, as low as goal and nodes allow."""
-        most_nodes = MOST_SEARCHES * self.goal.max_nodes
         while True:
             worst = max(self._parts, key=lambda part: part.bound)
             if not self.best.value > 0.0:  # nothing to measure a gap by
                 return worst.bound
-            if worst.bound <= self.enough or self._spent >= most_nodes or not self._improve(worst):
+            if (
+                worst.bound <= self.enough
+                or self._spent >= self._most_nodes
+                or not self._improve(worst)
+            ):
                 return worst.bound
 
     def _improve(self, part: _Part) -> bool:

@@ -40,7 +40,7 @@ MANY_TRIES = 3000  # where a search has ended early, which could have improved t
 # settles it soon or never, with this share of the nodes; with fewer places than devices, a stop
 # being one place matters longer.
 SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
-ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.1, 5: 0.4, 6: 0.4}
+ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.13, 6: 0.13}
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
@@ -60,7 +60,7 @@ class CertifiedPlanner:
             has the same plan on every machine.
     """
 
-    def __init__(self, *, gap: float = 0.01, max_nodes: int = 20_000) -> None:
+    def __init__(self, *, gap: float = 0.01, max_nodes: int = 60_000) -> None:
         self.goal = Goal(gap, max_nodes)
 
     def plan(self, problem: RoundProblem) -> RoundPlan:

@@ -32,7 +32,7 @@ class PlannerConfig(BaseModel):
         "40 devices, 0.02 is",
     )
     max_nodes: int = Field(
-        20_000,
+        60_000,
         ge=0,
         le=10_000_000,
         description="certified: nodes of the search after which the gap stands as it is; counted, "

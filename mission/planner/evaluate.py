@@ -22,6 +22,7 @@ ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
 CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
+ROUNDING_M = 1e-9  # a path that is over its budget by less is not
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
@@ -159,7 +160,7 @@ def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tu
             way, way_m = space.way_and_length(waypoints[n - 1], waypoints[n])
         except ValueError:
             way, way_m = waypoints[[n - 1, n - 1]], 0.0
-        if way_m > left_m:
+        if way_m > left_m + ROUNDING_M:
             way = cut(way, left_m)
         waypoints[n] = way[-1]
         via.append(way[1:-1])

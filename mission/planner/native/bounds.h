@@ -36,29 +36,19 @@ static double rest_of(const Node *node, const Problem *problem)
     return total;
 }
 
-static void set_factors(const Node *node, Work *work)
+/* An order to solve, down to where with `others` it closes the node. */
+static Order order_of(Node *node, const Goal *goal, double others)
 {
-    for (int64_t i = 0; i < node->size; i++) work->factor[i] = node->edge[i] == MERGED ? FREE : 1.0;
-}
-
-/* Minimise the dual of a node in place, down to where with `others` it closes the node. */
-static double solve(
-    Node *node, const Problem *problem, const Goal *goal, double others, double loose, Work *work)
-{
-    const Aim aim = {goal->eps, goal->enough - others, loose};
-    set_factors(node, work);
-    Minimum found = minimise(node, problem, aim, work);
-    if (found.centred) return found.bound;
-    /* Too near the boundary of the cones: start again from their middle. */
-    memset(node->y, 0, (size_t)node->size * sizeof(Point));
-    node->mu = goal->mu;
-    return least(found.bound, minimise(node, problem, aim, work).bound);
+    return (Order){
+        .node = node, .enough = goal->enough - others, .pointed = -1, .mu = goal->mu};
 }
 
 /* Minimise the dual of a node to the end, and lower its bound. */
-static void tighten(Node *node, const Problem *problem, const Goal *goal, Work *work)
+static void tighten(Node *node, const Goal *goal, Solver *solver)
 {
-    node->dual = least(node->dual, solve(node, problem, goal, goal->rest, 0.0, work));
+    Order order = order_of(node, goal, goal->rest);
+    minimise(&order, 1, (Aim){goal->eps, 0.0}, solver);
+    node->dual = least(node->dual, order.bound);
     node->bound = least(node->bound, node->dual + goal->rest);
 }
 
@@ -70,22 +60,20 @@ static Point towards(Point from, Point to, double mu)
     return (Point){scale * x, scale * y};
 }
 
-/* Start values of the edges at a device just inserted: straight on, or towards the device
-   and back, whichever is nearer to the minimum. */
-static void point_at(
-    Node *node, int64_t gap, const Path *path, const Problem *problem, double eps, Work *work)
+/* An order with a device just inserted: its edges go straight on, or towards the device and back,
+   whichever is nearer to the minimum. */
+static Order order_with(
+    Node *node, int64_t at, const Path *path, const Problem *problem, const Goal *goal,
+    double others)
 {
-    const Point u = problem->devices.at[node->order[gap]];
-    const int inner = gap + 1 < node->size;
-    const Point straight = inner ? node->y[gap + 1] : (Point){0.0, 0.0};
-    set_factors(node, work);
-    node->y[gap] = straight;
-    const double plain = evaluate(node, problem, eps, node->y, node->mu, work).barrier;
-    node->y[gap] = towards(path->points[gap], u, node->mu);
-    if (inner) node->y[gap + 1] = towards(u, path->points[gap + 1], node->mu);
-    if (evaluate(node, problem, eps, node->y, node->mu, work).barrier < plain) return;
-    node->y[gap] = straight;
-    if (inner) node->y[gap + 1] = straight;
+    const Point u = problem->devices.at[node->order[at]];
+    const int inner = at + 1 < node->size;
+    Order order = order_of(node, goal, others);
+    node->y[at] = inner ? node->y[at + 1] : (Point){0.0, 0.0};
+    order.pointed = at;
+    order.before = towards(path->points[at], u, node->mu);
+    if (inner) order.after = towards(u, path->points[at + 1], node->mu);
+    return order;
 }
 
 #endif

@@ -6,7 +6,22 @@
 
 enum Kind { INSERTION, SPLIT, MERGE };
 enum { OUT_OF_REACH = -1 }; /* in place of a gap */
+enum { PROBES = 3 }; /* devices compared before one is branched on */
 static const double CHILD_COST = 0.02;
+
+/* A device to insert, and the orders that this makes. */
+typedef struct {
+    int64_t device, radius; /* index of the next rung's radius */
+    double promise, others; /* what it promises, and all others off the order */
+    Order *first, *last;
+} Probe;
+
+/* Memory for the children of a node while they are solved. */
+typedef struct {
+    Node node[PROBES * (MOST_DEVICES + 1)];
+    Order order[PROBES * (MOST_DEVICES + 1)];
+    Solver solver;
+} Children;
 
 /* A child that is left open. */
 typedef struct {
@@ -62,33 +77,47 @@ static int64_t row_of(const Relaxation *relaxation, int64_t inner, int64_t outer
     return relaxation->row[inner * relaxation->radii + outer];
 }
 
-/* Serve a device from within the next rung's radius, at each gap of the order, or not.
-
-   On the last rung, gaps without a child are closed in the node's mask, for all descendants. */
-static void by_insertion(
-    Node *node, int64_t device, const Path *path, const Problem *problem, const Goal *goal,
-    Family *family, Work *work)
+/* Line up the orders in which a device is served from within the next rung's radius, at each gap. */
+static Probe probe(
+    const Node *node, int64_t device, const Path *path, const Problem *problem, const Goal *goal,
+    Children *all)
 {
     const Relaxation *relaxation = &problem->relaxation;
     const int64_t level = node->level[device], radius = relaxation->ladder[level];
     const double promise = promise_of(node, device, relaxation), others = goal->rest - promise;
-    begin(family, INSERTION, device, radius);
+    Order *first = all->solver.end, *last = first;
     for (int64_t gap = 0; gap <= node->size; gap++) {
-        const uint64_t bit = (uint64_t)1 << gap;
-        if (!(node->mask[device] & bit)) continue;
-        Node child = *node;
-        insert(&child, problem->devices.count, device, gap, row_of(relaxation, level, radius));
-        if (!settle(&child, &problem->limits)) continue;
-        point_at(&child, gap, path, problem, goal->eps, work);
-        double dual = solve(&child, problem, goal, others, LOOSE, work);
-        dual = least(dual, node->dual + promise);
-        const int stays = offer(family, gap, dual, others, node, &child, goal);
-        if (!stays && radius == relaxation->radii - 1) node->mask[device] &= ~bit;
+        if (!(node->mask[device] >> gap & 1)) continue;
+        Node *child = &all->node[last - all->order];
+        *child = *node;
+        insert(child, problem->devices.count, device, gap, row_of(relaxation, level, radius));
+        if (settle(child, &problem->limits))
+            *last++ = order_with(child, gap, path, problem, goal, others);
     }
-    double rest = others + relaxation->promise[device * relaxation->radii + radius];
+    all->solver.end = last;
+    return (Probe){device, radius, promise, others, first, last};
+}
+
+/* Serve a device at each gap of the order, or not from within the radius at all.
+
+   On the last rung, gaps without a child are closed in the node's mask, for all descendants. */
+static void by_insertion(
+    Node *node, const Probe *probe, const Problem *problem, const Goal *goal, Family *family)
+{
+    const Relaxation *relaxation = &problem->relaxation;
+    begin(family, INSERTION, probe->device, probe->radius);
+    for (const Order *order = probe->first; order < probe->last; order++) {
+        const double dual = least(order->bound, node->dual + probe->promise);
+        const int stays =
+            offer(family, order->pointed, dual, probe->others, node, order->node, goal);
+        if (!stays && probe->radius == relaxation->radii - 1)
+            node->mask[probe->device] &= ~((uint64_t)1 << order->pointed);
+    }
+    double rest =
+        probe->others + relaxation->promise[probe->device * relaxation->radii + probe->radius];
     if (problem->devices.count > problem->limits.steps * problem->limits.per_step) {
         Node away = *node; /* another device may take its place */
-        away.level[device] = (int8_t)radius;
+        away.level[probe->device] = (int8_t)probe->radius;
         rest = rest_of(&away, problem);
     }
     offer(family, OUT_OF_REACH, node->dual, rest, node, node, goal);
@@ -97,36 +126,44 @@ static void by_insertion(
 /* Split the distance interval of the stop at a position. */
 static void by_split(
     const Node *node, int64_t at, int64_t radius, const Problem *problem, const Goal *goal,
-    Family *family, Work *work)
+    Family *family, Children *all)
 {
     const Relaxation *relaxation = &problem->relaxation;
     const int64_t *ends = relaxation->ends + 2 * node->interval[at];
     begin(family, SPLIT, at, radius);
     for (int side = 0; side < 2; side++) {
-        const int64_t row = side == 0 ? row_of(relaxation, ends[0], radius)
-                                      : row_of(relaxation, radius, ends[1]);
-        Node child = *node;
-        child.interval[at] = (int16_t)row;
-        const double dual =
-            least(node->dual, solve(&child, problem, goal, goal->rest, LOOSE, work));
-        offer(family, row, dual, goal->rest, node, &child, goal);
+        Node *child = &all->node[side];
+        *child = *node;
+        child->interval[at] = (int16_t)(side == 0 ? row_of(relaxation, ends[0], radius)
+                                                  : row_of(relaxation, radius, ends[1]));
+        all->order[side] = order_of(child, goal, goal->rest);
+    }
+    minimise(all->order, 2, (Aim){goal->eps, LOOSE}, &all->solver);
+    for (int side = 0; side < 2; side++) {
+        const Node *child = &all->node[side];
+        const double dual = least(node->dual, all->order[side].bound);
+        offer(family, child->interval[at], dual, goal->rest, node, child, goal);
     }
 }
 
 /* Make the stop at a position one with the stop before it, or keep them apart for good. */
 static void by_merge(
     const Node *node, int64_t at, const Problem *problem, const Goal *goal, Family *family,
-    Work *work)
+    Children *all)
 {
     begin(family, MERGE, at, 0);
     for (int8_t edge = MERGED; edge <= BARRED; edge++) {
-        Node child = *node;
-        child.edge[at] = edge;
-        if (!settle(&child, &problem->limits)) continue;
+        Node *child = &all->node[0];
+        *child = *node;
+        child->edge[at] = edge;
+        if (!settle(child, &problem->limits)) continue;
         double dual = node->dual;
-        if (stops_now(&child) < stops_now(node))
-            dual = least(dual, solve(&child, problem, goal, goal->rest, LOOSE, work));
-        offer(family, edge, dual, goal->rest, node, &child, goal);
+        if (stops_now(child) < stops_now(node)) {
+            all->order[0] = order_of(child, goal, goal->rest);
+            minimise(all->order, 1, (Aim){goal->eps, LOOSE}, &all->solver);
+            dual = least(dual, all->order[0].bound);
+        }
+        offer(family, edge, dual, goal->rest, node, child, goal);
     }
 }
 

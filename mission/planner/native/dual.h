@@ -1,142 +1,314 @@
-/* Minimising the Lagrangian of one visiting order: Newton steps on its barrier.
+/* Minimising the Lagrangian of visiting orders.
 
-   The system is block-tridiagonal with one dense row for mu, so that a step costs some tens of
-   operations a stop. */
+   Orders wait for a lane. What is in a lane goes its own way, one look at a trial at a time, until it
+   is done and the next order takes its place. */
 #ifndef DUAL_H
 #define DUAL_H
 
-#include "lagrangian.h"
+#include "newton.h"
 
 enum { MAX_NEWTON = 60, MAX_HALVINGS = 20 };
 static const double EPS_START = 30.0;  /* the barrier starts heavier: starts are not centred */
 static const double EPS_FACTOR = 0.15; /* it gets lighter by this once the decrement is under */
 static const double CENTRED = 0.5;     /* this many barrier weights a leg */
-static const double TO_BOUNDARY = 0.8; /* share of the way to a cone that a step may go */
 
+/* How far duals are minimised. */
 typedef struct {
-    double mu;        /* step of the multiplier; those of y are in `work.a` */
-    double decrement; /* squared */
-} Step;
-
-/* The Newton step. The off-diagonal block between k and k + 1 is minus the Hessian of device k. */
-static Step newton_step(int64_t m, Work *work, double slope, double bend)
-{
-    Point *a = work->a, *b = work->b;
-    for (int64_t k = 0; k < m; k++) {
-        a[k] = (Point){-work->gradient[k].x, -work->gradient[k].y};
-        b[k] = work->cross[k];
-        if (k > 0) {
-            /* Eliminate with block k - 1 (already inverted in place) and off-diagonal -o. */
-            const Sym o = work->device[k - 1], i = work->block[k - 1];
-            const double mxx = o.xx * i.xx + o.xy * i.xy, mxy = o.xx * i.xy + o.xy * i.yy;
-            const double myx = o.xy * i.xx + o.yy * i.xy, myy = o.xy * i.xy + o.yy * i.yy;
-            work->block[k].xx -= mxx * o.xx + mxy * o.xy;
-            work->block[k].xy -= mxx * o.xy + mxy * o.yy;
-            work->block[k].yy -= myx * o.xy + myy * o.yy;
-            a[k].x += mxx * a[k - 1].x + mxy * a[k - 1].y;
-            a[k].y += myx * a[k - 1].x + myy * a[k - 1].y;
-            b[k].x += mxx * b[k - 1].x + mxy * b[k - 1].y;
-            b[k].y += myx * b[k - 1].x + myy * b[k - 1].y;
-        }
-        work->block[k] = inverse_of(work->block[k]);
-    }
-    for (int64_t k = m - 1; k >= 0; k--) {
-        if (k + 1 < m) {
-            const Point p = times(work->device[k], a[k + 1]), q = times(work->device[k], b[k + 1]);
-            a[k] = (Point){a[k].x + p.x, a[k].y + p.y};
-            b[k] = (Point){b[k].x + q.x, b[k].y + q.y};
-        }
-        a[k] = times(work->block[k], a[k]);
-        b[k] = times(work->block[k], b[k]);
-    }
-    double top = -slope, bottom = bend;
-    for (int64_t k = 0; k < m; k++) {
-        top -= work->cross[k].x * a[k].x + work->cross[k].y * a[k].y;
-        bottom -= work->cross[k].x * b[k].x + work->cross[k].y * b[k].y;
-    }
-    Step step = {top / bottom, -slope * (top / bottom)};
-    for (int64_t k = 0; k < m; k++) {
-        a[k].x -= step.mu * b[k].x;
-        a[k].y -= step.mu * b[k].y;
-        step.decrement -= work->gradient[k].x * a[k].x + work->gradient[k].y * a[k].y;
-    }
-    return step;
-}
-
-/* The share of the step, at most 1, that stays well inside all cones. */
-static double step_limit(int64_t m, const Point *y, double mu, double dmu, const Work *work)
-{
-    double limit = 1.0;
-    for (int64_t k = 0; k < m; k++) {
-        const double c2 = work->factor[k] * work->factor[k];
-        const Point p = y[k], d = work->a[k];
-        /* c^2 (mu + alpha dmu)^2 - |y + alpha step|^2 = t + 2 b alpha + a alpha^2 */
-        const double t = c2 * mu * mu - p.x * p.x - p.y * p.y;
-        const double b = c2 * mu * dmu - p.x * d.x - p.y * d.y;
-        const double a = c2 * dmu * dmu - d.x * d.x - d.y * d.y;
-        const double root = b * b - a * t;
-        if (root >= 0.0) {
-            const double denominator = -b + sqrt(root);
-            if (denominator > 0.0) limit = least(limit, TO_BOUNDARY * t / denominator);
-        }
-    }
-    return dmu < 0.0 ? least(limit, -TO_BOUNDARY * mu / dmu) : limit;
-}
-
-/* What a bound is wanted for. */
-typedef struct {
-    double eps;    /* barrier weight */
-    double enough; /* a bound at or under this closes the node: its path is of no interest then */
-    double loose;  /* stop once what is left to gain is under this share of the excess over it */
+    double eps;   /* barrier weight */
+    double loose; /* stop once what is left to gain is under this share of the excess over `enough` */
 } Aim;
 
+/* A node to minimise the dual of: its y and mu are moved to the minimiser. */
 typedef struct {
-    double bound; /* the least found */
-    int64_t steps;
-    int centred; /* whether the steps ended well */
-} Minimum;
+    Node *node;
+    double enough;       /* a bound at or under this closes it: its path is of no interest then */
+    int64_t pointed;     /* the position of a stop just inserted; or -1 */
+    Point before, after; /* y before and after it, to begin with if that is better */
+    double mu;           /* to begin again with, where steps end badly; or 0 */
+    double bound;        /* the least found */
+    int centred, done;   /* whether the steps ended well, and at all */
+} Order;
 
-/* Minimise from inside the cones; the node's y and mu are moved to the minimiser. */
-static Minimum minimise(Node *node, const Problem *problem, Aim aim, Work *work)
+/* What a lane looks at: the y and mu of its node, the same with y pointed at the stop just inserted, the
+   start of its steps, where it is with a lighter barrier, or the end of a step. */
+enum Phase { IDLE, STRAIGHT, POINTED, START, LIGHTER, TRIAL };
+
+/* Whether a lane needs a Newton step, and whether the decrement may call for a lighter barrier instead. */
+enum Need { NO_STEP, STEP, STEP_OR_LIGHTER };
+
+typedef struct {
+    Order *order;
+    enum Phase phase;
+    enum Need need;
+    int64_t steps, halvings;
+    double bound, barrier; /* the least found since the start; where it is */
+    double straight;       /* the barrier where y is not pointed */
+    double alpha, decrement; /* share of the step; its decrement squared */
+} Lane;
+
+typedef struct {
+    const Problem *problem;
+    Aim aim;
+    Order *next, *end; /* orders that wait */
+    Lanes all;
+    Lane lane[LENGTH];
+    Wide mu_step; /* of the steps that are tried; those of y are in the links */
+} Solver;
+
+/* Let a lane be at a y. */
+static void put_y(Solver *solver, int i, int64_t k, Point y)
 {
-    const int64_t m = node->size;
-    double weight = aim.eps * EPS_START;
-    Value now = evaluate(node, problem, weight, node->y, node->mu, work);
-    Minimum found = {now.bound, 0, 0};
-    double barrier = now.barrier;
-    while (found.steps < MAX_NEWTON && found.bound > aim.enough) {
-        found.steps++;
-        Step step = newton_step(m, work, now.slope, now.bend);
-        if (!(step.decrement > CENTRED * weight * (double)m)) {
-            if (weight <= aim.eps ||
-                2.0 * (double)m * weight < aim.loose * (found.bound - aim.enough)) {
-                found.centred = 1;
-                break;
-            }
-            weight = most(weight * EPS_FACTOR, aim.eps);
-            now = evaluate(node, problem, weight, node->y, node->mu, work);
-            barrier = now.barrier;
-            step = newton_step(m, work, now.slope, now.bend);
-        }
-        double alpha = step_limit(m, node->y, node->mu, step.mu, work), mu = node->mu;
-        int moved = 0;
-        for (int i = 0; i < MAX_HALVINGS && !moved; i++) {
-            for (int64_t k = 0; k < m; k++)
-                work->y[k] = (Point){
-                    node->y[k].x + alpha * work->a[k].x, node->y[k].y + alpha * work->a[k].y};
-            mu = node->mu + alpha * step.mu;
-            now = evaluate(node, problem, weight, work->y, mu, work);
-            moved = now.barrier <= barrier - 1e-4 * alpha * step.decrement;
-            if (!moved) alpha *= 0.5;
-        }
-        if (!moved) break;
-        memcpy(node->y, work->y, (size_t)m * sizeof(Point));
-        node->mu = mu;
-        barrier = now.barrier;
-        found.bound = least(found.bound, now.bound);
+    solver->all.link[k].y.x[i] = y.x;
+    solver->all.link[k].y.y[i] = y.y;
+}
+
+static void be_at(Solver *solver, int i, const Node *node)
+{
+    for (int64_t k = 0; k < node->size; k++) put_y(solver, i, k, node->y[k]);
+    solver->all.mu[i] = node->mu;
+}
+
+static void begin_steps(Solver *solver, int i)
+{
+    Lane *lane = &solver->lane[i];
+    lane->phase = START;
+    lane->steps = 0;
+    solver->all.weight[i] = solver->aim.eps * EPS_START;
+}
+
+/* Fill a lane with the stops of a node. */
+static void fill_lane(Solver *solver, int i, const Node *node)
+{
+    const Problem *problem = solver->problem;
+    const Relaxation *relaxation = &problem->relaxation;
+    for (int64_t k = 0; k < node->size; k++) {
+        Link *link = solver->all.link + k;
+        const int64_t device = node->order[k], row = node->interval[k];
+        const double c = node->edge[k] == MERGED ? FREE : 1.0;
+        link->at.x[i] = problem->devices.at[device].x;
+        link->at.y[i] = problem->devices.at[device].y;
+        link->delta[i] = problem->devices.delta[device];
+        link->rate[i] = 1.0 / problem->devices.delta[device];
+        link->cone[i] = c * c;
+        put_interval(&link->interval, i, row, relaxation);
+        link->floor[i] = FLAT * link->interval.outer[i] / link->interval.end[i];
     }
-    found.centred = found.centred || found.bound <= aim.enough;
-    return found;
+    be_at(solver, i, node);
+}
+
+/* Give a lane the next order; one without keeps what it holds, and nobody looks at that. */
+static void take_next(Solver *solver, int i)
+{
+    Lane *lane = &solver->lane[i];
+    lane->phase = IDLE;
+    lane->need = NO_STEP;
+    if (solver->next == solver->end) return;
+    lane->order = solver->next++;
+    lane->order->bound = INFINITY;
+    fill_lane(solver, i, lane->order->node);
+    begin_steps(solver, i);
+    if (lane->order->pointed < 0) return;
+    lane->phase = STRAIGHT;
+    solver->all.weight[i] = solver->aim.eps;
+}
+
+/* The steps have come to an end, well or not. */
+static void end_steps(Solver *solver, int i, int centred)
+{
+    Lane *lane = &solver->lane[i];
+    Order *order = lane->order;
+    Node *node = order->node;
+    lane->need = NO_STEP;
+    order->bound = least(order->bound, lane->bound);
+    order->centred = centred || lane->bound <= order->enough;
+    if (order->centred || !(order->mu > 0.0)) {
+        for (int64_t k = 0; k < node->size; k++)
+            node->y[k] = (Point){solver->all.link[k].y.x[i], solver->all.link[k].y.y[i]};
+        node->mu = solver->all.mu[i];
+        order->done = 1;
+        take_next(solver, i);
+        return;
+    }
+    /* Too near the boundary of the cones: start again from their middle. */
+    memset(node->y, 0, (size_t)node->size * sizeof(Point));
+    node->mu = order->mu;
+    order->mu = 0.0;
+    be_at(solver, i, node);
+    begin_steps(solver, i);
+}
+
+/* Take the next step, if there is to be one. */
+static void go_on(Solver *solver, int i)
+{
+    Lane *lane = &solver->lane[i];
+    lane->need = STEP_OR_LIGHTER;
+    if (!(lane->steps++ < MAX_NEWTON && lane->bound > lane->order->enough)) end_steps(solver, i, 0);
+}
+
+/* Go by what a lane has looked at; 1 where it is now there. */
+static int goes_there(Solver *solver, int i)
+{
+    Lane *lane = &solver->lane[i];
+    const double barrier = solver->all.barrier[i];
+    const Order *order = lane->order;
+    const int64_t at = lane->phase == IDLE ? 0 : order->pointed;
+    lane->need = NO_STEP;
+    switch (lane->phase) {
+    case IDLE:
+        break;
+    case STRAIGHT:
+        lane->straight = barrier;
+        lane->phase = POINTED;
+        put_y(solver, i, at, order->before);
+        if (at + 1 < order->node->size) put_y(solver, i, at + 1, order->after);
+        break;
+    case POINTED:
+        if (!(barrier < lane->straight)) be_at(solver, i, order->node);
+        begin_steps(solver, i);
+        break;
+    case START:
+        lane->barrier = barrier;
+        lane->bound = solver->all.bound[i];
+        go_on(solver, i);
+        break;
+    case LIGHTER:
+        lane->barrier = barrier;
+        lane->need = STEP;
+        break;
+    case TRIAL:
+        if (barrier <= lane->barrier - 1e-4 * lane->alpha * lane->decrement) return 1;
+        lane->alpha *= 0.5;
+        if (++lane->halvings == MAX_HALVINGS) end_steps(solver, i, 0);
+    }
+    return 0;
+}
+
+/* Go by what the Newton step says; 1 where it begins. */
+static int begins_step(Solver *solver, int i, double limit)
+{
+    Lane *lane = &solver->lane[i];
+    const double legs = (double)solver->all.size, weight = solver->all.weight[i];
+    const double decrement = solver->all.decrement[i], excess = lane->bound - lane->order->enough;
+    const Aim *aim = &solver->aim;
+    if (lane->need == STEP || decrement > CENTRED * weight * legs) {
+        lane->phase = TRIAL;
+        lane->halvings = 0;
+        lane->alpha = limit;
+        lane->decrement = decrement;
+        return 1;
+    }
+    if (weight <= aim->eps || 2.0 * legs * weight < aim->loose * excess) {
+        end_steps(solver, i, 1);
+    } else {
+        solver->all.weight[i] = most(weight * EPS_FACTOR, aim->eps);
+        lane->phase = LIGHTER;
+    }
+    return 0;
+}
+
+static int lane_waits(const Solver *solver)
+{
+    for (int i = 0; i < LENGTH; i++)
+        if (solver->lane[i].phase == IDLE) return 1;
+    return 0;
+}
+
+static void set_trials(Solver *solver)
+{
+    Lanes *all = &solver->all;
+    Mask trying;
+    Wide alpha;
+    for (int i = 0; i < LENGTH; i++) {
+        trying[i] = -(solver->lane[i].phase == TRIAL);
+        alpha[i] = solver->lane[i].alpha;
+    }
+    for (Link *link = all->link; link < all->link + all->size; link++) {
+        link->trial.x = choose(trying, link->y.x + alpha * link->step.x, link->y.x);
+        link->trial.y = choose(trying, link->y.y + alpha * link->step.y, link->y.y);
+    }
+    all->trial_mu = choose(trying, all->mu + alpha * solver->mu_step, all->mu);
+}
+
+/* Go where trials were good; returns how many lanes need a Newton step. */
+static int go(Solver *solver)
+{
+    Lanes *all = &solver->all;
+    Mask there;
+    int needing = 0;
+    for (int i = 0; i < LENGTH; i++) there[i] = -goes_there(solver, i);
+    for (Link *link = all->link; link < all->link + all->size; link++) {
+        link->y.x = choose(there, link->trial.x, link->y.x);
+        link->y.y = choose(there, link->trial.y, link->y.y);
+    }
+    all->mu = choose(there, all->trial_mu, all->mu);
+    for (int i = 0; i < LENGTH; i++) {
+        Lane *lane = &solver->lane[i];
+        if (there[i]) {
+            lane->barrier = all->barrier[i];
+            lane->bound = least(lane->bound, all->bound[i]);
+            go_on(solver, i);
+        }
+        needing += lane->need != NO_STEP;
+    }
+    return needing;
+}
+
+/* Begin the Newton steps that are needed. */
+static void begin_all_steps(Solver *solver)
+{
+    Lanes *all = &solver->all;
+    Mask begun = {0};
+    step_newton(all);
+    const Wide limit = step_limit(all);
+    for (int i = 0; i < LENGTH; i++)
+        if (solver->lane[i].need != NO_STEP) begun[i] = -begins_step(solver, i, limit[i]);
+    for (Link *link = all->link; link < all->link + all->size; link++) {
+        link->step.x = choose(begun, link->a.x, link->step.x);
+        link->step.y = choose(begun, link->a.y, link->step.y);
+    }
+    solver->mu_step = choose(begun, all->mu_step, solver->mu_step);
+}
+
+/* Let all lanes hold what may be looked at, though nobody needs it. */
+static void set_up_solver(Solver *solver, const Problem *problem)
+{
+    solver->problem = problem;
+    for (int64_t k = 0; k < MOST_DEVICES; k++)
+        for (int i = 0; i < LENGTH; i++)
+            put_interval(&solver->all.link[k].interval, i, 0, &problem->relaxation);
+}
+
+/* Begin with orders of so many stops, of which the first will be there. */
+static void open_solver(Solver *solver, Aim aim, int64_t size, Order *first)
+{
+    solver->aim = aim;
+    solver->next = solver->end = first;
+    solver->all.size = size;
+    for (int i = 0; i < LENGTH; i++) solver->lane[i].phase = IDLE;
+}
+
+/* Work on orders until those from `first` to `last` are done; or, if there may be more of them, until
+   a lane waits for one, and then 0. */
+static int work_on(Solver *solver, const Order *first, const Order *last, int may_be_more)
+{
+    for (;;) {
+        for (int i = 0; i < LENGTH; i++)
+            if (solver->lane[i].phase == IDLE) take_next(solver, i);
+        while (first < last && first->done) first++;
+        if (first == last) return 1;
+        if (may_be_more && lane_waits(solver)) return 0;
+        set_trials(solver);
+        look(&solver->all, solver->problem);
+        if (go(solver)) begin_all_steps(solver);
+    }
+}
+
+/* Minimise the duals of nodes with the same number of stops. */
+static void minimise(Order *order, int64_t count, Aim aim, Solver *solver)
+{
+    open_solver(solver, aim, order->node->size, order);
+    solver->end = order + count;
+    work_on(solver, order, order + count, 0);
 }
 
 #endif

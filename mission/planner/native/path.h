@@ -27,7 +27,7 @@ static double recover(const Node *node, const Problem *problem, Path *path)
         const int64_t k = node->order[i];
         const Point w = i + 1 < m ? less(node->y[i], node->y[i + 1]) : node->y[i];
         const double delta = devices->delta[k], z = sqrt(w.x * w.x + w.y * w.y), s = z / delta;
-        const Conjugate at = spline(s, node->interval[i], &problem->relaxation);
+        const Conjugate at = conjugate_at(s, node->interval[i], &problem->relaxation);
         const double shift = z > 0.0 ? at.slope / z : 0.0;
         path->points[i + 1] =
             (Point){devices->at[k].x - shift * w.x, devices->at[k].y - shift * w.y};

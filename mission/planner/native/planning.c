@@ -33,12 +33,14 @@ static int64_t search_orders(
     for (int pass = 0; pass < 2; pass++) {
         all->polish = lay_out_polish(&arena, devices->count, limits, devices->count + 1);
         all->made = lay_out_plan(&arena, devices->count, limits->steps);
+        all->children = claim(&arena, 1, sizeof(Children));
         if (pass == 0 && !provide(&arena)) {
             free(all);
             return -1;
         }
     }
     all->tree.most = max_open;
+    set_up_solver(&all->children->solver, &problem);
     const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
     *bound = proof.bound;
     *value = plan.value;
@@ -121,17 +123,17 @@ static double order_bound(
     const int64_t *interval, const int64_t *merged, double eps)
 {
     const Problem problem = {*devices, *limits, *relaxation};
-    const Aim aim = {eps, -INFINITY, 0.0};
     Node node = {.size = devices->count, .mu = 0.003};
-    Work work;
+    Order order = {.node = &node, .enough = -INFINITY, .pointed = -1};
+    Solver solver = {0};
     for (int64_t i = 0; i < node.size; i++) {
         node.order[i] = (int16_t)i;
         node.interval[i] = (int16_t)interval[i];
         node.edge[i] = merged[i] ? MERGED : UNDECIDED;
     }
-    set_factors(&node, &work);
-    const Minimum found = minimise(&node, &problem, aim, &work);
-    return found.centred ? found.bound : -1.0;
+    set_up_solver(&solver, &problem);
+    minimise(&order, 1, (Aim){eps, 0.0}, &solver);
+    return order.centred ? order.bound : -1.0;
 }
 
 static double square_bound(
@@ -172,7 +174,7 @@ static double potential_bound(
 
 static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
-    return spline(s, row, relaxation).h;
+    return conjugate_at(s, row, relaxation).h;
 }
 
 const Planner NAMED(planner) = {

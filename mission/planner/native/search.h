@@ -13,18 +13,17 @@
 
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
-enum { PROBES = 3 };             /* devices compared before one is branched on */
-/* A search that leaves more than this gap after so many nodes, or after a quarter where that is
-   more, leaves some percent after all of them. */
-static const double HOPELESS_GAP = 0.08;
-enum { HOPELESS_NODES = 5000 };
+/* After so many nodes, and whenever there have been twice as many, a search looks at its progress. Those
+   that end do so within this many times the nodes that it foretells. */
+enum { FIRST_LOOK = 2500 };
+static const double OVERRUN = 1.5;
 
 /* Memory for a search. */
 typedef struct {
     Tree tree;
     Node node;
     Path path;
-    Work work;
+    Children *children;
     Family families[2]; /* the way to split the node, and a rival */
     Polish polish;
     Plan made;
@@ -109,6 +108,33 @@ static void compare(Contest *contest, Search *all)
     contest->best = next;
 }
 
+/* Compare the insertions of up to so many devices, those with the largest excess first. While a lane
+   would wait for what is left of one, the orders of the next are lined up. */
+static void compare_insertions(
+    Contest *contest, int64_t count, Search *all, const Problem *problem, const Goal *goal,
+    double floor)
+{
+    Node *node = &all->node;
+    Solver *solver = &all->children->solver;
+    Probe probes[PROBES];
+    int64_t made = 0, done = 0;
+    uint64_t tried = 0;
+    open_solver(solver, (Aim){goal->eps, LOOSE}, node->size + 1, all->children->order);
+    while (!is_closed(contest)) {
+        const int64_t k = made < count ? pick_device(node, &all->path, problem, floor, tried) : -1;
+        if (k >= 0) {
+            tried |= (uint64_t)1 << k;
+            probes[made++] = probe(node, k, &all->path, problem, goal, all->children);
+        }
+        while (done < made && !is_closed(contest) &&
+               work_on(solver, probes[done].first, probes[done].last, k >= 0)) {
+            by_insertion(node, &probes[done++], problem, goal, contest->next);
+            compare(contest, all);
+        }
+        if (k < 0) return;
+    }
+}
+
 /* Find a way to split the search's node; its best is NULL if the node is a leaf. */
 static Contest branch(Search *all, const Problem *problem, const Goal *goal, double floor)
 {
@@ -116,37 +142,25 @@ static Contest branch(Search *all, const Problem *problem, const Goal *goal, dou
     Path *path = &all->path;
     const Relaxation *relaxation = &problem->relaxation;
     Contest contest = {NULL, &all->families[0], 0.0};
-    uint64_t tried = 0;
     int64_t at = pick_stop(node, path, relaxation, floor);
-    if (at < 0 && pick_device(node, path, problem, floor, tried) < 0) {
-        tighten(node, problem, goal, &all->work);
+    if (at < 0 && pick_device(node, path, problem, floor, 0) < 0) {
+        tighten(node, goal, &all->children->solver);
         recover(node, problem, path);
         at_stops(node, problem, path);
         at = pick_stop(node, path, relaxation, floor);
     }
     if (at >= 0) {
         const int64_t radius = cut_radius(node, at, path, relaxation);
-        by_split(node, at, radius, problem, goal, contest.next, &all->work);
+        by_split(node, at, radius, problem, goal, contest.next, all->children);
         compare(&contest, all);
     }
-    for (int probe = 0; probe < PROBES && !is_closed(&contest); probe++) {
-        const int64_t k = pick_device(node, path, problem, floor, tried);
-        if (k < 0) break;
-        tried |= (uint64_t)1 << k;
-        by_insertion(node, k, path, problem, goal, contest.next, &all->work);
-        compare(&contest, all);
-    }
+    compare_insertions(&contest, PROBES, all, problem, goal, floor);
     if (stops_now(node) >= problem->limits.steps && !is_closed(&contest)) {
-        by_merge(node, pick_edge(node, path), problem, goal, contest.next, &all->work);
+        by_merge(node, pick_edge(node, path), problem, goal, contest.next, all->children);
         compare(&contest, all);
     }
-    if (!contest.best) {
-        /* Nobody promises too much, but together they may need more places than there are. */
-        const int64_t k = pick_device(node, path, problem, -INFINITY, 0);
-        if (k < 0) return contest;
-        by_insertion(node, k, path, problem, goal, contest.next, &all->work);
-        compare(&contest, all);
-    }
+    /* Nobody promises too much, but together they may need more places than there are. */
+    if (!contest.best) compare_insertions(&contest, 1, all, problem, goal, -INFINITY);
     return contest;
 }
 
@@ -167,23 +181,42 @@ typedef struct {
     int64_t nodes; /* looked into */
 } Proof;
 
+/* How a search gets on. */
+typedef struct {
+    int64_t look; /* the number of nodes after which to look again */
+    double gap;   /* what was left at the last look */
+} Progress;
+
+/* Whether a search would not end within `most_nodes`, if each time that its nodes double took as much
+   off the gap as the last. */
+static int is_hopeless(Progress *progress, int64_t nodes, double gap, double goal, int64_t most_nodes)
+{
+    if (nodes != progress->look) return 0;
+    const double taken_off = progress->gap - gap;
+    double needed = (double)nodes, doublings = (gap - goal) / taken_off;
+    progress->look *= 2;
+    progress->gap = gap;
+    for (; doublings > 1.0 && needed <= OVERRUN * (double)most_nodes; doublings--) needed *= 2.0;
+    return !(taken_off > 0.0) || needed * (1.0 + doublings) > OVERRUN * (double)most_nodes;
+}
+
 /* Improve on a plan until none can be better by more than the relative gap, the nodes run out, or
    there is no hope of it. Nodes for which there is no room are closed with their bound. */
 static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *plan, Search *all)
 {
     Tree *tree = &all->tree;
     Node *node = &all->node;
-    const int64_t many = max_nodes > 4 * HOPELESS_NODES ? max_nodes / 4 : HOPELESS_NODES;
     Proof proof = {plan->value, 0}; /* the largest bound among all that was closed */
+    Progress progress = {FIRST_LOOK, INFINITY};
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
     node->mu = node->bound / problem->limits.length;
     if (!push(tree, node)) proof.bound = node->bound;
     while (tree->open > 0) {
         double enough = plan->value / (1.0 - gap);
-        const int hopeless =
-            proof.nodes == many && plan->value < best_open(tree) * (1.0 - HOPELESS_GAP);
-        if (best_open(tree) <= enough || proof.nodes >= max_nodes || hopeless) {
+        const double left = 1.0 - plan->value / best_open(tree);
+        if (best_open(tree) <= enough || proof.nodes >= max_nodes ||
+            is_hopeless(&progress, proof.nodes, left, gap, max_nodes)) {
             proof.bound = most(proof.bound, best_open(tree));
             break;
         }

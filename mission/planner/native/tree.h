@@ -151,26 +151,40 @@ static int enough_stops(const Node *node, const Limits *limits)
     return needed >= 0 && needed < limits->steps;
 }
 
-/* Decide the edges that leave no choice; 0 where there are not stops enough for the order. */
-static int settle(Node *node, const Limits *limits)
-{
-    if (!enough_stops(node, limits)) return 0;
-    for (int64_t i = 0; i < node->size; i++) {
-        if (node->edge[i] != UNDECIDED || apart(node, i)) continue;
-        node->edge[i] = MERGED;
-        const int may_merge = enough_stops(node, limits);
-        node->edge[i] = BARRED;
-        if (may_merge) node->edge[i] = enough_stops(node, limits) ? UNDECIDED : MERGED;
-    }
-    return 1;
-}
-
 /* Stops after the start if no more are merged. */
 static int64_t stops_now(const Node *node)
 {
     int64_t count = 0;
     for (int64_t i = 0; i < node->size; i++) count += node->edge[i] != MERGED;
     return count;
+}
+
+/* How many devices would be at one stop if an edge were merged. */
+static int64_t run_with(const Node *node, int64_t edge)
+{
+    int64_t first = edge - 1, last = edge;
+    while (first >= 0 && node->edge[first] == MERGED) first--;
+    while (last + 1 < node->size && node->edge[last + 1] == MERGED) last++;
+    return last - first + (first >= 0);
+}
+
+/* Decide the edges that leave no choice; 0 where there are not stops enough for the order. */
+static int settle(Node *node, const Limits *limits)
+{
+    if (!enough_stops(node, limits)) return 0;
+    const int plenty = stops_now(node) < limits->steps;
+    for (int64_t i = 0; i < node->size; i++) {
+        if (node->edge[i] != UNDECIDED || apart(node, i)) continue;
+        if (plenty) { /* none need be merged, and all may that one stop has places for */
+            if (run_with(node, i) > limits->per_step) node->edge[i] = BARRED;
+            continue;
+        }
+        node->edge[i] = MERGED;
+        const int may_merge = enough_stops(node, limits);
+        node->edge[i] = BARRED;
+        if (may_merge) node->edge[i] = enough_stops(node, limits) ? UNDECIDED : MERGED;
+    }
+    return 1;
 }
 
 #endif

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment, minimize
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.planner.certified import CertifiedPlanner
+from mission.planner.certified import CertifiedPlanner, Goal, case_of, search
 from mission.planner.check import check_plan
 from mission.planner.problem import RoundProblem
 
@@ -195,6 +195,18 @@ def test_a_cap_on_nodes_leaves_an_honest_gap():
     assert few.gap > 0.01
     assert many.upper_bound <= few.upper_bound
     assert few.value <= many.upper_bound
+
+
+def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time():
+    def searched(preset, seed):
+        case = case_of(random_problem(seed, devices=30, preset=preset))
+        return search(case, case.explored(), Goal(0.01, 60_000, thorough=False))
+
+    slow, hopeless = searched("literal", 4), searched("dense-urban", 1)
+    assert slow.gap <= 0.01
+    assert 20_000 < slow.nodes < 60_000
+    assert hopeless.gap > 0.2
+    assert hopeless.nodes == 5000
 
 
 def test_hundreds_of_devices_get_a_plan_and_a_bound():
