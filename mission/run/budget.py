@@ -11,12 +11,7 @@ from mission.config.models import MissionConfig
 from mission.log.records import ALTITUDE, SPENT, RoundRecord
 from mission.planner.performance import Foreseen
 from mission.planner.problem import relative_gap
-from mission.scenario.limits import KEYS, NOTHING, Amount, Budget, is_limited
-
-_WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
-# Of a whole round, in metres, seconds and joules: flights take some more or less than planned, so
-# that what is left for the last of them may be a little less.
-_WHOLE = (_WITHIN_ROUNDING, 0.95, 0.95)
+from mission.scenario.limits import ENOUGH, KEYS, NOTHING, Amount, Budget, is_limited
 
 
 @dataclass
@@ -80,10 +75,12 @@ class RunTotals:
         ending = f"so the run ends before round {self.next_round}"
         if what == "path budget":
             return f"the path budget of {total:g} m is spent, {ending}"
-        return (
-            f"of the {what} of {total:g} {unit} ({key}) {left:.0f} {unit} are left, and a whole "
-            f"round takes {budget.whole_round[spent]:.0f}, {ending}"
-        )
+        if left < 0.0:
+            rest = f"{-left:.0f} {unit} more than allowed were used"
+        else:
+            whole = budget.whole_round[spent]
+            rest = f"{left:.0f} {unit} are left, and a whole round takes {whole:.0f}"
+        return f"of the {what} of {total:g} {unit} ({key}) {rest}, {ending}"
 
     def left(self, budget: Budget) -> Amount:
         """What is not spent."""
@@ -97,7 +94,7 @@ class RunTotals:
 
     def _spent(self, budget: Budget) -> int | None:
         """Which of the budgets pays for no whole round; None where all do."""
-        for index, (left, share) in enumerate(zip(self.left(budget), _WHOLE, strict=True)):
+        for index, (left, share) in enumerate(zip(self.left(budget), ENOUGH, strict=True)):
             cost = min(budget.whole_round[index], budget.total[index])
             if math.isfinite(left) and (left < cost * share or left <= 0.0):
                 return index
@@ -139,5 +136,5 @@ def rounds_paid_for(budget: Budget) -> int:
     rounds = budget.rounds
     for total, cost in zip(budget.total, budget.whole_round, strict=True):
         if math.isfinite(total) and cost > 0.0:
-            rounds = min(rounds, max(1, math.floor(total / (cost * _WITHIN_ROUNDING))))
+            rounds = min(rounds, max(1, math.floor(total / (cost * ENOUGH.metres))))
     return rounds

@@ -29,6 +29,10 @@ KEYS = (
     ("mission.total_deadline_s", "s", "time"),
     ("mission.total_energy_j", "J", "energy"),
 )
+_WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
+# Of a whole round, in metres, seconds and joules, what pays for one: flights take some more or less
+# than planned, so that what is left for the last of them may be a little less.
+ENOUGH = Amount(_WITHIN_ROUNDING, 0.95, 0.95)
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,21 @@ def check_limits(config: RunConfig) -> None:
                 given,
                 f"no round can be flown in it: {why} takes "
                 f"{math.ceil(100 * needed) / 100:.6g} {unit}; give at least that, or {out}",
+            )
+    whole = budget_of(config).whole_round
+    for index, key in ((1, "deadline_s"), (2, "energy_j")):
+        given, needed = getattr(mission, f"total_{key}"), ENOUGH[index] * whole[index]
+        if given is not None and given < needed:
+            of_a_round = f"mission.round_{key}"
+            known = getattr(mission, f"round_{key}") is not None
+            unit = KEYS[index][1]
+            raise config.refused(
+                f"mission.total_{key}",
+                given,
+                f"pays for no round: a whole one takes {whole[index]:.6g} {unit} "
+                f"({of_a_round if known else 'what its metres take'}); give at least "
+                f"{math.ceil(100 * needed) / 100:.6g} {unit}, or "
+                f"{f'a smaller {of_a_round}' if known else f'give {of_a_round}, too'}",
             )
 
 

@@ -35,6 +35,15 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
          "= 20 s takes 21.05 s; give at least that, or hover shorter"),
         (config(strategy="barycenter", hover_s=20.0, round_energy_j=3000.0),
          "mission.round_energy_j = 3000.0: no round can be flown in it: a hover"),
+        (config(round_energy_j=10000.0, total_energy_j=9000.0),
+         "mission.total_energy_j = 9000.0: pays for no round: a whole one takes 10000 J "
+         "(mission.round_energy_j); give at least 9500 J, or a smaller mission.round_energy_j"),
+        (config(round_deadline_s=40.0, total_deadline_s=37.9),
+         "mission.total_deadline_s = 37.9: pays for no round: a whole one takes 40 s "
+         "(mission.round_deadline_s); give at least 38 s, or a smaller mission.round_deadline_s"),
+        (config(path_budget_m=800.0, total_deadline_s=40.0),
+         "mission.total_deadline_s = 40.0: pays for no round: a whole one takes 44.7 s (what its "
+         "metres take); give at least 42.47 s, or give mission.round_deadline_s, too"),
         (config(link="external", total_energy_j=1e6),
          "mission.total_energy_j = 1000000.0: of an external vehicle nobody knows the power, so "
          "energy cannot limit its plans; leave it out, and give a deadline or metres"),
@@ -51,6 +60,7 @@ def test_enough_is_not_refused() -> None:
     check_limits(config())
     check_limits(config(round_deadline_s=30.0, total_energy_j=1e6))
     check_limits(config(strategy="barycenter", hover_s=20.0, round_deadline_s=21.05))
+    check_limits(config(round_deadline_s=40.0, total_deadline_s=38.0))
 
 
 @pytest.mark.parametrize("limit", [{"round_deadline_s": 35.0}, {"round_energy_j": 9000.0}])
@@ -97,8 +107,8 @@ def test_speed_is_what_the_vehicle_allows() -> None:
 
 
 def test_the_first_problem_knows_the_limits() -> None:
-    given = config(round_deadline_s=30.0, total_deadline_s=20.0, total_energy_j=5000.0)
+    given = config(round_deadline_s=30.0, total_deadline_s=29.0, round_energy_j=5000.0)
     limits = build_scenario(given, data_dir=None).first_problem().limits
     assert limits is not None
-    assert (limits.duration_s, limits.energy_j) == (20.0, 5000.0)
+    assert (limits.duration_s, limits.energy_j) == (29.0, 5000.0)
     assert build_scenario(config(), data_dir=None).first_problem().limits is None
