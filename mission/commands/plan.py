@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -16,6 +17,7 @@ from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
+    from mission.planner.problem import RoundProblem
     from mission.scenario.scenario import Scenario
 
 
@@ -103,6 +105,10 @@ def plan(
         _print(planned.plans)
         if loose := resolved.planner.loosely_proven([named.plan.gap for named in planned.plans]):
             Terminal(**PLAIN).print(loose)
+        by_id = {entry.id: entry.problem for entry in problems}
+        for named in planned.plans:
+            if not named.plan.schedule.any():
+                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id])}")
     if planned.failure is not None:
         raise planned.failure
     return 0
@@ -165,6 +171,17 @@ def _row(named: "NamedPlan") -> dict[str, float]:
     row["nodes"] = made.nodes
     row["ms"] = 1e3 * named.time_s
     return row
+
+
+def _nobody(problem: "RoundProblem") -> str:
+    """Why a plan serves nobody."""
+    if not len(problem.devices_m):
+        return "there are no devices"
+    away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
+    return (
+        f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
+        f"be {problem.most_m:.0f} m long"
+    )
 
 
 _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}

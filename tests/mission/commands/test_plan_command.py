@@ -47,6 +47,21 @@ def test_a_plan_that_is_proven_less_closely_than_asked_for_is_told(
     assert "less closely" not in capsys.readouterr().out
 
 
+def test_a_plan_that_serves_nobody_says_how_far_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "problems.json"
+    source.write_text(json.dumps([{**PROBLEM, "devices": [[3000.0, 4000.0], [9000.0, 0.0]]}]))
+    assert call(["plan", "--problem", str(source)]) == 0
+    assert (
+        "pair: no device is in reach: the nearest lies 5000 m from the start, and the path may be "
+        "250 m long" in capsys.readouterr().out
+    )
+    source.write_text(json.dumps([PROBLEM]))
+    assert call(["plan", "--problem", str(source)]) == 0
+    assert "reach" not in capsys.readouterr().out
+
+
 def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     qgc, out = tmp_path / "first.plan", tmp_path / "plans.json"
     assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
