@@ -173,18 +173,19 @@ def run(
         AerofedError: what `aerofed run` would end with. What was flown before stays in `out`.
         KeyboardInterrupt: it was interrupted; `resume(out)` goes on.
     """
-    from mission.base.run_folder import free_folder
+    from mission.base.run_folder import output_folder
 
     resolved = config(source, overrides)
     data = folder(data_dir, "data_dir")
-    path = free_folder(resolved.run_name) if out is None else as_path(out, "out")
+    given = None if out is None else as_path(out, "out")
+    with output_folder(given, resolved.run_name) as path:
 
-    def fly(console: "RunConsole") -> int:
-        from mission.run.session import fly_session
+        def fly(console: "RunConsole") -> int:
+            from mission.run.session import fly_session
 
-        return fly_session(resolved, path, data_dir=data, console=console)
+            return fly_session(resolved, path, data_dir=data, console=console)
 
-    return _flown(fly, path, quiet=quiet)
+        return _flown(fly, path, quiet=quiet)
 
 
 def resume(path: Path | str, *, quiet: bool = True) -> Run:

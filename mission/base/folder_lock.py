@@ -27,7 +27,10 @@ def alone_in(folder: Path, lock: Path, *, who: str) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(f"{folder}: another {who} is at work in this folder") from None
+            raise InputError(
+                f"{folder}: another {who} is at work in this folder; "
+                "wait until it has ended, or give another folder"
+            ) from None
         except OSError as error:  # a file system without locks
             raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None
         yield

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import Self, TypedDict
 
@@ -68,7 +69,7 @@ class RunFolder:
         except (FileExistsError, NotADirectoryError):
             raise InputError(f"{path}: the output folder is not a folder") from None
         except OSError as error:
-            raise InputError(f"{path}: cannot write the output folder: {error.strerror}") from None
+            raise _unwritable(path, error) from None
         return cls(path)
 
     @staticmethod
@@ -164,13 +165,42 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         raise InputError(f"{path}: cannot write: {error.strerror}") from None
 
 
-def free_folder(name: str) -> Path:
-    """`runs/name`, or `runs/name-2`, ... : the first that does not exist."""
-    candidate, number = RUNS / name, 1
-    while candidate.exists():
-        number += 1
-        candidate = RUNS / f"{name}-{number}"
-    return candidate
+@contextmanager
+def output_folder(given: Path | None, name: str) -> Iterator[Path]:
+    """The folder that was given, or `runs/name`, or `runs/name-2`, ... : the first that is free.
+
+    That one is made at once, so that two that begin together do not take the same. It is taken
+    away again where the block fails before anything is in it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    if given is not None:
+        yield given
+        return
+    there = RUNS.exists()
+    for number in count(1):
+        path = RUNS / (name if number == 1 else f"{name}-{number}")
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise _unwritable(path, error) from None
+        break
+    try:
+        with RunFolder(path).unless_refused():
+            yield path
+    finally:
+        if not there:
+            with suppress(OSError):  # not empty, as mostly
+                RUNS.rmdir()
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{path}: cannot write the output folder: {error.strerror}; give another with --out"
+    )
 
 
 class Environment(TypedDict):

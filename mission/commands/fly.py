@@ -47,7 +47,8 @@ def fly(
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
-    from mission.base.run_folder import free_folder
+    from mission.base.run_folder import output_folder
     from mission.run.planflight.fly import fly_plan
 
-    return fly_plan(resolved, plan, out or free_folder(plan.stem), console=watching)
+    with output_folder(out, plan.stem) as folder:
+        return fly_plan(resolved, plan, folder, console=watching)

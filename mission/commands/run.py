@@ -102,16 +102,15 @@ def run(
         )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
-    from mission.base.run_folder import RunFolder, free_folder
+    from mission.base.run_folder import RunFolder, output_folder
     from mission.config.preflight import load_data
 
-    folder = out or free_folder(resolved.run_name)
-    RunFolder.check(folder)
-    with stopwatch("setup"), watching.waiting("loading"):
-        load_data(resolved, data_dir)
-        # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
-        from mission.run.session import fly_session
-    with _summary_of(folder, as_json=as_json):
+    with output_folder(out, resolved.run_name) as folder, _summary_of(folder, as_json=as_json):
+        RunFolder.check(folder)
+        with stopwatch("setup"), watching.waiting("loading"):
+            load_data(resolved, data_dir)
+            # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
+            from mission.run.session import fly_session
         return fly_session(
             resolved,
             folder,

@@ -1,0 +1,56 @@
+"""Which folder a run takes where none is named, and what is said where it cannot."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder, output_folder
+
+
+def test_runs_that_begin_together_take_different_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with ExitStack() as several:
+        taken = [several.enter_context(output_folder(None, "one")) for _ in range(3)]
+        assert taken == [Path("runs/one"), Path("runs/one-2"), Path("runs/one-3")]
+        for path in taken:
+            (RunFolder.create(path).path / "summary.json").write_text("{}")
+    with output_folder(None, "one") as path:
+        assert path == Path("runs/one-4")
+    with output_folder(tmp_path / "mine", "one") as path:
+        assert path == tmp_path / "mine"
+        assert not path.exists()
+
+
+def test_nothing_is_left_of_a_run_that_never_began(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="no data"), output_folder(None, "one"):
+        raise InputError("no data")
+    assert not Path("runs").exists()
+
+
+def test_a_folder_that_cannot_be_made_names_the_way_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs").touch()
+    with pytest.raises(InputError) as refused, output_folder(None, "one"):
+        pass
+    assert str(refused.value) == (
+        "runs/one: cannot write the output folder: Not a directory; give another with --out"
+    )
+
+
+def test_a_folder_in_use_names_the_way_out(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "one")
+    with folder.lock(), pytest.raises(InputError) as refused, folder.lock():
+        pass
+    assert str(refused.value) == (
+        f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended, "
+        "or give another folder"
+    )
