@@ -40,7 +40,9 @@ class FlightLogs:
         armed = event.kind == "armed" and event.text == "armed"
         if armed and self._log is None:
             self.being_written = self._next()
-            self._log = FlightLog(self.being_written, area=self._area, devices=_NOBODY)
+            self._log = FlightLog(
+                self.being_written, area=self._area, devices=_NOBODY, start_ns=event.t_ns
+            )
         if self._log is not None:
             self._log.happened(event)
         if event.kind == "armed" and not armed:

@@ -49,10 +49,11 @@ class FlightLog:
         rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
         raw_mavlink: bool = False,
+        start_ns: int = 0,
     ) -> None:
         """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
 
-        `raw_mavlink`: whether `mavlink` will be called.
+        `raw_mavlink`: whether `mavlink` will be called. `start_ns`: when the log begins.
 
         Raises:
             LogError: the file cannot be made.
@@ -67,11 +68,10 @@ class FlightLog:
         # Straight to the file where nobody else listens.
         self._emit: Write = self._to_all if mirrors else self._file.write
         self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
-        self._now_ns = 0
-        self._flushed_ns = 0
+        self._now_ns = self._flushed_ns = start_ns
         self._shown_s = 0.0
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
-        self._write_world(0)
+        self._write_world(start_ns)
         look = layout(area, devices.communities)
         self.attach(LAYOUT, "application/json", look)
         self.attach(CLASSIC_LAYOUT, "application/json", classic(look))
