@@ -212,7 +212,12 @@ class Flight:
         here = self.here()
         down_m = self.frame.origin.alt_msl_m - altitude
         if down_m > here[2] - _LEAST_CLIMB_M:
-            return f"take-off altitude {altitude:.1f} m is not above the aircraft"
+            here_msl_m = self.frame.origin.alt_msl_m - here[2]
+            return (
+                f"take-off altitude {altitude:.1f} m is not above the aircraft: both count from "
+                f"mean sea level, where it is at {here_msl_m:.1f} m; give more than "
+                f"{here_msl_m + _LEAST_CLIMB_M:.1f} m"
+            )
         if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
             return f"the end of the take-off is {forbidden}"
         return self.order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))

@@ -123,6 +123,10 @@ def test_take_off_needs_arms_and_ground() -> None:
     desk.command(ARM, 1, 0)
     below = desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, HOME.alt_msl_m)
     assert below == REJECTED
+    assert (
+        "NAV_TAKEOFF refused: take-off altitude 488.0 m is not above the aircraft: both count from "
+        "mean sea level, where it is at 488.0 m; give more than 488.5 m"
+    ) in "".join(desk.texts())
     desk.take_off()
     assert desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, 600.0) == REJECTED
     assert "NAV_TAKEOFF refused: already in the air" in desk.texts()
