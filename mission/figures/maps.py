@@ -165,10 +165,13 @@ def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> list[alt.Ch
     )
     if not few:
         return [chart.mark_line(strokeWidth=_THIN_PX)]
-    widths = [_THIN_PX + _WIDER_PX * later for later in reversed(range(len(numbers)))]
-    scale = alt.Scale(type="ordinal", domain=numbers, range=widths)
-    wide = alt.StrokeWidth("round:O", scale=scale, legend=None)
-    return [chart.mark_line().encode(strokeWidth=wide), *_arrows(frame, lines, colour)]
+    # Without a scale, which would be one with that of the fence, and have both in its legend.
+    width = f"{_THIN_PX} + {_WIDER_PX} * ({numbers[-1]} - datum.round)"
+    wide = chart.transform_calculate(width=width).mark_line()
+    return [
+        wide.encode(strokeWidth=alt.StrokeWidth("width:Q", scale=None)),
+        *_arrows(frame, lines, colour),
+    ]
 
 
 def _arrows(

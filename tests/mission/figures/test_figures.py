@@ -147,13 +147,22 @@ def test_the_map_of_all_rounds_tells_their_order_and_direction(tmp_path: Path) -
     # Planned paths lie above the flown ones, and later rounds are thinner than those before.
     kinds = [layer["mark"] for layer in layers(spec)]
     dashed = next(index for index, mark in enumerate(kinds) if mark.get("strokeDash"))
-    (wide,) = [
-        (index, layer["encoding"]["strokeWidth"]["scale"]["range"])
+    ((index, width),) = [
+        (index, layer["transform"][0])
         for index, layer in enumerate(layers(spec))
-        if layer["encoding"].get("strokeWidth", {}).get("field") == "round"
+        if layer["encoding"].get("strokeWidth", {}).get("field") == "width"
     ]
-    assert wide[0] < dashed
-    assert wide[1] == sorted(wide[1], reverse=True)
+    assert index < dashed
+    assert width == {"as": "width", "calculate": "2.6 + 1.1 * (3 - datum.round)"}
+
+
+def test_one_key_says_what_fence_and_areas_look_like(tmp_path: Path) -> None:
+    ring = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]])
+    fly(tmp_path, rounds=2)
+    run = replace(load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),))
+    save(overview(run, ""), tmp_path / "map.svg")
+    drawn = [text.text for text in ET.parse(tmp_path / "map.svg").iter() if text.text]
+    assert drawn.count("no entry") == 1
 
 
 def test_rounds_that_are_many_are_coloured_alone(tmp_path: Path) -> None:
