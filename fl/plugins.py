@@ -72,8 +72,14 @@ def problem_of(name: str) -> str | None:
     try:
         found = importlib.util.find_spec(module)
     except FAILURES as error:
-        return f"cannot be imported: {first_line(error)}"
-    return None if found else f"cannot be imported: No module named {module!r}"
+        return _not_imported(error)
+    return None if found else _not_imported(ModuleNotFoundError(f"No module named {module!r}"))
+
+
+def _not_imported(error: BaseException) -> str:
+    missing = isinstance(error, ModuleNotFoundError)
+    where = "; looked for in the working directory, in PYTHONPATH and among what is installed"
+    return f"cannot be imported: {first_line(error)}{where if missing else ''}"
 
 
 def find(name: str, *, key: str) -> Callable[..., Any]:
@@ -87,7 +93,7 @@ def find(name: str, *, key: str) -> Callable[..., Any]:
     try:
         found = getattr(importlib.import_module(module), attribute)
     except FAILURES as error:
-        raise PluginError(key, name, f"cannot be imported: {first_line(error)}") from error
+        raise PluginError(key, name, _not_imported(error)) from error
     if not callable(found):
         raise PluginError(key, name, f"is {kind_of(found)}, not callable")
     made: Callable[..., Any] = found

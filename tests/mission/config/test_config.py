@@ -178,7 +178,14 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
         (BASE + "coverage = true", ["communities.0.coverage = true", "cannot own 10 classes"]),
         (BASE + "network = 'resnet'", ["communities.0.network = 'resnet'", "'lenet', 'mcmahan'"]),
         (BASE + "network = 'no_such.net:N'", ["communities.0.network", "No module named"]),
-        ("[mission]\nstrategy = 'no_such:f'" + BASE, ["mission.strategy", "No module named"]),
+        (
+            "[mission]\nstrategy = 'no_such:f'" + BASE,
+            [
+                "mission.strategy",
+                "No module named 'no_such'; looked for in the working directory, in "
+                "PYTHONPATH and among what is installed",
+            ],
+        ),
         ("[vehicle]\nparameter_file = 'no.parm'" + BASE, ["parameter_file = 'no.parm'", "no such"]),
         (
             "[vehicle.parameters]\nFOO = 1" + BASE,
