@@ -11,6 +11,7 @@ from rich.console import Console
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.terminal import PLAIN
 from mission.base.wording import count
+from mission.config.models import RunConfig
 from mission.flight.flyers.open import set_up
 from mission.sweep.execute.choice import EngineChoice
 from mission.sweep.execute.engine import Engine
@@ -18,6 +19,7 @@ from mission.sweep.execute.loop import execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
+from mission.sweep.outcome.gains import METHOD
 from mission.sweep.progress import Bar, Lines
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
@@ -83,6 +85,8 @@ class _Sweep:
         """Everything that is not done yet, then the results; how the runs ended, by name."""
         grid, folder = self.grid, self.folder
         todo = [run for run in grid.runs if not folder.done(run)]
+        if why := same_by_design([run.config for run in todo]):
+            _say(self.console, why)
         if todo:
             # Once here, so that missing data is one line and not a failure of every run.
             set_up(todo[0].config, data_dir=self.data_dir)
@@ -147,6 +151,21 @@ class _Sweep:
             return execute_all(todo, workers, order=order, watch=watch)
         finally:
             progress.close()
+
+
+def same_by_design(configs: Sequence[RunConfig]) -> str:
+    """Why the fairness CoV makes no difference in a sweep that compares it; empty where it may."""
+    if not {METHOD, "no_cov"} <= {config.mission.strategy for config in configs}:
+        return ""
+    period = min(config.learning.cov_period_rounds for config in configs)
+    rounds = max(config.mission.rounds for config in configs)
+    if rounds > period:
+        return ""
+    return (
+        f"{METHOD} and no_cov are the same here: the CoV is first updated after round {period} "
+        f"(learning.cov_period_rounds), and the runs end after round {rounds}; ask for more "
+        "--rounds"
+    )
 
 
 def _outcome(folder: SweepFolder, run: SweepRun) -> str:
