@@ -90,6 +90,14 @@ class Key:
         return sorted({name for model in self.models for name in model.model_fields})
 
 
+def title(key: str) -> str:
+    """A dotted key as a picture has it: `channel.extra_gain_db` is `extra gain (dB)`."""
+    name = key.rpartition(".")[2]
+    ending = max((end for end in UNITS if name.endswith(end)), key=len, default="")
+    words = name.removesuffix(ending).replace("_", " ")
+    return f"{words} ({UNITS[ending]})" if ending else words
+
+
 def top(model: type[BaseModel]) -> Key:
     """The configuration as a whole."""
     return Key((), model)

@@ -124,7 +124,7 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
     wall_h = sum(run.wall_s.get("total", 0.0) for run in results) / 3600
     return [
         *tiles,
-        (f"{flown_m / 1000:.1f} km", "flown in rounds"),
+        (f"{flown_m / 1000:.1f} km", "of path, all rounds"),
         (f"{hours:.1f} h", "simulated"),
         (f"{wall_h:.2f} h", "of one core's wall time"),
     ]
@@ -132,7 +132,7 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
 
 def _runs(results: Sequence[RunResult]) -> Cells:
     communities = communities_of(results)
-    heads = ["run", "seed", *(f"{name} %" for name in communities), "rounds", "km flown"]
+    heads = ["run", "seed", *(f"{name} %" for name in communities), "rounds", "km of path"]
     heads += ["delivered", "minutes simulated", "wall minutes"]
     rows = []
     for run in results:

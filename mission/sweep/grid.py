@@ -27,6 +27,11 @@ class Axis:
     values: tuple[object, ...]
 
 
+def file_name(text: str) -> str:
+    """The same without characters that some file system refuses."""
+    return re.sub(r"[^A-Za-z0-9._=+-]+", "-", text)
+
+
 @dataclass(frozen=True)
 class Point:
     """What tells one run of a sweep from the others."""
@@ -40,7 +45,7 @@ class Point:
         """Name of the run's folder: readable, unique where the file system had it changed."""
         parts = [self.strategy, *(f"{k.rpartition('.')[2]}={v}" for k, v in self.settings)]
         plain = "-".join([*parts, f"seed{self.seed}"])
-        name = re.sub(r"[^A-Za-z0-9._=+-]+", "-", plain)[:_NAME_LENGTH]
+        name = file_name(plain)[:_NAME_LENGTH]
         if name == plain:
             return name
         return f"{name}-{hashlib.sha256(plain.encode()).hexdigest()[:8]}"

@@ -98,7 +98,7 @@ def _by_clock(
 
 _LABELS: dict[Sampling, str] = {
     by_round: "round",
-    by_distance: "distance flown (km), mean over seeds; in a hover, its cost",
+    by_distance: "length of path (km), mean over seeds; in a hover, its cost",
     by_time: "simulated time (min), mean over seeds",
 }
 
@@ -123,7 +123,8 @@ class Picture:
     panels: tuple[Panel, ...]
     sampling: Sampling
     groups: Groups
-    order: tuple[str, ...]  # of all groups of the sweep, which gives each its colour
+    order: tuple[str, ...]  # of all names of the sweep, which gives each its colour
+    apart: tuple[str, ...] = ()  # settings that have charts of their own; there are many groups
 
     @property
     def window(self) -> int:
@@ -169,10 +170,14 @@ class Picture:
         ]
         return f"{label} ({', '.join(beyond)})"
 
-    def curves(self, panel: Panel) -> dict[str, Curve]:
-        """Every group that has the panel's column, as shown."""
+    def curves(self, panel: Panel, where: str = "") -> dict[str, Curve]:
+        """Every group that has the panel's column, as shown; of settings apart, by strategy."""
         found = {}
         for label, runs in self.groups.items():
+            if where:
+                label = runs[0].point.strategy
+                if runs[0].point.where != where:
+                    continue
             having = [run for run in runs if run.rounds and panel.column in run.rounds[0]]
             if not having:
                 continue
@@ -195,20 +200,27 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     groups, communities = groups_of(results), communities_of(results)
     if len(groups) > _TOLD_APART:
         return ()
-    order = tuple(groups)
+    points = [runs[0].point for runs in groups.values()]
+    strategies = tuple(dict.fromkeys(point.strategy for point in points))
+    settings = tuple(dict.fromkeys(point.where for point in points))
+    # So many curves in one chart would cover each other.
+    many = len(groups) > COLOURS and 1 < len(strategies) < len(groups)
+    order, apart = (strategies, settings) if many else (tuple(groups), ())
     flying = {label: runs for label, runs in groups.items() if flies(runs)}
     accuracy = tuple(
         Panel(f"accuracy_{name}", f"{name}: accuracy", "accuracy (%)", 100.0, 100.0)
         for name in communities
     )
-    pictures = [Picture("accuracy-rounds", "Accuracy by round", accuracy, by_round, groups, order)]
+    pictures = [
+        Picture("accuracy-rounds", "Accuracy by round", accuracy, by_round, groups, order, apart)
+    ]
     if flying:
         per = (
             Panel("plan_per", "Planned", "mean PER", most=1.0),
             Panel("true_per", "At the true position", "mean PER", most=1.0),
         )
         pictures += [
-            Picture(name, title, panels, sampling, flying, order)
+            Picture(name, title, panels, sampling, flying, order, apart)
             for name, title, panels, sampling in (
                 ("accuracy-distance", "Accuracy by distance", accuracy, by_distance),
                 ("accuracy-time", "Accuracy by time", accuracy, by_time),
@@ -222,6 +234,6 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     )
     return (
         *pictures,
-        Picture("participation", "Participation", arrived, by_round, groups, order),
-        Picture("fairness", "Fairness", fairness, by_round, groups, order),
+        Picture("participation", "Participation", arrived, by_round, groups, order, apart),
+        Picture("fairness", "Fairness", fairness, by_round, groups, order, apart),
     )

@@ -24,9 +24,8 @@ def final_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
 
 def gain_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
     """The method's final accuracy less every other group's of the same seeds, in points."""
-    colours = {label: community_colour(k) for k, label in enumerate(groups_of(results))}
     return [
-        _row(gain.label, colours[gain.label], gain.differences, least=-100.0)
+        _row(gain.label, community_colour(0), gain.differences, least=-100.0)
         for gain in paired_gains(results)
         if gain.community == community
     ]

@@ -9,6 +9,7 @@ from mission.base.palette import COLOURS, community_colour
 from mission.figures.cells import beside
 from mission.figures.charts import LayerChart, Series, dot_rows, line_chart
 from mission.figures.render import Chart, save_all, stacked
+from mission.sweep.grid import file_name
 from mission.sweep.outcome.curves import (
     Curve,
     Panel,
@@ -54,7 +55,7 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
         title = f"What {METHOD} gains in final accuracy, within a seed"
         pictures["gains.png"] = stacked(gains, title=title, about=about)
     for other in compared(results):
-        pictures[f"gain-map-{other}.png"] = stacked(
+        pictures[f"gain-map-{file_name(other)}.png"] = stacked(
             [beside(pair) for pair in gain_maps(results, other)],
             title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
             about=about,
@@ -63,8 +64,15 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
 
 
 def curve_charts(picture: Picture) -> list[LayerChart]:
-    """A chart for each panel: the mean of every group, with its interval where it has one."""
-    return [_curves(picture, panel) for panel in picture.panels]
+    """A chart for each panel: the mean of every group, with its interval where it has one.
+
+    Where there are many groups, each panel has a chart for each setting.
+    """
+    return [
+        _curves(picture, panel, where)
+        for panel in picture.panels
+        for where in picture.apart or [""]
+    ]
 
 
 def final_chart(results: Sequence[RunResult], community: str) -> LayerChart:
@@ -90,10 +98,10 @@ def gain_maps(results: Sequence[RunResult], other: str) -> list[tuple[LayerChart
     ]
 
 
-def _curves(picture: Picture, panel: Panel) -> LayerChart:
-    curves = picture.curves(panel).items()
+def _curves(picture: Picture, panel: Panel, where: str) -> LayerChart:
+    curves = picture.curves(panel, where).items()
     return line_chart(
-        panel.title,
+        f"{panel.title}, {where}" if where else panel.title,
         [_series(label, picture.order.index(label), curve) for label, curve in curves],
         x=picture.x_label,
         y=panel.axis,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from mission.base import schema
 from mission.figures.cells import Cell, cell_map
 from mission.figures.charts import LayerChart
 from mission.sweep.outcome.gains import METHOD, Gain, paired_gains
@@ -32,11 +33,12 @@ def gain_map(results: Sequence[RunResult], other: str, community: str) -> LayerC
         )
         for gain in gains
     ]
+    known = any(math.isfinite(gain.interval.half) for gain in gains)
     down, across = _axes(results)
     return cell_map(
         f"{community}: {METHOD} less {other}, points", cells, down=down, across=across,
         most=max(_FAINTEST, *(abs(cell.value) for cell in cells)), signed=True,
-        note="bold: its 95 % interval leaves zero out",
+        note="bold: its 95 % interval leaves zero out" if known else "",
     )  # fmt: skip
 
 
@@ -72,7 +74,7 @@ def _places(results: Sequence[RunResult]) -> dict[str, tuple[str, str]]:
 
 def _axes(results: Sequence[RunResult]) -> tuple[str, str]:
     (down, _), (across, _) = results[0].point.settings
-    return down, across
+    return schema.title(down), schema.title(across)
 
 
 def _sure(gain: Gain) -> bool:

@@ -42,14 +42,14 @@ REST = (
     Column("plan_per", "PER planned", 3),
     Column("true_per", "PER true", 3),
     Column("rounds", "rounds", 0),
-    Column("flown_m", "km flown", 1, unit=1000.0),
+    Column("flown_m", "km of path", 1, unit=1000.0),
     Column("energy_j", "kJ flown", 0, unit=1000.0),
 )
 _TERMINAL = (
     Column("final_accuracy_{}", "{}\n%"),
     Column("delivered_share", "delivered\n%", 1, unit=0.01),
     Column("participation", "took part\n%", 1, unit=0.01),
-    Column("flown_m", "flown\nkm", 1, unit=1000.0),
+    Column("flown_m", "path\nkm", 1, unit=1000.0),
     Column("energy_j", "energy\nkJ", 0, unit=1000.0),
 )
 

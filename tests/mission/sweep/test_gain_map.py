@@ -3,16 +3,18 @@
 import gzip
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from described import described, layers
+from described import axes, described, keys, layers, rows
 from drawing import drawn
 
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Axis, points
+from mission.sweep.outcome.ends import gain_rows
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
 from mission.sweep.outcome.gains import gain_table, paired_gains
@@ -63,6 +65,42 @@ def test_cells_hold_gain_and_interval_and_the_sure_ones_are_bold() -> None:
     scale = cell["fillOpacity"]["scale"]
     assert scale["domain"] == pytest.approx([0.0, 4.0])  # zero has no colour
     assert cell["y"]["sort"] == ["2", "10"]
+
+
+def test_axes_are_in_words_and_two_seeds_have_no_interval() -> None:
+    chart = described(gain_map(results(), "no_cov", "a"))
+    assert axes(chart) == {"steps", "extra gain (dB)"}
+    assert chart["title"]["subtitle"] == "bold: its 95 % interval leaves zero out"
+    two = [item for item in results() if item.point.seed < 3]
+    assert "subtitle" not in described(gain_map(two, "no_cov", "a"))["title"]
+
+
+def test_gains_have_one_colour() -> None:
+    rows = gain_rows(results(), "a")
+    assert len(rows) == 4
+    assert len({row.colour for row in rows}) == 1
+
+
+def test_a_picture_of_an_own_strategy_has_a_name_for_every_file_system() -> None:
+    own = [
+        replace(item, point=replace(item.point, strategy="examples.staleness:make"))
+        if item.point.strategy == "no_cov"
+        else item
+        for item in results()
+    ]
+    assert "gain-map-examples.staleness-make.png" in sweep_pictures("s", own)
+
+
+@pytest.mark.parametrize(("gains", "charts"), [((0,), 1), ((0, 3), 4)])
+def test_many_groups_have_a_chart_for_each_setting(gains: tuple[int, ...], charts: int) -> None:
+    swept = [AXES[0], Axis("channel.extra_gain_db", gains)]
+    spec = described(sweep_pictures("s", results(axes=swept))["accuracy-rounds.png"])
+    titles = [chart["title"]["text"] for chart in spec["vconcat"]]
+    assert len(titles) == charts
+    if charts > 1:
+        assert keys(spec)["color"] == ["cov", "no_cov"]
+        assert titles[1] == "a: accuracy, steps = 2, extra_gain_db = 3"
+        assert {row["series"] for row in rows(spec, "series")} == {"cov", "no_cov"}
 
 
 def test_participation_stands_beside_it() -> None:
