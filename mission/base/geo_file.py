@@ -115,7 +115,7 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+        raise InputError(f"{path}: cannot be read: not UTF-8 text; save it as UTF-8") from None
     except ValueError:  # a name with a null in it
         raise InputError(f"{path}: no name of a file") from None
 

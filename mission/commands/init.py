@@ -33,6 +33,8 @@ def init(
         raise InputError(f"{there}: exists already; give another folder by --out")
     try:
         out.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{out}: not a folder; give another by --out") from None
     except OSError as error:
         raise InputError(f"{out}: cannot be made: {error.strerror}") from None
     console = Terminal(**PLAIN)

@@ -176,7 +176,7 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     first
         A log, or its run's folder.
     second
-        Another. Exit code 0: they say the same; 6: they differ.
+        Another log, or its run's folder. Exit code 0: they say the same; 6: they differ.
     as_json
         Print the differences as JSON.
     """

@@ -43,6 +43,7 @@ def line_chart(
     note: str = "",
     most: float = math.inf,
     whole_x: bool = False,
+    steps: bool = False,
     gate: str = "",
     marks: Series | None = None,
     height: float = HEIGHT,
@@ -50,7 +51,8 @@ def line_chart(
     """Lines over a common axis; `x` and `y` are its titles, with units.
 
     The vertical axis begins at zero where nothing is negative, and ends at `most` at the latest.
-    `gate` names a line at 1; `marks` are single points to be seen.
+    `steps`: a value holds until the next. `gate` names a line at 1; `marks` are single points to
+    be seen.
     """
     data = table(series=_labels(series, "x"), x=_joined(series, "x"), y=_joined(series, "y"))
     names = [item.label for item in series]
@@ -72,7 +74,7 @@ def line_chart(
     ]
     layers: list[alt.Chart] = [
         *_bands(series, across),
-        base.mark_line(strokeWidth=2).encode(
+        base.mark_line(strokeWidth=2, interpolate="step-after" if steps else "linear").encode(
             strokeDash=alt.StrokeDash("series:O", scale=dashes, legend=key)
         ),
         # A line of many points has none to see, but each tells its values.

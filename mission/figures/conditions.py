@@ -152,7 +152,7 @@ def _innovations(sensor: str, index: int, track: InnovationTrack) -> alt.LayerCh
         f"{name[0].upper()}{name[1:]} against the estimate",
         series,
         x=_TIME,
-        y="innovation by its gate",
+        y="deviation (1: the most accepted)",
         gate="refused beyond",
         note=f"{axes}{refused.sum()} refused",
         marks=Series("refused", BAD, track.t_ns[some] / 1e9, track.ratio[some]),

@@ -40,7 +40,7 @@ def learning_charts(run: FlightData) -> list[alt.LayerChart]:
     by_round = partial(line_chart, x="round", whole_x=True)
     percent = by_community("accuracy", 100.0)
     accuracy = by_round("Accuracy", percent, y="accuracy (%)", most=100.0)
-    cov = by_round("Fairness CoV ψ", by_community("cov", 1.0), y="CoV ψ", note=_SPREAD)
+    cov = by_round("Fairness CoV ψ", by_community("cov", 1.0), y="CoV ψ", note=_SPREAD, steps=True)
     updates = bar_chart(
         "Updates",
         [
@@ -68,9 +68,7 @@ def _objective(run: FlightData) -> alt.LayerChart:
     bounds = [record.upper_bound for record in run.rounds]
     if any(math.isfinite(bound) for bound in bounds):
         series.insert(0, Series("proven bound", SOFT, rounds, bounds, dashed=True))
-    return line_chart(
-        "Objective: importance times success", series, x="round", y="importance", whole_x=True
-    )
+    return line_chart("Objective", series, x="round", y="importance times success", whole_x=True)
 
 
 def _error_rates(comparison: RunComparison) -> alt.LayerChart:
@@ -88,7 +86,12 @@ def _error_rates(comparison: RunComparison) -> alt.LayerChart:
     key = keys(kinds)
     marks = alt.Chart(data).mark_point(filled=True, opacity=0.85, tooltip=True)
     placed = marks.encode(
-        x=alt.X("per:Q", title="packet error rate (mean)", axis=alt.Axis(format="~g")),
+        x=alt.X(
+            "per:Q",
+            title="packet error rate (mean)",
+            scale=alt.Scale(zero=True, nice=False, padding=8),  # or dots at 0 are cut
+            axis=alt.Axis(format="~g"),
+        ),
         y=alt.Y("device:O", title="device"),
         color=alt.Color("kind:O", scale=named(kinds, [PLANNED, WARM, GOOD]), legend=key),
         size=alt.Size("kind:O", scale=named(kinds, [110, 55, 22]), legend=key),

@@ -17,7 +17,7 @@ from mission.figures.render import Chart, save, save_all, stacked
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
     ("Cross-track error on straights, rms", "distance (m)", lambda c: c.straight_rms_m),
     ("Slots later than planned, mean", "delay (s)", lambda c: c.slot_late_mean_s),
-    ("True objective", "importance", lambda c: c.true_objective),
+    ("True objective", "importance times success", lambda c: c.true_objective),
     ("Updates arrived", "updates", lambda c: float(c.delivered)),
 )
 

@@ -53,7 +53,9 @@ def test_init_begins_with_the_quick_start_here(tmp_path: Path, monkeypatch, caps
 
 def test_init_that_cannot_write_says_so(tmp_path: Path, capsys) -> None:
     (tmp_path / "file").touch()
-    assert "cannot be made" in refused(capsys, "init", "--out", str(tmp_path / "file" / "x"))
+    for path in (tmp_path / "file", tmp_path / "file" / "x"):
+        said = refused(capsys, "init", "--out", str(path))
+        assert f"{path}: not a folder; give another by --out" in said
 
 
 def test_shipped_names_work_in_every_command(capsys) -> None:

@@ -287,6 +287,9 @@ def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
             values(accuracy, name), [100 * r.accuracy[name] for r in made.rounds], rtol=1e-5
         )
         np.testing.assert_allclose(values(cov, name), [r.cov[name] for r in made.rounds], rtol=1e-5)
+    # It holds until it is computed again.
+    lines = [layer["mark"] for layer in layers(cov) if layer["mark"]["type"] == "line"]
+    assert [line["interpolate"] for line in lines] == ["step-after"]
     assert values(updates, "delivered") == [r.delivered for r in made.rounds]
     assert axes(accuracy) == {"round", "accuracy (%)"}
 
@@ -313,7 +316,13 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
         runs.append(compare_run(load_run(tmp_path / name)))
     spec = described(comparison_figure(runs))
     assert keys(spec)["color"] == ["one · seed 1", "two · seed 1"]
-    assert axes(spec) == {"round", "distance (m)", "delay (s)", "importance", "updates"}
+    assert axes(spec) == {
+        "round",
+        "distance (m)",
+        "delay (s)",
+        "importance times success",
+        "updates",
+    }
     panel = spec["vconcat"][2]
     name = (panel if "data" in panel else next(layers(panel)))["data"]["name"]
     for run, label in zip(runs, keys(spec)["color"], strict=True):
@@ -383,7 +392,7 @@ def test_every_error_rate_and_every_update_is_on_its_chart(tmp_path: Path) -> No
     run = load_run(tmp_path)
     comparison = compare_run(run)
     objective, rates, participation = map(described, radio_charts(run.data, comparison))
-    assert axes(objective) == {"round", "importance"}
+    assert axes(objective) == {"round", "importance times success"}
     drawn = rows(rates, "kind", "per")
     for device in comparison.devices:
         mine = {row["kind"]: row["per"] for row in drawn if row["device"] == device.device}
