@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mission.analysis.load import flown
+from mission.base.airspace import Airspace
 from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
@@ -25,6 +26,8 @@ from mission.log.values import FlightData, PlanRecord
 
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
+_NAME_PX = 10  # the font of areas' names
+_ROOMY_PX = 500.0  # wide maps have room for names beside their areas
 TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
 # Colour, width and dashes of each kind of line, in the order in which they lie.
 _LINES: Mapping[str, tuple[str, float, list[int]]] = {
@@ -104,25 +107,46 @@ class Frame:
         ]
 
     def _areas(self, run: FlightData) -> list[alt.Chart]:
-        """What must not be flown, filled: a polygon is a closed line; and its name."""
+        """What must not be flown, filled, and what is flown above or below, dashed; and names.
+
+        A polygon is a closed line.
+        """
         rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
-        known = run.config.get("area", {}).get("no_fly", ())
-        named_here = [
-            (zone["name"], ring.mean(axis=0))
-            for ring in rings
-            for zone in known
-            if np.array_equal(zone["polygon_m"], ring)
-        ]
-        names = [
-            self.chart(table(round=[0], x=[x], y=[y])).mark_text(text=name, fontSize=10, color=SOFT)
-            for name, (x, y) in named_here
-        ]
-        return names + [
+        layers: list[alt.Chart] = []
+        open_rings: list[Floats] = []
+        for zone in run.config.get("area", {}).get("no_fly", ()):
+            ring, name = np.asarray(zone["polygon_m"], dtype=np.float64), zone["name"]
+            if not any(np.array_equal(ring, other) for other in rings):
+                open_rings.append(ring)
+                name += f" {_heights(zone)}"
+            at_m, below = self._place(ring, name)
+            if below and self.width < _ROOMY_PX:
+                continue
+            text = self.chart(table(round=[0], x=at_m[:1], y=at_m[1:]))
+            layers.append(
+                text.mark_text(text=name, fontSize=_NAME_PX, color=SOFT, dy=_NAME_PX * below)
+            )
+        looks: tuple[tuple[list[Floats], dict[str, Any]], ...] = (
+            (rings, {"strokeWidth": 0, "fill": FENCE, "fillOpacity": 0.12}),
+            (open_rings, {"stroke": SOFT, "strokeWidth": 1.0, "strokeDash": [3, 3]}),
+        )
+        return layers + [
             alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))]))
-            .mark_line(strokeWidth=0, fill=FENCE, fillOpacity=0.12, clip=True)
+            .mark_line(clip=True, **look)
             .encode(self.x(), self.y(), order="step:Q")
-            for ring in rings
+            for some, look in looks
+            for ring in some
         ]
+
+    def _place(self, ring: Floats, name: str) -> tuple[Floats, bool]:
+        """Where an area's name stands: in its middle, or where that has no room below it."""
+        middle, metres = ring.mean(axis=0), (self._high - self._low)[0] / self.width
+        half = np.array([0.28 * len(name), 0.5]) * _NAME_PX * metres
+        box = np.array([(x, y) for x in np.linspace(-1.0, 1.0, 9) for y in (-1.0, 1.0)]) * half
+        if Airspace(keep_in=ring).allows(middle + box).all():
+            return middle, False
+        lowest = ring[:, 1] <= ring[:, 1].min() + metres
+        return np.asarray(ring[lowest].mean(axis=0)), True
 
     def lines(self, lines: Lines) -> list[alt.Chart]:
         """Paths by kind, in their own looks; of other rounds than the chosen one faintly."""
@@ -182,6 +206,12 @@ class Frame:
         return made.add_params(
             alt.param("shown", value=self._chosen), alt.param("everything", value=False)
         )
+
+
+def _heights(zone: Mapping[str, Any]) -> str:
+    """Where an area counts that the flight is above or below."""
+    low, high = zone.get("from_m"), zone.get("to_m")
+    return f"from {low:g} m" if high is None else f"up to {high:g} m"
 
 
 def line_table(lines: Lines) -> pa.Table:

@@ -33,6 +33,7 @@ from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.plan import plan_picture
 from mission.figures.render import save, save_all, stacked
 from mission.figures.run import comparison_figure, draw_comparison, draw_run
+from mission.figures.style import SOFT
 from mission.figures.words import Drawn, Look, Word, words
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import Table
@@ -117,16 +118,20 @@ def test_areas_that_must_not_be_flown_have_their_names_on_the_map(tmp_path: Path
     fly(tmp_path, rounds=1)
     ring = np.array([[100.0, 100.0], [200.0, 100.0], [150.0, 220.0]])
     text = f"[[area.no_fly]]\nname = 'pond'\npolygon_m = {ring.tolist()}\n"
-    text += "[[area.no_fly]]\nname = 'overhead'\npolygon_m = [[0, 0], [1, 0], [0, 1]]\n"
+    text += "[[area.no_fly]]\nname = 'overhead'\nto_m = 40\npolygon_m = [[0, 0], [1, 0], [0, 1]]\n"
     run = replace(
         load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),),
         attachments={"config.toml": text.encode()},
     )  # fmt: skip
     spec = described(round_map(run, run.plans[:1]))
     marks = [layer["mark"] for layer in layers(spec)]
-    assert {mark.get("text") for mark in marks} >= {"pond"}
+    names = {mark["text"]: mark["dy"] for mark in marks if mark.get("text")}
+    # The second has no room for its name, which stands below it then.
+    assert names == {"pond": 0, "overhead up to 40 m": 10}
     assert written(spec) >= {"home", "start"}
-    assert "overhead" not in str(marks)
+    assert [
+        mark["strokeDash"] for mark in marks if mark.get("stroke") == SOFT and "strokeDash" in mark
+    ] == [[3, 3]]
 
 
 def test_the_map_of_all_rounds_tells_their_order_and_direction(tmp_path: Path) -> None:
