@@ -69,7 +69,21 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
             except PluginError as error:
                 raise InputError(str(error.in_community(index))) from error.__cause__
             except LearningInputError as error:
-                raise InputError(str(error)) from None
+                raise InputError(f"{error}{_others(config, index, data_dir)}") from None
+
+
+def _others(config: "RunConfig", index: int, data_dir: Path | None) -> str:
+    """Which data sets are missing beside a community's where no folder was given."""
+    if data_dir is not None:
+        return ""
+    task = config.communities[index].task
+    later = (community.task for community in config.communities[index + 1 :])
+    others = [
+        name
+        for name in dict.fromkeys(later)
+        if name in TASKS and needs_files(name) and name != task
+    ]
+    return f"; files are needed for {' and '.join(others)}, too" if others else ""
 
 
 def _code(key: str, name: str, built_in: tuple[str, ...] = ()) -> Iterator[Problem]:

@@ -15,6 +15,7 @@ from mission.base.schema import every, top
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
 from mission.config.overrides import parse_override
+from mission.config.preflight import load_data
 
 BASE = """
 [[communities]]
@@ -355,3 +356,14 @@ def test_a_file_s_own_fault_is_not_the_command_line_s(write) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nothing\.toml: cannot read.*No such file"):
         load_config(tmp_path / "nothing.toml")
+
+
+def test_all_data_sets_that_are_missing_are_named() -> None:
+    communities = [
+        {"name": name, "task": task, "devices": 2}
+        for name, task in (("a", "cifar10"), ("b", "digits"), ("c", "mnist"), ("d", "own:data"))
+    ]
+    with pytest.raises(
+        InputError, match=r"^cifar10: needs files: .*; files are needed for mnist, t"
+    ):
+        load_data(RunConfig.model_validate({"communities": communities}), None)
