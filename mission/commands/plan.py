@@ -177,6 +177,8 @@ def _nobody(problem: "RoundProblem") -> str:
     """Why a plan serves nobody."""
     if not len(problem.devices_m):
         return "there are no devices"
+    if not problem.importance.any():
+        return "the importance of every device is 0"
     away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
     return (
         f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
