@@ -108,6 +108,15 @@ def test_a_firmware_that_dies_is_reported_with_its_last_words(
     assert (tmp_path / "out" / "firmware" / "console.log").is_file()
 
 
+@pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs /proc")
+def test_a_start_script_that_does_not_quote_its_folder_works_in_one_with_a_space(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    binary = stand_in(tmp_path, "sh -c 'tail -n 1 $(pwd)/px4-rc.params'; exit 3")
+    fly(tmp_path / "a run", "px4", binary)
+    assert "its console ended with: param set" in capsys.readouterr().err
+
+
 def test_a_program_that_never_speaks_ends_the_run_in_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,7 +143,7 @@ SLOW_LOOPS = ("--set", "vehicle.firmware.parameters.SCHED_LOOP_RATE=200")
 def test_a_real_firmware_flies_rounds(
     tmp_path: Path, autopilot: str, more: tuple[str, ...]
 ) -> None:
-    out = tmp_path / "out"
+    out = tmp_path / "a run"
     assert fly(out, autopilot, real(autopilot), "--rounds", "2", *more) == 0
     with (out / "uplinks.csv").open(newline="") as file:
         uplinks = list(csv.DictReader(file))
@@ -149,6 +158,21 @@ def test_a_real_firmware_flies_rounds(
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "finished"
     assert not [p for p in Path("/proc").glob("[0-9]*") if str(out) in _cwd(p)]
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_takes_about_the_energy_that_was_planned(
+    tmp_path: Path, autopilot: str
+) -> None:
+    """Motors that a control loop shakes take several times as much."""
+    out = tmp_path / "out"
+    limits = ("mission.round_energy_j=10000", "mission.total_energy_j=10000")
+    words = [word for key in limits for word in ("--set", key)]
+    assert fly(out, autopilot, real(autopilot), "--rounds", "1", *words) == 0
+    with (out / "rounds.csv").open(newline="") as file:
+        (flown,) = csv.DictReader(file)
+    assert 0.7 < float(flown["energy_j"]) / float(flown["plan_energy_j"]) < 1.4
 
 
 def _cwd(process: Path) -> str:
