@@ -51,6 +51,10 @@ def stand_in(folder: Path, text: str) -> Path:
              "vehicle.aircraft.sensors.kind=perfect"),
             "must be 'realistic'",
         ),
+        (
+            ("vehicle.autopilot=px4", "vehicle.firmware.path=px4", "link.kind=external"),
+            "flies another vehicle than vehicle.autopilot = 'px4' does: leave one of them out",
+        ),
         (("vehicle.autopilot=betaflight",), "must be one of 'built-in', 'px4', 'ardupilot'"),
     ],
 )  # fmt: skip
