@@ -48,17 +48,11 @@ def px4_launch(order: Order, plant: Plant) -> Launch:
 
     Raises:
         LinkError: no instance is free.
-        FirmwareSilentError: there is no binary, or no etc folder beside its own.
+        FirmwareSilentError: see `etc_of`.
     """
     binary = order.vehicle.firmware.path
     assert binary is not None
-    check_binary(binary)
-    etc = binary.resolve().parent.parent / "etc"
-    if not (etc / "init.d-posix" / "rcS").is_file():
-        raise FirmwareSilentError(
-            f"vehicle.firmware.path = {binary}: no PX4: {etc}/init.d-posix/rcS is missing, which "
-            "PX4's build puts beside the folder of its binary"
-        )
+    etc = etc_of(binary)
     instance, bridge = _free_instance(plant)
     how = ("-d", "-i", str(instance), str(etc), "-w", ".")
     argv = (str(binary.resolve()), *how, *order.vehicle.firmware.arguments)
@@ -69,6 +63,22 @@ def px4_launch(order: Order, plant: Plant) -> Launch:
         env={"PX4_SIM_MODEL": _MODEL, "PWD": _HERE},
         own_scripts=True,
     )
+
+
+def etc_of(binary: Path) -> Path:
+    """The folder of its scripts, beside that of the binary.
+
+    Raises:
+        FirmwareSilentError: there is no binary, or no such folder.
+    """
+    check_binary(binary)
+    etc = binary.resolve().parent.parent / "etc"
+    if not (etc / "init.d-posix" / "rcS").is_file():
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {binary}: this is not PX4: {etc}/init.d-posix/rcS is "
+            "missing, which PX4's build puts beside the folder of its binary"
+        )
+    return etc
 
 
 def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:

@@ -6,6 +6,7 @@ Real binaries fly where AEROFED_PX4 or AEROFED_ARDUCOPTER names one.
 import csv
 import json
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -88,13 +89,31 @@ def test_a_missing_binary_ends_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_is_no_binary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fly(tmp_path / "out", "ardupilot", tmp_path) == 2
+    assert "is a folder; the firmware's binary is needed" in capsys.readouterr().err
+
+
+def test_another_program_is_no_arducopter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fly(tmp_path / "out", "ardupilot", Path(sys.executable)) == 2
+    error = capsys.readouterr().err
+    assert "this is not ArduCopter" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_binary_without_its_scripts_is_no_px4(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     binary = stand_in(tmp_path, "exit 0")
     (tmp_path / "etc" / "init.d-posix" / "rcS").unlink()
-    assert fly(tmp_path / "out", "px4", binary) == 5
-    assert "rcS is missing" in capsys.readouterr().err
+    assert fly(tmp_path / "out", "px4", binary) == 2
+    error = capsys.readouterr().err
+    assert "this is not PX4" in error
+    assert "rcS is missing" in error
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -196,9 +215,12 @@ def test_a_real_firmware_that_does_not_know_a_parameter_is_named(
     assert "NO_SUCH = 1: the firmware did not take it" in capsys.readouterr().err
 
 
-def test_another_autopilot_than_was_asked_for_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_is_not_taken_for_the_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str
 ) -> None:
-    code = fly(tmp_path / "out", "ardupilot", real("px4"))
-    assert code in (4, 5)
-    assert capsys.readouterr().err.count("\n") == 1
+    (other,) = REAL.keys() - {autopilot}
+    assert fly(tmp_path / "out", autopilot, real(other)) == 2
+    assert "this is not " in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
