@@ -146,7 +146,9 @@ def test_a_program_that_never_speaks_ends_the_run_in_time(
     binary = stand_in(tmp_path, "exec sleep 900")
     short = ("--set", "link.connect_timeout_s=1")
     assert fly(tmp_path / "out", "px4", binary, *short) == 5
-    assert "no vehicle answered" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "no vehicle answered" in error
+    assert "cannot be resumed" in error
 
 
 def real(autopilot: str) -> Path:
