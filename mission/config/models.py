@@ -378,6 +378,12 @@ class RunConfig(_Model):
         )
         if self.mission.flight == "none" and other is not None:
             raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
+        autopilot = self.vehicle.autopilot
+        if self.link.kind == "external" and autopilot != "built-in":
+            raise ValueError(
+                f"link.kind = 'external' (--vehicle) flies another vehicle than "
+                f"vehicle.autopilot = {autopilot!r} does: leave one of them out"
+            )
         return self
 
     def to_toml(self) -> str:

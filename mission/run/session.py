@@ -175,7 +175,9 @@ def _fly(
         stopwatch=stopwatch,
         figures=figures,
         page=page,
-        goes_on="" if flyers.no_resume else f"; aerofed run --resume {folder.path} goes on",
+        goes_on=f"; {flyers.no_resume}: it cannot be resumed"
+        if flyers.no_resume
+        else f"; aerofed run --resume {folder.path} goes on",
     )
 
 

@@ -1,13 +1,17 @@
 """ArduCopter as it is started for our aircraft."""
 
 import math
+from pathlib import Path
 
 from flightdyn.plant import Plant
 from sitl.firmware.ardupilot import ArduPilotBridge
+from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
 from sitl.firmware.process import check_binary
 
 _DEFAULTS = "aerofed.parm"
+_NAME = b"ArduCopter V"  # of itself, to ground stations
+_SCRIPT = b"#!"
 
 
 def ardupilot_launch(order: Order, plant: Plant) -> Launch:
@@ -15,11 +19,11 @@ def ardupilot_launch(order: Order, plant: Plant) -> Launch:
 
     Raises:
         LinkError: no port can be had.
-        FirmwareSilentError: there is no binary.
+        FirmwareSilentError: see `check_arducopter`.
     """
     binary = order.vehicle.firmware.path
     assert binary is not None
-    check_binary(binary)
+    check_arducopter(binary)
     bridge = ArduPilotBridge(plant, port=0)
     bridge.open()
     home = plant.frame.origin
@@ -40,6 +44,22 @@ def ardupilot_launch(order: Order, plant: Plant) -> Launch:
     values = fitting(order, plant) | order.vehicle.firmware.parameters
     text = "".join(f"{name} {value:.9g}\n" for name, value in values.items())
     return Launch(bridge, argv, files={_DEFAULTS: text})
+
+
+def check_arducopter(binary: Path) -> None:
+    """Refuse another program. A script may start whatever it likes.
+
+    Raises:
+        FirmwareSilentError: there is no binary, or it is not ArduCopter's.
+    """
+    check_binary(binary)
+    with binary.open("rb") as file:
+        head = file.read(len(_SCRIPT))
+        if head != _SCRIPT and _NAME not in head + file.read():
+            raise FirmwareSilentError(
+                f"vehicle.firmware.path = {binary}: this is not ArduCopter (ArduPilot's build "
+                "makes it as build/sitl/bin/arducopter)"
+            )
 
 
 def fitting(order: Order, plant: Plant) -> dict[str, float]:

@@ -3,9 +3,9 @@
 from flightdyn.plant import Plant
 from sitl.config import VehicleConfig
 from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
-from sitl.firmware.ardupilot_start import ardupilot_launch
+from sitl.firmware.ardupilot_start import ardupilot_launch, check_arducopter
 from sitl.firmware.launch import Launch, Order
-from sitl.firmware.px4_start import px4_launch
+from sitl.firmware.px4_start import etc_of, px4_launch
 
 
 def plant_rate_hz(vehicle: VehicleConfig) -> int:
@@ -14,6 +14,20 @@ def plant_rate_hz(vehicle: VehicleConfig) -> int:
         loops_hz = vehicle.firmware.parameters.get("SCHED_LOOP_RATE", LOOPS_HZ)
         return max(vehicle.aircraft.physics_hz, slowest_rate_hz(loops_hz))
     return vehicle.aircraft.physics_hz
+
+
+def check_firmware(vehicle: VehicleConfig) -> None:
+    """Refuse a binary that is not the firmware asked for, as far as it shows before it runs.
+
+    Raises:
+        FirmwareSilentError: says what it is.
+    """
+    path = vehicle.firmware.path
+    assert path is not None
+    if vehicle.autopilot == "px4":
+        etc_of(path)
+    else:
+        check_arducopter(path)
 
 
 def prepare(order: Order, plant: Plant) -> Launch:

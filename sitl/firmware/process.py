@@ -19,6 +19,10 @@ def check_binary(path: Path) -> None:
     Raises:
         FirmwareSilentError: there is no such file, or it may not be executed.
     """
+    if path.is_dir():
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {path}: is a folder; the firmware's binary is needed"
+        )
     if not path.is_file():
         raise FirmwareSilentError(f"vehicle.firmware.path = {path}: no such file")
     if not os.access(path, os.X_OK):

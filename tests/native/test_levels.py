@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from toolchains import compile_all, compilers, exercised, others
 
+from flightdyn.native.library import Innovations
 from mission.cli import call
 from native import building, loading
 from native.errors import LibraryError
@@ -50,6 +51,37 @@ def test_the_command_line_says_so_without_a_traceback(monkeypatch, capsys):
     monkeypatch.setattr("mission.commands.plan.load", refuse)
     assert call(["plan"]) == 2
     assert capsys.readouterr().err == "aerofed: no library\n"
+
+
+# Which registers are not in their first state: 2, 5, 6 and 7 are upper halves, masks and more.
+UPPERS = """
+#include <immintrin.h>
+__attribute__((target("xsave"))) long long in_use(void) { return _xgetbv(1); }
+__attribute__((target("avx2"))) long long in_use_after_avx(void)
+{
+    __asm__ volatile("vpcmpeqd %%ymm0, %%ymm0, %%ymm0" ::: "xmm0");
+    const long long found = _xgetbv(1);
+    _mm256_zeroupper();
+    return found;
+}
+"""
+
+
+@pytest.mark.skipif("avx2" not in POSSIBLE, reason="this processor has no upper halves")
+def test_upper_halves_of_registers_are_left_clear(tmp_path):
+    compiler = next(iter(compilers().values()), None)
+    if compiler is None:
+        pytest.skip("there is no compiler")
+    (tmp_path / "uppers.c").write_text(UPPERS)
+    library = tmp_path / "uppers.so"
+    command = [*compiler, "-mxsave", "-shared", "-fPIC", "-o", library, tmp_path / "uppers.c"]
+    subprocess.run(command, check=True)
+    uppers = ctypes.CDLL(str(library))
+    if not uppers.in_use_after_avx() & 4:
+        pytest.skip("this processor does not tell")
+    innovations = Innovations(np.ones((8, 22)), np.eye(8))
+    innovations.measure(np.eye(22))
+    assert not uppers.in_use() & 4
 
 
 FUSED = """

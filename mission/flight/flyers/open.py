@@ -29,8 +29,8 @@ from mission.flight.flyers.unflown import PLANNED_POSITIONS, open_unflown
 from mission.flight.pilot.limits import Demand
 from mission.log.values import Zone
 from mission.scenario.scenario import Scenario, build_scenario
+from sitl.firmware.choice import check_firmware
 from sitl.firmware.errors import FirmwareSilentError
-from sitl.firmware.process import check_binary
 from sitl.firmware.vehicle import plant_for
 from sitl.observer import VehicleObserver
 from sitl.vehicle import Vehicle
@@ -128,11 +128,9 @@ class FirmwareFlyers(Flyers):
         return f"flown by {name}, whose flights do not repeat to the last bit"
 
     def check(self) -> None:
-        """Refuse a binary that cannot be started, and ports that are taken."""
-        path = self.scenario.config.vehicle.firmware.path
-        assert path is not None
+        """Refuse a binary that cannot be started or is another's, and ports that are taken."""
         try:
-            check_binary(path)
+            check_firmware(self.scenario.config.vehicle)
         except FirmwareSilentError as error:
             raise InputError(str(error)) from None
         super().check()

@@ -28,6 +28,8 @@ POLL_S = 0.01  # wall time between looks at a condition that telemetry may have 
 UPLOAD_ATTEMPTS = 3
 # After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
 MODE_GRACE_S = 2.0
+# PX4 refuses to start a mission that it has just taken until its next checks have seen it.
+START_PAUSES_S = (0.1, 0.3, 0.6)
 REASON_POLLS = 100  # a second
 TAKE_OFF_TOLERANCE_M = 2.0
 
@@ -129,21 +131,39 @@ class Pilot:
         Raises:
             FlightError: the vehicle leaves it, or misses its end.
         """
-        await self._order("start the mission", self._mission.start_mission())
+        await self._start()
         loop = asyncio.get_running_loop()
-        left_at: float | None = None
-        while not await self._mission_finished():
+        # That the mission before is finished may still be under way; once the vehicle has been in
+        # mission mode, its word counts. One that is over at once may never be seen in that mode.
+        entered, left_at = False, None
+        while True:
             self._check_alive("finish the mission")
             if lands and self._landed:
                 return
+            now = loop.time()
             if self.watch.mode == FlightMode.MISSION:
-                left_at = None
+                entered, left_at = True, None
             elif left_at is None:
-                left_at = loop.time()
-            elif loop.time() - left_at > MODE_GRACE_S:
+                left_at = now
+            left = left_at is not None and now - left_at > MODE_GRACE_S
+            if (entered or left) and await self._mission_finished():
+                return
+            if left:
                 said = _because(self.watch.last_warning)
                 raise FlightError(f"the vehicle left the mission for {self.mode}{said}")
             await asyncio.sleep(POLL_S)
+
+    async def _start(self) -> None:
+        for pause_s in START_PAUSES_S:
+            try:
+                await settled(self._mission.start_mission())
+            except MavsdkError as error:
+                logger.info("mission start: %s", error)
+                self._check_alive("start the mission")
+                await asyncio.sleep(pause_s)
+            else:
+                return
+        await self._order("start the mission", self._mission.start_mission())
 
     async def _mission_finished(self) -> bool:
         # MAVSDK knows it; the asyncio wrapper asks in a thread, at forty times the cost, and has no

@@ -6,6 +6,7 @@ Real binaries fly where AEROFED_PX4 or AEROFED_ARDUCOPTER names one.
 import csv
 import json
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,10 @@ def stand_in(folder: Path, text: str) -> Path:
              "vehicle.aircraft.sensors.kind=perfect"),
             "must be 'realistic'",
         ),
+        (
+            ("vehicle.autopilot=px4", "vehicle.firmware.path=px4", "link.kind=external"),
+            "flies another vehicle than vehicle.autopilot = 'px4' does: leave one of them out",
+        ),
         (("vehicle.autopilot=betaflight",), "must be one of 'built-in', 'px4', 'ardupilot'"),
     ],
 )  # fmt: skip
@@ -84,13 +89,31 @@ def test_a_missing_binary_ends_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_is_no_binary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fly(tmp_path / "out", "ardupilot", tmp_path) == 2
+    assert "is a folder; the firmware's binary is needed" in capsys.readouterr().err
+
+
+def test_another_program_is_no_arducopter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fly(tmp_path / "out", "ardupilot", Path(sys.executable)) == 2
+    error = capsys.readouterr().err
+    assert "this is not ArduCopter" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_binary_without_its_scripts_is_no_px4(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     binary = stand_in(tmp_path, "exit 0")
     (tmp_path / "etc" / "init.d-posix" / "rcS").unlink()
-    assert fly(tmp_path / "out", "px4", binary) == 5
-    assert "rcS is missing" in capsys.readouterr().err
+    assert fly(tmp_path / "out", "px4", binary) == 2
+    error = capsys.readouterr().err
+    assert "this is not PX4" in error
+    assert "rcS is missing" in error
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -108,13 +131,24 @@ def test_a_firmware_that_dies_is_reported_with_its_last_words(
     assert (tmp_path / "out" / "firmware" / "console.log").is_file()
 
 
+@pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs /proc")
+def test_a_start_script_that_does_not_quote_its_folder_works_in_one_with_a_space(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    binary = stand_in(tmp_path, "sh -c 'tail -n 1 $(pwd)/px4-rc.params'; exit 3")
+    fly(tmp_path / "a run", "px4", binary)
+    assert "its console ended with: param set" in capsys.readouterr().err
+
+
 def test_a_program_that_never_speaks_ends_the_run_in_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     binary = stand_in(tmp_path, "exec sleep 900")
     short = ("--set", "link.connect_timeout_s=1")
     assert fly(tmp_path / "out", "px4", binary, *short) == 5
-    assert "no vehicle answered" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "no vehicle answered" in error
+    assert "cannot be resumed" in error
 
 
 def real(autopilot: str) -> Path:
@@ -134,7 +168,7 @@ SLOW_LOOPS = ("--set", "vehicle.firmware.parameters.SCHED_LOOP_RATE=200")
 def test_a_real_firmware_flies_rounds(
     tmp_path: Path, autopilot: str, more: tuple[str, ...]
 ) -> None:
-    out = tmp_path / "out"
+    out = tmp_path / "a run"
     assert fly(out, autopilot, real(autopilot), "--rounds", "2", *more) == 0
     with (out / "uplinks.csv").open(newline="") as file:
         uplinks = list(csv.DictReader(file))
@@ -149,6 +183,21 @@ def test_a_real_firmware_flies_rounds(
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "finished"
     assert not [p for p in Path("/proc").glob("[0-9]*") if str(out) in _cwd(p)]
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_takes_about_the_energy_that_was_planned(
+    tmp_path: Path, autopilot: str
+) -> None:
+    """Motors that a control loop shakes take several times as much."""
+    out = tmp_path / "out"
+    limits = ("mission.round_energy_j=10000", "mission.total_energy_j=10000")
+    words = [word for key in limits for word in ("--set", key)]
+    assert fly(out, autopilot, real(autopilot), "--rounds", "1", *words) == 0
+    with (out / "rounds.csv").open(newline="") as file:
+        (flown,) = csv.DictReader(file)
+    assert 0.7 < float(flown["energy_j"]) / float(flown["plan_energy_j"]) < 1.4
 
 
 def _cwd(process: Path) -> str:
@@ -168,9 +217,12 @@ def test_a_real_firmware_that_does_not_know_a_parameter_is_named(
     assert "NO_SUCH = 1: the firmware did not take it" in capsys.readouterr().err
 
 
-def test_another_autopilot_than_was_asked_for_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_is_not_taken_for_the_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str
 ) -> None:
-    code = fly(tmp_path / "out", "ardupilot", real("px4"))
-    assert code in (4, 5)
-    assert capsys.readouterr().err.count("\n") == 1
+    (other,) = REAL.keys() - {autopilot}
+    assert fly(tmp_path / "out", autopilot, real(other)) == 2
+    assert "this is not " in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,21 +1,28 @@
 """What the pilot says of a refused order: the vehicle's own words about that order, no others."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import numpy as np
 import pytest
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.telemetry import FlightMode
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
 from mission.base.errors import FlightError
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
+from mission.planner.stops import Stop
 from sitl.config import VehicleConfig
 from sitl.links import RawLink
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
+HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
 OLDER = "Set current item refused: mission has 0 items, no item 99"
 
 
@@ -51,8 +58,7 @@ async def heard(pilot: Pilot, text: str) -> None:
 )
 def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, words: str) -> None:
     async def run() -> str:
-        home = GeodeticPoint(43.6145, 7.0715, 130.0)
-        vehicle = Vehicle(VehicleConfig(), home=home, streams=RandomStreams(1))
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
         link = TextsComeLate()
         async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
             await pilot.ready()
@@ -79,8 +85,7 @@ class FallsQuiet(RawLink):
 
 def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
     async def run() -> bool:
-        home = GeodeticPoint(43.6145, 7.0715, 130.0)
-        vehicle = Vehicle(VehicleConfig(), home=home, streams=RandomStreams(1))
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
         link = FallsQuiet()
         async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
             link.quiet = True
@@ -88,3 +93,53 @@ def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
             return pilot.watch.armable
 
     assert asyncio.run(run())
+
+
+Worse = Callable[[Pilot], None]
+
+
+def says_too_early_that_it_is_over(pilot: Pilot) -> None:
+    """As a vehicle whose word of the mission before is still under way, and of its mode."""
+    start, finished = pilot._mission.start_mission, pilot._mission_finished
+
+    async def slow() -> None:
+        await start()
+        pilot.watch.mode = FlightMode.HOLD
+
+    async def too_early() -> bool:
+        return pilot.mode != "MISSION" or await finished()
+
+    pilot._mission.start_mission = slow
+    pilot._mission_finished = too_early  # type: ignore[method-assign]
+
+
+def refuses_to_start_twice(pilot: Pilot) -> None:
+    """As PX4 does until its checks have seen a mission."""
+    mission, refusals = pilot._mission, iter(("DENIED", "DENIED"))
+    start = mission.start_mission
+
+    async def refusing() -> None:
+        for refusal in refusals:
+            raise MavsdkError(refusal)
+        await start()
+
+    mission.start_mission = refusing
+
+
+@pytest.mark.parametrize("worse", [says_too_early_that_it_is_over, refuses_to_start_twice])
+def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
+    async def east_m() -> float:
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+        area = Area((800.0, 800.0), (400.0, 400.0), HOME)
+        stops = (Stop(np.array([400.0, 400.0]), ()), Stop(np.array([500.0, 400.0]), ()))
+        plan = FlightPlan(stops, 20.0, 15.0, 5.0)
+        link = RawLink()
+        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+            await pilot.ready()
+            await pilot.take_off(plan.alt_rel_m)
+            await pilot.upload(plan, plan.positions(area))
+            worse(pilot)
+            await pilot.fly()
+            return float(vehicle.aircraft.plant.truth.pos_ned_m[1])
+
+    assert asyncio.run(east_m()) == pytest.approx(100.0, abs=5.0)
