@@ -170,7 +170,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
     """The folder that was given, or `runs/name`, or `runs/name-2`, ... : the first that is free.
 
     That one is made at once, so that two that begin together do not take the same. It is taken
-    away again where the block fails before anything is in it.
+    away again where the block fails before anything was in it.
 
     Raises:
         InputError: it cannot be made.
@@ -182,15 +182,25 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
     for number in count(1):
         path = RUNS / (name if number == 1 else f"{name}-{number}")
         try:
-            path.mkdir(parents=True)
+            RUNS.mkdir(exist_ok=True)
+            path.mkdir()
         except FileExistsError:
+            if not RUNS.is_dir():  # a file, or a link to what is not there
+                raise InputError(
+                    f"{RUNS}: not a folder, and so none for {path.name}; give another (--out)"
+                ) from None
             continue
         except OSError as error:
             raise _unwritable(path, error) from None
         break
+    made = path.stat().st_ctime_ns
     try:
-        with RunFolder(path).unless_refused():
-            yield path
+        yield path
+    except BaseException:
+        with suppress(OSError):
+            if path.stat().st_ctime_ns == made:  # else somebody has been in it, or it is another
+                path.rmdir()
+        raise
     finally:
         if not there:
             with suppress(OSError):  # not empty, as mostly
@@ -199,7 +209,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
 
 def _unwritable(path: Path, error: OSError) -> InputError:
     return InputError(
-        f"{path}: cannot write the output folder: {error.strerror}; give another with --out"
+        f"{path}: cannot write the output folder: {error.strerror}; give another (--out)"
     )
 
 

@@ -180,6 +180,11 @@ def _nobody(problem: "RoundProblem") -> str:
     if not problem.importance.any():
         return "the importance of every device is 0"
     away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
+    if away_m <= problem.most_m:
+        return (
+            "no update gets through from anywhere on the way: look at the channel "
+            "(aerofed link-budget)"
+        )
     return (
         f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
         f"be {problem.most_m:.0f} m long"

@@ -105,20 +105,21 @@ def run(
     from mission.base.run_folder import RunFolder, output_folder
     from mission.config.preflight import load_data
 
-    with output_folder(out, resolved.run_name) as folder, _summary_of(folder, as_json=as_json):
+    with output_folder(out, resolved.run_name) as folder:
         RunFolder.check(folder)
         with stopwatch("setup"), watching.waiting("loading"):
             load_data(resolved, data_dir)
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
             from mission.run.session import fly_session
-        return fly_session(
-            resolved,
-            folder,
-            data_dir=data_dir,
-            console=watching,
-            stopwatch=stopwatch,
-            page=None if no_report else _page,
-        )
+        with _summary_of(folder, as_json=as_json):
+            return fly_session(
+                resolved,
+                folder,
+                data_dir=data_dir,
+                console=watching,
+                stopwatch=stopwatch,
+                page=None if no_report else _page,
+            )
 
 
 def _resume(

@@ -211,7 +211,9 @@ class Frame:
 def _heights(zone: Mapping[str, Any]) -> str:
     """Where an area counts that the flight is above or below."""
     low, high = zone.get("from_m"), zone.get("to_m")
-    return f"from {low:g} m" if high is None else f"up to {high:g} m"
+    if high is None:
+        return f"from {low:g} m"
+    return f"{low:g} to {high:g} m" if low else f"up to {high:g} m"
 
 
 def line_table(lines: Lines) -> pa.Table:

@@ -35,8 +35,8 @@ class PlannerConfig(BaseModel):
         60_000,
         ge=0,
         le=10_000_000,
-        description="certified: nodes of the search after which the gap stands as it is; counted, "
-        "not timed, so that plans are the same on every machine",
+        description="certified: nodes of the search at most; it ends earlier where its pace says "
+        "that they would not do. Counted, not timed, so that plans are the same on every machine",
     )
     factory: str | None = Field(
         None,

@@ -188,12 +188,13 @@ def check_limits(config: RunConfig) -> None:
                 f"mission.{key}",
                 given,
                 f"no round can be flown in it: {why} takes "
-                f"{math.ceil(100 * needed) / 100:.6g} {unit}; give at least that, or {out}",
+                f"{_rounded_up(needed)} {unit}; give at least that, or {out}",
             )
     whole = budget_of(config).whole_round
     for index, key in ((1, "deadline_s"), (2, "energy_j")):
         given, needed = getattr(mission, f"total_{key}"), ENOUGH[index] * whole[index]
-        if given is not None and given < needed:
+        # `ideal` flies nothing, and so takes none of it.
+        if given is not None and given < needed and mission.strategy != "ideal":
             of_a_round = f"mission.round_{key}"
             known = getattr(mission, f"round_{key}") is not None
             unit = KEYS[index][1]
@@ -202,12 +203,16 @@ def check_limits(config: RunConfig) -> None:
                 given,
                 f"pays for no round: a whole one takes {whole[index]:.6g} {unit} "
                 f"({of_a_round if known else 'what its metres take'}); give at least "
-                f"{math.ceil(100 * needed) / 100:.6g} {unit}, or "
+                f"{_rounded_up(needed)} {unit}, or "
                 f"{f'a smaller {of_a_round}' if known else f'give {of_a_round}, too'}",
             )
 
 
 _SHORT_M = 10.0  # a round that cannot fly as far is none
+
+
+def _rounded_up(needed: float) -> str:
+    return f"{math.ceil(100.0 * needed) / 100.0:.15g}"
 
 
 def _or_inf(limit: float | None) -> float:

@@ -53,13 +53,17 @@ def check_arducopter(binary: Path) -> None:
         FirmwareSilentError: there is no binary, or it is not ArduCopter's.
     """
     check_binary(binary)
-    with binary.open("rb") as file:
-        head = file.read(len(_SCRIPT))
-        if head != _SCRIPT and _NAME not in head + file.read():
-            raise FirmwareSilentError(
-                f"vehicle.firmware.path = {binary}: this is not ArduCopter (ArduPilot's build "
-                "makes it as build/sitl/bin/arducopter)"
-            )
+    try:
+        content = binary.read_bytes()
+    except OSError as error:
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {binary}: cannot be read: {error.strerror}"
+        ) from None
+    if not content.startswith(_SCRIPT) and _NAME not in content:
+        raise FirmwareSilentError(
+            f"vehicle.firmware.path = {binary}: this is not ArduCopter (ArduPilot's build "
+            "makes it as build/sitl/bin/arducopter)"
+        )
 
 
 def fitting(order: Order, plant: Plant) -> dict[str, float]:

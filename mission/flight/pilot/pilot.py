@@ -155,9 +155,12 @@ class Pilot:
 
     async def _start(self) -> None:
         for pause_s in START_PAUSES_S:
+            self.watch.order_given()
             try:
                 await settled(self._mission.start_mission())
             except MavsdkError as error:
+                if "DENIED" not in reason(error):
+                    raise await self._refused("start the mission", error) from None
                 logger.info("mission start: %s", error)
                 self._check_alive("start the mission")
                 await asyncio.sleep(pause_s)

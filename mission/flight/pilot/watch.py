@@ -9,6 +9,8 @@ from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
 
+from mission.flight.pilot.calls import settled
+
 logger = logging.getLogger(__name__)
 
 _MOST_GRAVE = StatusTextType.EMERGENCY.value  # MAVSDK counts the other way round
@@ -56,7 +58,7 @@ class Watch:
 
     async def ask_armable(self) -> None:
         """Look whether the vehicle can be armed: MAVSDK tells it only once a second."""
-        self._take("armable", (await self._telemetry.health()).is_armable)
+        self._take("armable", (await settled(self._telemetry.health())).is_armable)
 
     def _changed(self) -> None:
         self._changed_at = asyncio.get_running_loop().time()

@@ -52,7 +52,7 @@ typedef struct {
     Order *next, *end; /* orders that wait */
     Lanes all;
     Lane lane[LENGTH];
-    Wide mu_step; /* of the steps that are tried; those of y are in the links */
+    Wide tried_mu_step; /* of the steps that are tried; those of y are in the links */
 } Solver;
 
 /* Let a lane be at a y. */
@@ -226,7 +226,7 @@ static void set_trials(Solver *solver)
         link->trial.x = choose(trying, link->y.x + alpha * link->step.x, link->y.x);
         link->trial.y = choose(trying, link->y.y + alpha * link->step.y, link->y.y);
     }
-    all->trial_mu = choose(trying, all->mu + alpha * solver->mu_step, all->mu);
+    all->trial_mu = choose(trying, all->mu + alpha * solver->tried_mu_step, all->mu);
 }
 
 /* Go where trials were good; returns how many lanes need a Newton step. */
@@ -266,7 +266,7 @@ static void begin_all_steps(Solver *solver)
         link->step.x = choose(begun, link->a.x, link->step.x);
         link->step.y = choose(begun, link->a.y, link->step.y);
     }
-    solver->mu_step = choose(begun, all->mu_step, solver->mu_step);
+    solver->tried_mu_step = choose(begun, all->mu_step, solver->tried_mu_step);
 }
 
 /* Let all lanes hold what may be looked at, though nobody needs it. */

@@ -207,6 +207,8 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     many = len(groups) > COLOURS and 1 < len(strategies) < len(groups)
     order, apart = (strategies, settings) if many else (tuple(groups), ())
     flying = {label: runs for label, runs in groups.items() if flies(runs)}
+    flown = {runs[0].point.where for runs in flying.values()}
+    apart_flown = tuple(where for where in apart if where in flown)
     accuracy = tuple(
         Panel(f"accuracy_{name}", f"{name}: accuracy", "accuracy (%)", 100.0, 100.0)
         for name in communities
@@ -220,7 +222,7 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
             Panel("true_per", "At the true position", "mean PER", most=1.0),
         )
         pictures += [
-            Picture(name, title, panels, sampling, flying, order, apart)
+            Picture(name, title, panels, sampling, flying, order, apart_flown)
             for name, title, panels, sampling in (
                 ("accuracy-distance", "Accuracy by distance", accuracy, by_distance),
                 ("accuracy-time", "Accuracy by time", accuracy, by_time),

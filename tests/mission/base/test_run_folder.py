@@ -1,5 +1,6 @@
 """Which folder a run takes where none is named, and what is said where it cannot."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -34,16 +35,31 @@ def test_nothing_is_left_of_a_run_that_never_began(
     assert not Path("runs").exists()
 
 
-def test_a_folder_that_cannot_be_made_names_the_way_out(
+def test_a_folder_that_another_run_has_taken_by_then_is_left_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("runs").touch()
+    Path("runs").mkdir()
+
+    def taken_meanwhile(path: Path) -> None:
+        path.rmdir()
+        path.mkdir()
+        raise InputError("refused")
+
+    with pytest.raises(InputError, match="refused"), output_folder(None, "one") as path:
+        taken_meanwhile(path)
+    assert Path("runs/one").is_dir()
+
+
+@pytest.mark.parametrize("make", [Path.touch, lambda path: path.symlink_to("nowhere")])
+def test_a_folder_that_cannot_be_made_names_the_way_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], None]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make(Path("runs"))
     with pytest.raises(InputError) as refused, output_folder(None, "one"):
         pass
-    assert str(refused.value) == (
-        "runs/one: cannot write the output folder: Not a directory; give another with --out"
-    )
+    assert str(refused.value) == ("runs: not a folder, and so none for one; give another (--out)")
 
 
 def test_a_folder_in_use_names_the_way_out(tmp_path: Path) -> None:

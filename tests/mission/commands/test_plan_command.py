@@ -57,6 +57,9 @@ def test_a_plan_that_serves_nobody_says_how_far_they_are(
         "pair: no device is in reach: the nearest lies 5000 m from the start, and the path may be "
         "250 m long" in capsys.readouterr().out
     )
+    source.write_text(json.dumps([{**PROBLEM, "channel": {**CHANNEL, "noise_db": 95.0}}]))
+    assert call(["plan", "--problem", str(source)]) == 0
+    assert "pair: no update gets through from anywhere" in capsys.readouterr().out
     source.write_text(json.dumps([{**PROBLEM, "importance": [0.0, 0.0]}]))
     assert call(["plan", "--problem", str(source)]) == 0
     assert "pair: the importance of every device is 0" in capsys.readouterr().out

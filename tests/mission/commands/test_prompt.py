@@ -94,6 +94,8 @@ def test_run_tells_its_summary_as_json(tmp_path: Path, capsys) -> None:
     told = printed(capsys, "run", *QUICK, "--out", str(folder), "--json", "--no-report")
     assert told == {"folder": str(folder), **json.loads((folder / "summary.json").read_text())}
     assert told["status"] == "finished"
+    assert call(["run", *QUICK, "--out", str(folder), "--json"]) == 2
+    assert capsys.readouterr().out == ""  # not what the run before it said
     again = printed(capsys, "run", "--resume", str(folder), "--json")
     assert again["status"] == "finished"
 

@@ -112,3 +112,15 @@ def test_the_first_problem_knows_the_limits() -> None:
     assert limits is not None
     assert (limits.duration_s, limits.energy_j) == (29.0, 5000.0)
     assert build_scenario(config(), data_dir=None).first_problem().limits is None
+
+
+@pytest.mark.parametrize("metres", [400.0, 777.0, 1234.5, 4000.0])
+def test_what_a_refusal_asks_for_is_enough(metres: float) -> None:
+    with pytest.raises(InputError) as refused:
+        check_limits(config(path_budget_m=metres, total_energy_j=3000.0))
+    enough = float(str(refused.value).split("give at least ")[1].split(" J")[0])
+    check_limits(config(path_budget_m=metres, total_energy_j=enough))
+
+
+def test_who_flies_nothing_needs_no_time_for_it() -> None:
+    check_limits(config(strategy="ideal", total_deadline_s=20.0))
