@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet
 import pymap3d
 import pytest
+from drawing import drawn
 from limits import no_file_larger_than
 from mcap.opcode import Opcode
 from mcap.writer import Writer
@@ -220,7 +221,7 @@ def test_an_export_that_cannot_be_finished_leaves_nothing(
 def test_a_report_or_figure_that_cannot_be_finished_leaves_nothing(
     made: Fixed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with no_file_larger_than(2000):
+    with drawn(), no_file_larger_than(2000):
         assert call(["report", str(made.log), "--out", str(tmp_path / "r.html")]) == 2
         assert call(["compare", str(made.log), "--figure", str(tmp_path / "c.png")]) == 2
         assert call(["log", "recover", str(made.log), str(tmp_path / "r.mcap")]) == 2
