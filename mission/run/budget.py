@@ -76,7 +76,7 @@ class RunTotals:
         if what == "path budget":
             return f"the path budget of {total:g} m is spent, {ending}"
         if left < 0.0:
-            rest = f"{-left:.2g} {unit} more than allowed were used"
+            rest = f"{math.ceil(-left)} {unit} more than allowed were used"
         else:
             whole = budget.whole_round[spent]
             rest = f"{left:.0f} {unit} are left, and a whole round takes {whole:.0f}"
