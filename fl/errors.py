@@ -66,7 +66,7 @@ class DataMissingError(LearningInputError):
         get = f"; get it by: aerofed data fetch {folder} --task {self.dataset}" if fetched else ""
         if self.folder is None:
             return (
-                f"{self.dataset}: needs files: give their folder by --data-dir FOLDER; wanted are "
+                f"{self.dataset}: needs files: give their folder by --data-dir FOLDER; needed: "
                 f"{self.wanted}{get}"
             )
         return f"{self.dataset}: not found in {self.folder}; looked for {self.wanted}{get}"

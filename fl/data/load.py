@@ -55,6 +55,8 @@ def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> D
         return _brought[task, data_dir, data_file]
     if task not in TASKS:
         return custom_dataset.load(task, data_dir)
+    if data_file is not None and Path(data_file).is_absolute():
+        data_dir = Path(data_file).parent
     return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
 
 
@@ -71,7 +73,7 @@ def _read(
         dataset = cifar.load(_folder(task, data_dir, cifar.WANTED))
     elif task == "npz":
         name = data_file or ""
-        dataset = npz.load(name, _folder(task, data_dir, f"the file {name}"))
+        dataset = npz.load(name, _folder(task, data_dir, npz.wanted(name)))
     else:
         raise DataMissingError(task, data_dir, "nothing: there is no such task")
     if not dataset.provenance.official:

@@ -34,11 +34,16 @@ Found: TypeAlias = NDArray[np.generic]
 HELD_OUT = 1.0 / 6.0
 
 
+def wanted(name: str) -> str:
+    """What is looked for, and what names it."""
+    return f"the file {name} (communities.data_file)"
+
+
 def load(name: str, data_dir: Path) -> Dataset:
     """The task in the file `name` of `data_dir`."""
     path = data_dir / name
     if not path.is_file():
-        raise DataMissingError("npz", data_dir, f"the file {name}")
+        raise DataMissingError("npz", data_dir, wanted(name))
     try:
         if not zipfile.is_zipfile(path):
             raise DataDamagedError(path, "not an .npz archive, or only the beginning of one")

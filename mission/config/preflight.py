@@ -76,14 +76,16 @@ def _others(config: "RunConfig", index: int, data_dir: Path | None) -> str:
     """Which data sets are missing beside a community's where no folder was given."""
     if data_dir is not None:
         return ""
-    task = config.communities[index].task
-    later = (community.task for community in config.communities[index + 1 :])
+    first, *later = (
+        (community.task, community.data_file) for community in config.communities[index:]
+    )
     others = [
-        name
-        for name in dict.fromkeys(later)
-        if name in TASKS and needs_files(name) and name != task
+        f"{task} ({file or f'aerofed data fetch FOLDER --task {task}'})"
+        for task, file in dict.fromkeys(later)
+        if task in TASKS and needs_files(task) and (task, file) != first
+        if file is None or not Path(file).is_absolute()
     ]
-    return f"; files are needed for {' and '.join(others)}, too" if others else ""
+    return f"; --data-dir FOLDER must also hold {' and '.join(others)}" if others else ""
 
 
 def _code(key: str, name: str, built_in: tuple[str, ...] = ()) -> Iterator[Problem]:

@@ -201,3 +201,6 @@ def test_data_file_stays_in_the_folder(name: str) -> None:
 def test_data_file_elsewhere_is_given_openly(tmp_path: Path) -> None:
     given = str(tmp_path / "mine.npz")
     assert CommunityConfig(name="a", task="npz", data_file=given).data_file == given
+    np.savez(given, features=np.zeros((12, 2)), labels=np.arange(12) % 2)
+    for data_dir in (None, tmp_path / "other"):
+        assert load("npz", data_dir=data_dir, data_file=given).classes == 2

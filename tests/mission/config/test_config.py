@@ -358,12 +358,50 @@ def test_missing_file(tmp_path: Path) -> None:
         load_config(tmp_path / "nothing.toml")
 
 
-def test_all_data_sets_that_are_missing_are_named() -> None:
+def _missing(tasks: list[tuple[str, str | None]], data_dir: Path | None = None) -> str:
+    """How a run with these tasks and data files is refused."""
     communities = [
-        {"name": name, "task": task, "devices": 2}
-        for name, task in (("a", "cifar10"), ("b", "digits"), ("c", "mnist"), ("d", "own:data"))
+        {"name": str(i), "task": task, "devices": 2, "data_file": file}
+        for i, (task, file) in enumerate(tasks)
     ]
-    with pytest.raises(
-        InputError, match=r"^cifar10: needs files: .*; files are needed for mnist, t"
-    ):
-        load_data(RunConfig.model_validate({"communities": communities}), None)
+    with pytest.raises(InputError) as caught:
+        load_data(RunConfig.model_validate({"communities": communities}), data_dir)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "first", "others"),
+    [
+        (
+            [("cifar10", None), ("digits", None), ("mnist", None), ("own:data", None)],
+            "cifar10: needs files: ",
+            ["mnist (aerofed data fetch FOLDER --task mnist)"],
+        ),
+        (
+            [("mnist", None), ("npz", "a.npz"), ("mnist", None), ("npz", "deep/b.npz")],
+            "mnist: needs files: ",
+            ["npz (a.npz)", "npz (deep/b.npz)"],
+        ),
+        (
+            [("npz", "a.npz"), ("npz", "b.npz"), ("npz", "a.npz"), ("npz", "/elsewhere/c.npz")],
+            "npz: needs files: give their folder by --data-dir FOLDER; needed: the file a.npz "
+            "(communities.data_file)",
+            ["npz (b.npz)"],
+        ),
+        ([("mnist", None), ("digits", None)], "mnist: needs files: ", []),
+    ],
+)
+def test_all_data_sets_that_are_missing_are_named(
+    tasks: list[tuple[str, str | None]], first: str, others: list[str]
+) -> None:
+    message = _missing(tasks)
+    assert message.startswith(first)
+    _, found, also = message.partition("; --data-dir FOLDER must also hold ")
+    assert also.split(" and ") == others if others else not found
+
+
+def test_a_data_file_elsewhere_needs_no_data_folder(tmp_path: Path) -> None:
+    path = tmp_path / "mine.npz"
+    said = f"npz: not found in {tmp_path}; looked for the file {path} (communities.data_file)"
+    for data_dir in (None, tmp_path / "other"):
+        assert _missing([("npz", str(path))], data_dir) == said
