@@ -9,11 +9,11 @@ from mission.base.errors import InputError
 
 
 @contextmanager
-def alone_in(folder: Path, lock: Path, *, who: str) -> Iterator[None]:
+def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Iterator[None]:
     """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
 
     The lock's folder is made where it is missing. The lock ends with the process, however that
-    ends.
+    ends. `chosen`: another folder would do as well.
 
     Raises:
         InputError: another one is at work there, or the file cannot be written or locked.
@@ -27,9 +27,10 @@ def alone_in(folder: Path, lock: Path, *, who: str) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
+            another = ", or give another (--out)" if chosen else ""
             raise InputError(
                 f"{folder}: another {who} is at work in this folder; "
-                "wait until it has ended, or give another folder"
+                f"wait until it has ended{another}"
             ) from None
         except OSError as error:  # a file system without locks
             raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None

@@ -102,9 +102,9 @@ class RunFolder:
                 self.path.rmdir()
             raise
 
-    def lock(self) -> AbstractContextManager[None]:
+    def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:
         """Keep other processes from flying into this folder; see `alone_in`."""
-        return alone_in(self.path, self.checkpoint / _LOCK, who="aerofed run")
+        return alone_in(self.path, self.checkpoint / _LOCK, who="aerofed run", chosen=chosen)
 
     @property
     def resumable(self) -> bool:

@@ -87,7 +87,7 @@ def fly_session(
             callbacks = _callbacks(folder, config)
         checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
         ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
-    with folder.lock():
+    with folder.lock(chosen=True):
         with stopwatch("setup"):
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)

@@ -49,7 +49,7 @@ class SweepFolder:
 
     def lock(self) -> AbstractContextManager[None]:
         """Make the folder, and keep other sweeps out while this one works in it; see `alone_in`."""
-        return alone_in(self.path, self.path / _LOCK, who="sweep")
+        return alone_in(self.path, self.path / _LOCK, who="sweep", chosen=True)
 
     def check(self, grid: Grid, *, data_dir: Path | None) -> None:
         """Refuse a folder in which this sweep can neither start nor go on.

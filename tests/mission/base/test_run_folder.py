@@ -64,11 +64,12 @@ def test_a_folder_that_cannot_be_made_names_the_way_out(
     assert str(refused.value) == ("runs: not a folder, and so none for one; give another (--out)")
 
 
-def test_a_folder_in_use_names_the_way_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("chosen", "way_out"), [(True, ", or give another (--out)"), (False, "")])
+def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out: str) -> None:
     folder = RunFolder.create(tmp_path / "one")
-    with folder.lock(), pytest.raises(InputError) as refused, folder.lock():
+    with folder.lock(), pytest.raises(InputError) as refused, folder.lock(chosen=chosen):
         pass
     assert str(refused.value) == (
-        f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended, "
-        "or give another folder"
+        f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended"
+        + way_out
     )
