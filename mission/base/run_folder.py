@@ -82,7 +82,9 @@ class RunFolder:
         folder = RunFolder(path)
         try:
             if path.exists() and any(path.iterdir()) and not folder.stillborn:
-                goes_on = folder.resumable and folder.status() != "finished"
+                told = folder.told()
+                goes_on = folder.resumable and told.get("resumable", True)
+                goes_on = goes_on and told.get("status") != "finished"
                 hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
                 raise InputError(
                     f"{path}: the output folder is already used; give a new or empty one{hint}"

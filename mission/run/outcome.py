@@ -71,14 +71,16 @@ class Outcome:
         why = {} if self.error is None else {"error": str(self.error)}
         return {"status": self.status, **why}
 
-    def raise_error(self, folder: Path, *, goes_on: str = "") -> None:
+    def raise_error(self, folder: Path, *, flown: bool = True, goes_on: str = "") -> None:
         """Raise what went wrong, if anything did, and say what is left of the flight.
 
-        `goes_on` says how it can go on once people have mended what went wrong.
+        `flown` says whether there was any; `goes_on` how it can go on once people have mended what
+        went wrong.
         """
         if self.error is None:
             return
-        left = f"; what was flown is in {folder}"
+        left = "what was flown is in" if flown else "nothing was flown; what there is, is in"
+        left = f"; {left} {folder}"
         if isinstance(self.error, UsersCodeError):
             path = folder / TRACEBACK
             write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))

@@ -159,7 +159,8 @@ class FirmwareVehicle:
 
     def _with_last_words(self, text: str) -> str:
         said = self.process.last_words()
-        return f"{text}; its console ended with: {said}" if said else text
+        ended = f"ended with: {said}" if said else "is empty"
+        return f"{text}; its console ({self.process.console}) {ended}"
 
 
 def _shared_processor() -> int | None:

@@ -8,8 +8,8 @@ takes orders, whose answers take it some of its own time.
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -132,45 +132,41 @@ async def open_firmware(
         hear=messages.hear,
         heard=_HEARD,
     )
-    with _in_words(NAMES[config.vehicle.autopilot]), of_a_vehicle():
-        async with vehicle:
-            vehicle.clock.run()
-            known = Known(messages, vehicle.clock.at, boot_ms=0)
-            async with located(
-                config.link,
-                area=area,
-                observers=(recorder, *observers),
-                say=say,
-                raw_link=raw_link,
-                known=known,
-            ) as (pilot, feed):
-                await _check_program(pilot, config)
-                limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
-                speed_mps = min(config.mission.speed_mps, limits.speed_mps)
-                flyer = FirmwareFlyer(
-                    pilot,
-                    feed,
-                    recorder,
-                    area=area,
-                    mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
-                    guidance=limits.guidance,
-                    link=config.link,
-                    say=say,
-                )
-                flyer.vehicle = vehicle
-                flyer.wind = config.vehicle.aircraft.wind
-                vehicle.clock.rest()
-                yield flyer
-
-
-@contextmanager
-def _in_words(name: str) -> Iterator[None]:
+    name, when = NAMES[config.vehicle.autopilot], " at its start"
     try:
-        yield
-    except FirmwareSilentError as error:
-        raise LinkLostError(f"{name}: {error}") from None
+        with of_a_vehicle():
+            async with vehicle:
+                vehicle.clock.run()
+                known = Known(messages, vehicle.clock.at, boot_ms=0)
+                async with located(
+                    config.link,
+                    area=area,
+                    observers=(recorder, *observers),
+                    say=say,
+                    raw_link=raw_link,
+                    known=known,
+                ) as (pilot, feed):
+                    await _check_program(pilot, config)
+                    limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
+                    speed_mps = min(config.mission.speed_mps, limits.speed_mps)
+                    flyer = FirmwareFlyer(
+                        pilot,
+                        feed,
+                        recorder,
+                        area=area,
+                        mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
+                        guidance=limits.guidance,
+                        link=config.link,
+                        say=say,
+                    )
+                    flyer.vehicle = vehicle
+                    flyer.wind = config.vehicle.aircraft.wind
+                    vehicle.clock.rest()
+                    when = ""
+                    yield flyer
     except FirmwareError as error:
-        raise FlightError(f"{name}: {error}") from None
+        kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
+        raise kind(f"{name}{when}: {error}") from None
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:

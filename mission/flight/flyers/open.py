@@ -125,7 +125,7 @@ class FirmwareFlyers(Flyers):
     @property
     def no_resume(self) -> str:
         name = NAMES[self.scenario.config.vehicle.autopilot]
-        return f"flown by {name}, whose flights do not repeat to the last bit"
+        return f"flights of {name} do not repeat to the last bit"
 
     def check(self) -> None:
         """Refuse a binary that cannot be started or is another's, and ports that are taken."""
@@ -152,7 +152,7 @@ class FirmwareFlyers(Flyers):
 class ExternalFlyers(Flyers):
     """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
 
-    no_resume = "flown by an external autopilot"
+    no_resume = "flights of an external autopilot do not repeat"
 
     @property
     def position_source(self) -> str:

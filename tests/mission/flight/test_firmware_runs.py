@@ -120,15 +120,27 @@ def test_a_binary_without_its_scripts_is_no_px4(
 def test_a_firmware_that_dies_is_reported_with_its_last_words(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], autopilot: str
 ) -> None:
-    binary = stand_in(tmp_path, "echo cannot find the gyroscope; exit 3")
-    assert fly(tmp_path / "out", autopilot, binary) == 5
-    error = capsys.readouterr().err
-    assert "px4 has ended with exit code 3" in error
-    assert "its console ended with: cannot find the gyroscope" in error
-    assert error.count("\n") == 1
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    binary, out = stand_in(tmp_path, "echo cannot find the gyroscope; exit 3"), tmp_path / "out"
+    name = {"px4": "PX4", "ardupilot": "ArduPilot"}[autopilot]
+    assert fly(out, autopilot, binary) == 5
+    assert capsys.readouterr().err == (
+        f"aerofed: {name} at its start: px4 has ended with exit code 3; its console "
+        f"({out}/firmware/console.log) ended with: cannot find the gyroscope; nothing was flown; "
+        f"what there is, is in {out}; flights of {name} do not repeat to the last bit: it cannot "
+        "be resumed\n"
+    )
+    summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "failed"
-    assert (tmp_path / "out" / "firmware" / "console.log").is_file()
+    assert (out / "firmware" / "console.log").is_file()
+    assert fly(out, autopilot, binary) == 2
+    assert capsys.readouterr().err.endswith("already used; give a new or empty one\n")
+
+
+def test_a_firmware_that_dies_without_a_word_is_said_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fly(tmp_path / "out", "px4", stand_in(tmp_path, "exit 3"))
+    assert "firmware/console.log) is empty; nothing was flown" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs /proc")
@@ -137,7 +149,7 @@ def test_a_start_script_that_does_not_quote_its_folder_works_in_one_with_a_space
 ) -> None:
     binary = stand_in(tmp_path, "sh -c 'tail -n 1 $(pwd)/px4-rc.params'; exit 3")
     fly(tmp_path / "a run", "px4", binary)
-    assert "its console ended with: param set" in capsys.readouterr().err
+    assert "console.log) ended with: param set" in capsys.readouterr().err
 
 
 def test_a_program_that_never_speaks_ends_the_run_in_time(

@@ -252,7 +252,9 @@ def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[
     before = digests(stopped)
     with RunFolder(stopped).lock():
         assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, str(stopped), "aerofed run is at work in this folder; wait until it has ended\n")
+    refused(
+        capsys, str(stopped), "aerofed run is at work in this folder; wait until it has ended\n"
+    )
     assert digests(stopped) == before
 
 
