@@ -4,9 +4,6 @@ import gc
 import os
 import sys
 
-from mission.base.errors import INTERRUPTED
-from mission.base.interrupts import end_deaf
-
 
 def main() -> None:
     """Entry point; an interruption while the program is still loading is no traceback either."""
@@ -20,6 +17,10 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        # Not at the top: loading these can be interrupted, too.
+        from mission.base.errors import INTERRUPTED
+        from mission.base.interrupts import end_deaf
+
         end_deaf()
         sys.stderr.write("aerofed: interrupted\n")
         sys.exit(INTERRUPTED)

@@ -174,6 +174,10 @@ def end_deaf() -> None:
     """What there is to do is done: an interruption has nothing left to end."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # `python -m` takes an interruption within an `exec` of text, as dataclasses are made, for one
+    # that nobody catches, and ends by SIGINT in the place of our exit code. The next `exec` clears
+    # that.
+    exec("")
 
 
 def _unraisable(lost: "sys.UnraisableHookArgs") -> None:
