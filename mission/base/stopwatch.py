@@ -10,6 +10,7 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self._started = time.perf_counter()
+        self._stopped: float | None = None
         self.wall_s: dict[str, float] = {}
 
     @contextmanager
@@ -23,5 +24,10 @@ class Stopwatch:
 
     @property
     def total_s(self) -> float:
-        """Wall seconds since this stopwatch was made."""
-        return time.perf_counter() - self._started
+        """Wall seconds from when this stopwatch was made until it was stopped, or until now."""
+        until = time.perf_counter() if self._stopped is None else self._stopped
+        return until - self._started
+
+    def stop(self) -> None:
+        """From now on the total stays: whoever tells it tells the same."""
+        self._stopped = time.perf_counter()

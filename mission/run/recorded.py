@@ -86,11 +86,12 @@ def fly_recorded(
                     draw_run(folder.path)
                 flight.conclude(summary)
     finally:
-        # Last of all: a folder that says "finished" has everything.
+        # Last of all: a folder that says "finished" has everything. Its page shows the times in it.
+        stopwatch.stop()
         summary.ended(outcome, totals, stopwatch)
     if page is not None and outcome.status == "finished":
         # It says that the flight is finished, and so comes after the summary that does.
-        with outcome.post_processing(), stopwatch("page"), console.waiting("writing the report"):
+        with outcome.post_processing(), console.waiting("writing the report"):
             try:
                 page(folder.path)
             except InputError as error:
