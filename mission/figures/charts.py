@@ -17,7 +17,8 @@ LayerChart: TypeAlias = alt.LayerChart
 _MARKED = 25  # points of a line that are few enough to be marked
 _DASHED = [5, 4]
 _LOOKS = (([1, 0], [2, 3]), (_DASHED, [8, 3, 2, 3]))  # solid and dashed; where colours come again
-_ROW = 34.0  # of a strategy among the intervals
+_ROW, _CLOSE_ROW = 34.0, 20.0  # of a strategy among the intervals, and where there are many
+_MANY_ROWS = 20
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,8 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
     if zero:
         layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
     note = f"dot: mean{bar}, rings: seeds"
-    return finished(layers, title=title, note=note, height=_ROW * len(rows))
+    each = _ROW if len(rows) < _MANY_ROWS else _CLOSE_ROW
+    return finished(layers, title=title, note=note, height=each * len(rows))
 
 
 def _bands(series: Sequence[Series], across: alt.X) -> list[alt.Chart]:

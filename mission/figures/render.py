@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 import re
 import subprocess
 import sys
@@ -20,21 +21,46 @@ from mission.figures.style import CONFIG
 Chart: TypeAlias = alt.LayerChart | alt.VConcatChart | alt.HConcatChart | alt.ConcatChart
 Spec: TypeAlias = dict[str, Any]  # Vega-Lite, as JSON has it
 
+_ROUND = 65.0  # about a chart: its title and axes, in pixels
+_TALLEST = 1.7  # of a picture with columns, height by width
 _ENGINE = Path(__file__).with_name("engine.py")
 _KINDS = ("png", "svg", "pdf")
 _VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 
 
 def stacked(
-    charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False
+    charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False, together: int = 1
 ) -> alt.VConcatChart:
-    """Charts under each other, as one picture; each with keys of its own, or all with one."""
+    """Charts under each other, as one picture; each with keys of its own, or all with one.
+
+    So many that belong `together` come into columns where the picture would be too tall otherwise.
+    """
     own: Literal["shared", "independent"] = "shared" if one_key else "independent"
-    picture = alt.vconcat(*charts, spacing=14).properties(title=heading(title, about))
+    columns = _columns(charts, together) if together > 1 else 1
+    rows: Sequence[Chart] = charts
+    if columns > 1:
+        rows = [
+            alt.concat(*charts[i : i + together], columns=columns, spacing=14).resolve_scale(
+                color=own, strokeDash=own
+            )
+            for i in range(0, len(charts), together)
+        ]
+    picture = alt.vconcat(*rows, spacing=14).properties(title=heading(title, about))
     scaled: alt.VConcatChart = picture.resolve_scale(
         color=own, strokeDash=own, stroke=own, fillOpacity=own
     )
     return scaled
+
+
+def _columns(charts: Sequence[Chart], together: int) -> int:
+    """The fewest columns that make no picture too tall for a screen, and leave no chart alone."""
+    width, height = (max(chart[side] for chart in charts) + _ROUND for side in ("width", "height"))
+    for columns in range(1, together):
+        rows = len(charts) // together * math.ceil(together / columns)
+        alone = columns > 1 and together % columns == 1
+        if not alone and rows * height <= _TALLEST * columns * width:
+            return columns
+    return together
 
 
 def heading(title: str, about: str | list[str]) -> alt.TitleParams:

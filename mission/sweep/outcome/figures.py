@@ -43,17 +43,18 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
             curve_charts(item),
             title=item.title,
             one_key=True,
+            together=len(item.apart) or 1,
             about=" · ".join(part for part in (about, item.about) if part),
         )
         for item in pictures_of(results)
     }
     ends = [final_chart(results, community) for community in communities_of(results)]
     title = f"Final accuracy: {final_rounds(results)}"
-    pictures["final.png"] = stacked(ends, title=title, about=about)
+    pictures["final.png"] = stacked(ends, title=title, about=about, together=len(ends))
     gains = gain_charts(results)
     if gains:
         title = f"What {METHOD} gains in final accuracy, within a seed"
-        pictures["gains.png"] = stacked(gains, title=title, about=about)
+        pictures["gains.png"] = stacked(gains, title=title, about=about, together=len(gains))
     for other in compared(results):
         pictures[f"gain-map-{file_name(other)}.png"] = stacked(
             [beside(pair) for pair in gain_maps(results, other)],

@@ -95,7 +95,8 @@ def test_a_picture_of_an_own_strategy_has_a_name_for_every_file_system() -> None
 def test_many_groups_have_a_chart_for_each_setting(gains: tuple[int, ...], charts: int) -> None:
     swept = [AXES[0], Axis("channel.extra_gain_db", gains)]
     spec = described(sweep_pictures("s", results(axes=swept))["accuracy-rounds.png"])
-    titles = [chart["title"]["text"] for chart in spec["vconcat"]]
+    blocks = [block.get("concat", [block]) for block in spec["vconcat"]]
+    titles = [chart["title"]["text"] for block in blocks for chart in block]
     assert len(titles) == charts
     if charts > 1:
         assert keys(spec)["color"] == ["cov", "no_cov"]

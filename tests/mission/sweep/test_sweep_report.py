@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import struct
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from described import axes, charts, described, keys, layers, tables
+from drawing import drawn
 from patience import HANG_S
 
+from mission.figures.render import save_all
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Point
 from mission.sweep.outcome.figures import sweep_pictures
@@ -108,6 +111,45 @@ def test_every_picture_says_which_sweep_and_seeds_it_shows() -> None:
         "simulated time (min), mean over seeds", "accuracy (%)",
     }  # fmt: skip
     assert keys(described(pictures["fairness.png"]))["color"] == ["cov", "no_cov", "ideal"]
+
+
+def by_setting(strategies: int, settings: int) -> tuple[RunResult, ...]:
+    """What so many strategies make of so many settings, alike."""
+    points = [
+        Point(f"s{strategy}", seed, (("channel.extra_gain_db", float(setting)),))
+        for strategy in range(strategies)
+        for setting in range(settings)
+        for seed in SEEDS
+    ]
+    return tuple(replace(result("cov", point.seed), point=point) for point in points)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("strategies", "settings"), [(2, 7), (3, 3), (4, 12), (3, 1)])
+def test_pictures_of_many_settings_fit_a_screen(
+    tmp_path: Path, strategies: int, settings: int
+) -> None:
+    """No chart is alone in its row, where it has others beside it elsewhere."""
+    pictures = sweep_pictures("s", by_setting(strategies, settings))
+    with drawn():
+        files = save_all(pictures, tmp_path)
+    for file in files:
+        width, height = struct.unpack(">2I", file.read_bytes()[16:24])
+        assert height < 2.0 * width, file.name
+    for picture in pictures.values():
+        for block in described(picture)["vconcat"]:
+            if "concat" in block:
+                assert len(block["concat"]) % block["columns"] != 1
+
+
+def test_each_panel_begins_a_row_and_all_have_one_key() -> None:
+    spec = described(sweep_pictures("s", by_setting(2, 7))["accuracy-rounds.png"])
+    titles = [[chart["title"]["text"] for chart in block["concat"]] for block in spec["vconcat"]]
+    assert titles == [[f"{n}: accuracy, extra_gain_db = {k}.0" for k in range(7)] for n in "ab"]
+    for block in (spec, *spec["vconcat"]):
+        assert block["resolve"]["scale"]["color"] == "shared"
+    few = described(sweep_pictures("s", by_setting(3, 1))["accuracy-rounds.png"])
+    assert ["layer" in chart for chart in few["vconcat"]] == [True, True]
 
 
 @pytest.mark.parametrize(("groups", "dotted"), [(7, False), (8, True)])
