@@ -41,7 +41,8 @@ def check_owners(devices: int, classes: int, *, per_device: int, coverage: bool)
         raise SettingError(
             "coverage",
             coverage,
-            f"{devices} devices with {per_device} labels each cannot own {classes} classes",
+            f"{devices} devices with {per_device} labels each cannot own {classes} classes; "
+            "give more devices or labels_per_device",
         )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from fl.config import CommunityConfig
 from fl.errors import FETCHED, LearningInputError
 from fl.federation import rounds as learning
+from fl.federation.community import Community
 from fl.plugins import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
 from fl.radio.custom_radio import CustomRadio, make_radio
@@ -128,7 +129,7 @@ class Scenario:
             lines.append(f"the channel hardly reaches anybody; {budget}")
         if self.config.learning.device == "cuda":
             lines.append("learning.device = 'cuda' is experimental: nobody has flown with it yet")
-        for community in self.federation.communities:
+        for index, community in enumerate(self.federation.communities):
             source = community.dataset.provenance
             if not source.official and community.config.task in FETCHED:
                 lines.append(
@@ -139,7 +140,7 @@ class Scenario:
             if orphans:
                 lines.append(
                     f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
-                    f"so accuracy cannot reach 1 (communities.*.coverage = true gives all an owner)"
+                    f"so accuracy cannot reach 1{_owners_for_all(index, community)}"
                 )
         return lines
 
@@ -152,6 +153,20 @@ class Scenario:
     def data_sources(self) -> dict[str, dict[str, object]]:
         """Per community: where its data come from, and whether they are the official files."""
         return {c.name: asdict(c.dataset.provenance) for c in self.federation.communities}
+
+
+def _owners_for_all(index: int, community: Community) -> str:
+    """What gives every class an owner, where settings can."""
+    config, classes = community.config, community.dataset.classes
+    if config.partition != "labels":
+        return ""
+    way = f"communities.{index}.coverage = true gives all an owner"
+    if config.devices * config.labels_per_device < classes:
+        way = (
+            f"{config.devices} devices with {config.labels_per_device} labels each cannot own "
+            f"{classes} classes: with more devices or labels_per_device, {way}"
+        )
+    return f" ({way})"
 
 
 def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:

@@ -176,7 +176,7 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
         ("colour = 1" + BASE, ["colour", "unknown key"]),
         (BASE + "labels_per_devise = 2", ["communities.0.labels_per_devise", "labels_per_device?"]),
         (BASE + "labels_per_device = 11", ["communities.0.labels_per_device = 11", "10 classes"]),
-        (BASE + "coverage = true", ["communities.0.coverage = true", "cannot own 10 classes"]),
+        (BASE + "coverage = true", ["coverage = true", "cannot own 10 classes; give more"]),
         (BASE + "network = 'resnet'", ["communities.0.network = 'resnet'", "'lenet', 'mcmahan'"]),
         (BASE + "network = 'no_such.net:N'", ["communities.0.network", "No module named"]),
         (

@@ -42,7 +42,20 @@ def test_classes_without_an_owner_are_said() -> None:
     orphans = sorted(set(range(10)) - set(np.flatnonzero(community.counts.any(axis=0)).tolist()))
     assert orphans
     notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
-    assert any(line.startswith(notice) for line in scenario.notices())
+    (line,) = (line for line in scenario.notices() if line.startswith(notice))
+    # 6 devices with a class each; the advice must not be refused when it is followed.
+    assert "more devices or labels_per_device, communities.0.coverage = true" in line
+
+
+def test_coverage_alone_is_advised_only_where_it_can_help() -> None:
+    settings = {"communities.0.labels_per_device": 2, "communities.0.coverage": False}
+    for seed in range(20):
+        config = load_config(builtin_config("quickstart.toml"), settings | {"seed": seed})
+        lines = build_scenario(config, data_dir=None).notices()
+        if found := [line for line in lines if "no device owns class" in line]:
+            break
+    assert found[0].endswith("(communities.0.coverage = true gives all an owner)")
+    load_config(builtin_config("quickstart.toml"), settings | {"communities.0.coverage": True})
 
 
 def own_data(data_dir: Path | None) -> Samples:  # noqa: ARG001
