@@ -30,12 +30,15 @@ class Blame:
     given: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys -> their options
     giver: str = field(default="command line", compare=False)
 
-    def on(self, name: str) -> str:
-        """Who set a key: `giver`, where it or something in it was given so."""
-        mine = any(
+    def sets(self, name: str) -> bool:
+        """Whether `giver` set a key, or something in it."""
+        return any(
             f"{name}.".startswith(f"{k}.") or f"{k}.".startswith(f"{name}.") for k in self.given
         )
-        return self.giver if mine else self.source
+
+    def on(self, name: str) -> str:
+        """Who set a key: `giver`, where it or something in it was given so."""
+        return self.giver if self.sets(name) else self.source
 
 
 def explain(

@@ -1,6 +1,7 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -343,6 +344,12 @@ class RunConfig(_Model):
     def refused(self, key: str, value: object, reason: str) -> InputError:
         """The error for a value that cannot be used, with the file that it comes from."""
         return InputError(refusal(key, value, reason, self._blame))
+
+    def contradiction(self, keys: Sequence[str], reason: str) -> InputError:
+        """The error for keys that do not fit each other: of the first that was set over its file,
+        as that worked without it, or else of the first."""
+        key = next((key for key in keys if self._blame.sets(key)), keys[0])
+        return InputError(f"{self._blame.on(key)}: {key}: {reason}")
 
     @property
     def run_name(self) -> str:

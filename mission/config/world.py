@@ -23,6 +23,7 @@ _MARGIN = 0.1  # of its longer side, around the extent of what stands on the gro
 _LEAST_MARGIN_M = 50.0
 _FAR_M = 100_000.0  # apart from each other no mission's places are
 _LARGEST_M = 100_000.0
+_HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
 
 _Found = TypeVar("_Found")
 
@@ -64,27 +65,29 @@ def check_start(config: RunConfig) -> None:
     """
     area, heights_m = config.area, config.mission.heights_m
     home = np.array([area.home_m], dtype=np.float64)
-    # Either may have been given: where places are in degrees, home_m follows from these.
-    ways_out = (
-        f"move home (area.home_m, or area.home_lat_deg = {area.home_lat_deg:.7g} and "
-        f"home_lon_deg = {area.home_lon_deg:.7g})"
+    start = f"the start, area.home_m = {list(area.home_m)},"
+    # Polygons of a file have their place on the globe, all others in the area.
+    way_out = (
+        f"move it, or move home (area.home_m; where a GeoJSON file has it, area.home_lat_deg = "
+        f"{area.home_lat_deg:.7g} and home_lon_deg = {area.home_lon_deg:.7g})"
     )
-    for zone in area.no_fly:
+    for index, zone in enumerate(area.no_fly):
         if zone.from_m - HEIGHT_MARGIN_M >= heights_m[1]:
             continue  # overhead
         space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
         if not space.free(home)[0]:
             where = "lies inside" if not space.allows(home)[0] else _nearer(area)
-            raise config.refused(
-                "area.home_m",
-                list(area.home_m),
-                f"the start {where} the area {zone.name!r}, which must not be flown; {ways_out}",
+            raise config.contradiction(
+                (*_HOME, f"area.no_fly.{index}", "area.no_fly_file", "area.margin_m"),
+                f"{start} {where} the area {zone.name!r}, which must not be flown; {way_out}",
             )
     space = area.build(heights_m).airspace
     if not space.free(home)[0]:
         where = "lies outside" if not space.allows(home)[0] else _nearer(area)
-        reason = f"the start {where} the fence (area.fence_m); {ways_out}"
-        raise config.refused("area.home_m", list(area.home_m), reason)
+        raise config.contradiction(
+            (*_HOME, "area.fence_m", "area.fence_file", "area.margin_m"),
+            f"{start} {where} the fence (area.fence_m); {way_out}",
+        )
 
 
 def _nearer(area: AreaConfig) -> str:

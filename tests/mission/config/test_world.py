@@ -1,6 +1,7 @@
 """Devices at given places: where they come to stand, and which files are refused in which words."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -346,17 +347,17 @@ def test_an_area_counts_at_its_heights(load, low: float, high: float | None, cou
     [
         (
             "[[area.no_fly]]\nname = 'school'\npolygon_m = [[410,300],[500,300],[410,500]]",
-            "the start lies nearer than area.margin_m = 15 m to the area 'school', which must not",
+            "lies nearer than area.margin_m = 15 m to the area 'school', which must not be flown",
         ),
         (
             "[[area.no_fly]]\nname = 'school'\npolygon_m = [[0,0],[800,0],[800,800],[0,800]]",
-            "c.toml: area.home_m = [400.0, 400.0]: the start lies inside the area 'school', which",
+            "c.toml: area.home_m: the start, area.home_m = [400.0, 400.0], lies inside the area",
         ),
         (
             "[[area.no_fly]]\nname = 'low'\nto_m = 30\npolygon_m = [[300,300],[500,300],[500,500]]",
-            "the start lies inside the area 'low', which must not be flown",
+            "lies inside the area 'low', which must not be flown",
         ),
-        ("[area]\nfence_m = [[0,0],[100,0],[100,100]]", "the start lies outside the fence"),
+        ("[area]\nfence_m = [[0,0],[100,0],[100,100]]", "lies outside the fence"),
         ("[area]\nfence_m = [[0,0],[405,0],[405,800],[0,800]]", "nearer than area.margin_m = 15 m"),
     ],
 )
@@ -369,6 +370,24 @@ def test_a_start_from_which_nobody_may_climb_is_refused(
     assert "move home" in str(error.value)
     assert "home_lat_deg = 43.6145" in str(error.value)
     assert str(error.value).startswith(f"{tmp_path / 'c.toml'}: ")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "blamed"),
+    [
+        ("area__no_fly", [{"polygon_m": [[300, 300], [500, 300], [400, 500]]}], "area.no_fly.0"),
+        ("area__fence_m", [[0, 0], [100, 0], [100, 100]], "area.fence_m"),
+        ("area__home_m", [900, 900], "area.home_m"),
+    ],
+)
+def test_of_a_start_that_is_refused_the_key_set_over_the_file_is_blamed(
+    load, key: str, value: object, blamed: str
+) -> None:
+    fence = (
+        "" if key == "area__fence_m" else "[area]\nfence_m = [[0,0],[800,0],[800,800],[0,800]]\n"
+    )
+    with pytest.raises(InputError, match=f"^command line: {re.escape(blamed)}: the start, area"):
+        build_scenario(load(BASE + fence, **{key: value}), data_dir=None)
 
 
 def test_an_area_counts_where_it_reaches_into_the_limits_of_the_altitude(load) -> None:
