@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
+from fl.errors import did_you_mean
 from mission.base.schema import Key, every, locate, tag, top
 
 _LONG = 60  # characters of a value that are shown
@@ -98,8 +99,10 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, blame: Blame) -> st
     words = "an object" if notation == "JSON" and key.words == _TABLE else key.words
     match kind:
         case "extra_forbidden":
-            name = ".".join(map(str, (*key.path, item["loc"][-1])))
-            equals, reason = "", f"unknown key{_hint(item, key, root)}"
+            last = str(item["loc"][-1])
+            name = ".".join(map(str, (*key.path, last)))
+            in_file = notation == "TOML" and not blame.sets(name)
+            equals, reason = "", f"unknown key{_hint(last, key, root, in_file=in_file)}"
         case "missing":
             equals, reason = "", f"missing, and it has no default; it is {words}"
         case "union_tag_not_found" | "union_tag_invalid":
@@ -119,15 +122,15 @@ def _line(item: ErrorDetails, root: Key, notation: Notation, blame: Blame) -> st
     return f"{blame.on(name)}: {about}{reason}"
 
 
-def _hint(item: ErrorDetails, key: Key, root: Key) -> str:
-    """What may have been meant by an unknown key, and what is known beside it."""
-    name, known = str(item["loc"][-1]), key.known()
-    close = get_close_matches(name, known, n=1)
-    # The right name in the wrong table.
+def _hint(name: str, key: Key, root: Key, *, in_file: bool) -> str:
+    """What may have been meant by an unknown key in the table `key`, and what is known there."""
     elsewhere = [found.name for found in every(root) if found.path[-1] == name]
-    meant = close or elsewhere[:1]
-    hint = f"; did you mean {meant[0]}?" if meant else ""
-    return f"{hint} (known: {', '.join(known)})"
+    if in_file and name in elsewhere:
+        return f"; {name} belongs to the top level, before the first table"
+    if elsewhere:  # the right name in the wrong table
+        return f"; did you mean {' or '.join(elsewhere[:3])}?"
+    known = key.known()
+    return f"{did_you_mean(name, known)} (known: {', '.join(known)})"
 
 
 def _choice(value: object, key: Key) -> str:

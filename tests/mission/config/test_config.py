@@ -164,6 +164,10 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
     [
         ("[mission]\nstep = 3" + BASE, ["c.toml", "mission.step", "unknown key", "mean steps?"]),
         ("rounds = 3" + BASE, ["rounds", "unknown key", "did you mean mission.rounds?"]),
+        (
+            "[mission]\nseed = 3" + BASE,
+            ["c.toml: mission.seed: unknown key; seed belongs to the top level, before the first"],
+        ),
         ("[mission]\nstrategy = 'best'" + BASE, ["mission.strategy", "'best'", "'no_cov'"]),
         ("seed = 1", ["communities", "missing", "a list of 1 to 100 tables"]),
         (BASE + BASE, ["community names must differ", "'a'"]),
@@ -270,6 +274,12 @@ def test_the_command_line_is_blamed_for_its_own(write) -> None:
         load_config(write(BASE), {"foo.bar": 1})
     with pytest.raises(InputError, match=r"^command line: vehicle.parameters.FOO = 1.0: no such"):
         load_config(write(BASE), {"vehicle.parameters.FOO": 1})
+
+
+def test_a_key_set_in_the_wrong_table_is_told_where_it_belongs(write) -> None:
+    with pytest.raises(InputError) as caught:
+        load_config(write(BASE), {"mission.seed": 3})
+    assert str(caught.value) == "command line: mission.seed: unknown key; did you mean seed?"
 
 
 def test_a_parameter_file_is_read_at_once(write, tmp_path: Path) -> None:
