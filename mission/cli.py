@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter, Token, convert
-from rich.console import Console
+from cyclopts.help import DefaultFormatter, HelpPanel
+from rich.console import Console, ConsoleOptions
+from rich.text import Text
 
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
@@ -28,6 +30,23 @@ def _read(kind: Any, tokens: Sequence[Token]) -> Any:
     return convert(kind, tokens)
 
 
+def _default(value: object) -> str | None:
+    """A default as the help says it; not that of a flag, or of what may be given several times."""
+    return None if value in (None, False, ()) else str(value)
+
+
+class _Help(DefaultFormatter):
+    """Help whose descriptions are wrapped to the terminal only, not where the code's lines end."""
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        for entry in panel.entries:
+            text = getattr(entry.description, "primary_renderable", None)
+            if isinstance(text, Text):
+                text.plain = text.plain.replace("\n", " ")
+        super().__call__(console, options, panel)
+
+
+_PARAMETER = Parameter(converter=_read, show_default=_default)
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
 app = App(
@@ -37,7 +56,8 @@ app = App(
     help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
     help_epilogue=f"Exit codes:\n{_CODES}",
     help_format="plaintext",
-    default_parameter=Parameter(converter=_read),
+    help_formatter=_Help(),
+    default_parameter=_PARAMETER,
     result_action="return_value",
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,
@@ -51,7 +71,7 @@ app.command("mission.commands.plan:link_budget", name="link-budget", help=helps.
 app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
 app.command("mission.commands.world:world", name="world", help=helps.WORLD)
 app.command("mission.commands.fly:fly", name="fly", help=helps.FLY)
-log = App(name="log", help=helps.LOG)
+log = App(name="log", help=helps.LOG, default_parameter=_PARAMETER)
 log.command("mission.commands.log:info", name="info", help=helps.LOG_INFO)
 log.command("mission.commands.log:check", name="check", help=helps.LOG_CHECK)
 log.command("mission.commands.log:recover", name="recover", help=helps.LOG_RECOVER)
@@ -62,7 +82,7 @@ app.command("mission.commands.sweep:sweep", name="sweep", help=helps.SWEEP)
 app.command(
     "mission.commands.reproduction:reproduction", name="reproduction", help=helps.REPRODUCTION
 )
-data = App(name="data", help=helps.DATA)
+data = App(name="data", help=helps.DATA, default_parameter=_PARAMETER)
 data.command("mission.commands.data:fetch", name="fetch", help=helps.DATA_FETCH)
 data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)
 app.command(data)
@@ -95,7 +115,8 @@ def call(tokens: Sequence[str] | None = None) -> int:
     errors = Console(stderr=True, emoji=False, **PLAIN)
     Terminal.failure = None
     try:
-        result = app(tokens, exit_on_error=False, print_error=False)
+        given = sys.argv[1:] if tokens is None else tokens
+        result = app(usage.spread(given), exit_on_error=False, print_error=False)
     except CycloptsError as error:
         errors.print(f"aerofed: {usage.in_words(error)}")
         return InputError.exit_code

@@ -10,6 +10,7 @@ from cyclopts import CycloptsError
 
 from mission.base.errors import InputError
 from mission.cli import app
+from mission.commands.usage import spread
 from mission.config.loading import load_config
 
 _COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'
@@ -62,6 +63,6 @@ def _command_faults(command: str) -> Iterator[str]:
     """Whether the words and options of a command exist; it is not carried out."""
     try:
         words = shlex.split(command.partition(" > ")[0], comments=True)
-        app.parse_args(words, exit_on_error=False, print_error=False)
+        app.parse_args(spread(words), exit_on_error=False, print_error=False)
     except CycloptsError as error:
         yield f"the command is refused: aerofed {command}: {error}"

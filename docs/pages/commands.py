@@ -20,9 +20,8 @@ def page() -> str:
     codes = "".join(f"| {code} | {what} |\n" for code, what in EXIT_CODES.items())
     text = app.generate_docs(output_format="markdown", recursive=True)
     text = text[text.index("## aerofed init") :]
-    # Headings as on the other pages, defaults that say nothing left out, examples as code.
+    # Headings as on the other pages, examples as code.
     text = re.sub(r"^#+ (aerofed .+)$", r"## \1", text, flags=re.MULTILINE)
-    text = re.sub(r" \*\[default: (\(\)|False)\]\*", "", text)
     text = re.sub(r", --no-[a-z-]+", "", text)
     text = re.sub(r"^```console\n(.+)\n```$", r"    \1", text, flags=re.MULTILINE)
     text = re.sub(r"^Example: (.+)$", r"    \1", text, flags=re.MULTILINE)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LIVE_PORT = 8765  # that Foxglove proposes
 
-Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=(), consume_multiple=True)]
+Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -51,7 +51,11 @@ def load(
     from mission.config.loading import builtin_config, load_config
     from mission.config.overrides import parse_override
 
-    overrides = dict(parse_override(text) for text in set_)
+    overrides: dict[str, object] = {}
+    for key, value in map(parse_override, set_):
+        if key in overrides:
+            raise InputError(f"--set {key}: given twice; leave one of them out")
+        overrides[key] = value
     mine = {key: value for key, value in (options or {}).items() if value is not None}
     named = {key: _OPTIONS[key] for key in mine if key in _OPTIONS}
     source = config or builtin_config("quickstart.toml")

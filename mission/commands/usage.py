@@ -1,5 +1,6 @@
 """What is wrong with a command line, in words that a newcomer can follow."""
 
+from collections.abc import Sequence
 from inspect import Parameter
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -13,6 +14,19 @@ from cyclopts import (
 )
 
 _NOUNS = {int: "a whole number", float: "a number"}
+
+
+def spread(tokens: Sequence[str]) -> list[str]:
+    """`--set A=1 B=2 FILE` as `--set A=1 --set B=2 FILE`: what has no `=` is no value of it."""
+    result: list[str] = []
+    more = False  # whether another value of --set may follow
+    for token in tokens:
+        if more and result[-1] != "--set":
+            more = "=" in token and not token.startswith("-")
+            result += ["--set"] if more else []
+        more |= token == "--set"
+        result.append(token)
+    return result
 
 
 def in_words(error: CycloptsError) -> str:

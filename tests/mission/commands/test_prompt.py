@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mission.cli import call
+from mission.commands.usage import spread
 from mission.config.loading import SHIPPED, builtin_config, load_config
 
 QUICK = (
@@ -255,3 +256,58 @@ def test_wrong_arrays_are_not_called_damaged(changes, words: str, tmp_path: Path
     said = refused(capsys, "run", str(tmp_path / "c.toml"), "--data-dir", str(tmp_path))
     assert words in said
     assert "damaged" not in said
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        ("run --set a=1 my.toml", "run --set a=1 my.toml"),
+        (
+            "sweep --set a=1 b=2,3 my.toml --seeds 2",
+            "sweep --set a=1 --set b=2,3 my.toml --seeds 2",
+        ),
+        ("run my.toml --set a=1 b=2 --json c=3", "run my.toml --set a=1 --set b=2 --json c=3"),
+        ("run --set a=1 --set b=2", "run --set a=1 --set b=2"),
+        ("run --set nothing my.toml", "run --set nothing my.toml"),
+        ("run --set", "run --set"),
+        ("fly a=b.plan", "fly a=b.plan"),
+    ],
+)
+def test_set_takes_what_has_an_equals_sign(given: str, read: str) -> None:
+    assert spread(given.split()) == read.split()
+
+
+def test_a_configuration_may_follow_what_is_set(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "my.toml").write_text("[mission]\nstepz = 1\n")
+    assert call(["run", "--set", "mission.rounds=1", str(tmp_path / "my.toml")]) == 2
+    assert f"{tmp_path / 'my.toml'}: mission.stepz: unknown key" in capsys.readouterr().err
+
+
+def test_a_key_set_twice_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["plan", "--set", "mission.steps=4", "--set", "mission.steps=5"]) == 2
+    said = "aerofed: --set mission.steps: given twice; leave one of them out\n"
+    assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize("command", ["run", "sweep", "log info", "data fetch"])
+def test_help_wraps_at_the_terminal_and_tells_only_defaults_that_say_something(
+    capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert call([*command.split(), "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "[default: False]" not in said
+    assert "[default: ()]" not in said
+    if command == "run":
+        assert "[default: 8765]" in said
+
+
+def test_help_breaks_lines_where_the_terminal_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert call(["run", "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (line,) = (line for line in lines if "into the log too, with either" in line)
+    assert "with either direction as a topic" in line
