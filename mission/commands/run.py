@@ -71,7 +71,8 @@ def run(
         direction as a topic (aerofed log export --to tlog). What is said when depends on wall
         time, so such a log is not the same twice; all other files and topics still are.
     resume
-        Go on with the run in this folder, from its last finished round; takes no other setting.
+        Go on with the run in this folder, from its last finished round; takes no other setting,
+        as the folder has them all, --no-report and --log-mavlink too.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     quiet
@@ -85,9 +86,9 @@ def run(
     stopwatch = Stopwatch()
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
-        if any(value is not None for value in others):
+        if log_mavlink or no_report or any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
-        return _resume(resume, watching, stopwatch, no_report=no_report, as_json=as_json)
+        return _resume(resume, watching, stopwatch, as_json=as_json)
     options = {
         "seed": seed,
         "mission.rounds": rounds,
@@ -122,9 +123,7 @@ def run(
             )
 
 
-def _resume(
-    path: Path, watching: RunConsole, stopwatch: Stopwatch, *, no_report: bool, as_json: bool
-) -> int:
+def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: bool) -> int:
     from mission.base.run_folder import RunFolder
     from mission.run.resume import read_checkpoint
 
@@ -133,8 +132,7 @@ def _resume(
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
     with _summary_of(path, as_json=as_json):
-        page = None if no_report else _page
-        return resume_session(path, console=watching, stopwatch=stopwatch, page=page)
+        return resume_session(path, console=watching, stopwatch=stopwatch, page=_page)
 
 
 def _page(folder: Path) -> None:

@@ -20,7 +20,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.planner.problem import RoundPlan
-from mission.run.resume import ROUNDS, header, sealed
+from mission.run.resume import ROUNDS, damaged, header, sealed
 from mission.scenario.strategies import Sortie
 
 
@@ -45,9 +45,11 @@ class Checkpoint:
 class CheckpointFolder:
     """The checkpoint of one run: `rounds.json`, and the learning's state that it names."""
 
-    def __init__(self, path: Path, *, config_toml: str, data_dir: Path | None) -> None:
+    def __init__(
+        self, path: Path, *, config_toml: str, data_dir: Path | None, **options: bool
+    ) -> None:
         self.path = path
-        self._header = header(config_toml, data_dir)
+        self._header = header(config_toml, data_dir, **options)
         self._rounds: list[dict[str, Any]] = []
 
     def save(
@@ -84,7 +86,7 @@ class CheckpointFolder:
             path = self.path / str(values["learning"])
             data = path.read_bytes()
             if hashlib.sha256(data).hexdigest() != values["learning_sha256"]:
-                raise InputError(f"{path}: damaged: its checksum differs")
+                raise damaged(path, "its checksum differs, so it was changed or cut short")
             state = from_bytes(federation, data)
             self._rounds = list(values["rounds"])
             rounds = tuple(_memory(item, len(federation.p)) for item in self._rounds)
@@ -93,7 +95,7 @@ class CheckpointFolder:
         except CheckpointError as error:
             raise InputError(f"{path}: {error}") from None
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(f"{self.path / ROUNDS}: damaged: {error!r}") from None
+            raise damaged(self.path / ROUNDS, "not what aerofed run writes") from error
         return Checkpoint(rounds, state)
 
 

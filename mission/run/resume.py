@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fl.errors import first_line
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, environment
 
@@ -29,9 +28,20 @@ def _digest(values: dict[str, object]) -> str:
     return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
 
-def header(config_toml: str, data_dir: Path | None) -> dict[str, object]:
-    """What a checkpoint says about the run that it belongs to."""
+def damaged(file: Path, reason: str) -> InputError:
+    """The error for a file of a checkpoint that no run can go on from."""
+    run = file.parents[1]
+    return InputError(
+        f"{file}: damaged: {reason}; the run cannot go on: begin it anew in another folder, "
+        f"aerofed run {RunFolder(run).config}"
+    )
+
+
+def header(config_toml: str, data_dir: Path | None, **options: bool) -> dict[str, object]:
+    """What a checkpoint says about the run that it belongs to; `options` are those of its start
+    that no configuration has."""
     return {
+        **options,
         "format": FORMAT,
         "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
         "data_dir": str(data_dir.resolve()) if data_dir else None,
@@ -59,14 +69,14 @@ def read_checkpoint(path: Path) -> dict[str, object]:
         text = folder.config.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{error.filename}: cannot read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: damaged: {first_line(error)}") from None
+    except (ValueError, RecursionError):
+        raise damaged(file, "not valid JSON, so it was changed or cut short") from None
     if not isinstance(values, dict) or not values.keys() >= _HEAD:
-        raise InputError(f"{file}: damaged: not what aerofed run writes")
+        raise damaged(file, "not what aerofed run writes")
     # An older format has no seal; what it is, is said before that.
     seal = values.pop(SEAL, None)
     if values["format"] == FORMAT and seal != _digest(values):
-        raise InputError(f"{file}: damaged: its checksum differs, so it was changed or cut short")
+        raise damaged(file, "its checksum differs, so it was changed or cut short")
     change = _change(values, header(text, None))
     if change:
         raise InputError(

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -85,7 +85,13 @@ def fly_session(
         with folder.unless_refused(), plugins_of_learning():
             state = learning.init(scenario.federation)
             callbacks = _callbacks(folder, config)
-        checkpoint = CheckpointFolder(folder.checkpoint, config_toml=text, data_dir=data_dir)
+        checkpoint = CheckpointFolder(
+            folder.checkpoint,
+            config_toml=text,
+            data_dir=data_dir,
+            report=page is not None,
+            log_mavlink=console.log_mavlink,
+        )
         ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
     with folder.lock(chosen=True):
         with stopwatch("setup"):
@@ -107,7 +113,8 @@ def resume_session(
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
-    checkpoint's folder. `workers` and `figures` as in `fly_session`. Returns the exit code.
+    checkpoint's folder. `workers` and `figures` as in `fly_session`; `page` is made if the run was
+    started with one, and what pilot and vehicle say is logged if it was. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
@@ -121,11 +128,19 @@ def resume_session(
         return 0
     values = read_checkpoint(path)
     data_dir = data_dir_of(values)
+    options = {"report": True, "log_mavlink": False}
+    options = {name: bool(values.get(name, usual)) for name, usual in options.items()}
+    console = replace(console, log_mavlink=options["log_mavlink"])
+    if not options["report"]:
+        page = None
     with folder.lock():
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
-                folder.checkpoint, config_toml=folder.config.read_text("utf-8"), data_dir=data_dir
+                folder.checkpoint,
+                config_toml=folder.config.read_text("utf-8"),
+                data_dir=data_dir,
+                **options,
             )
             scenario, flyers = set_up(config, data_dir=data_dir)
             if flyers.no_resume:

@@ -1,5 +1,6 @@
 """Raw MAVLink in a run's log, by option."""
 
+import json
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
@@ -43,6 +44,12 @@ def test_what_was_said_is_recorded_and_changes_nothing_else(tmp_path: Path) -> N
     assert said["COMMAND_LONG"] >= 2
     assert said["COMMAND_ACK"] >= 2
     assert said["HEARTBEAT"] >= 2
+
+    # A resumption goes on listening, without being told to.
+    summary = json.loads((raw / "summary.json").read_text()) | {"status": "interrupted"}
+    (raw / "summary.json").write_text(json.dumps(summary))
+    assert call(["run", "--resume", str(raw), "--quiet"]) == 0
+    assert load(raw / "flight.mcap").messages.keys() == with_raw.keys()
 
 
 def test_an_external_autopilot_cannot_be_listened_to(

@@ -103,7 +103,7 @@ def test_the_same_run_again_gives_the_same_bytes_and_resumes(run: Path, tmp_path
     shutil.copytree(run, again)
     summary = json.loads((again / "summary.json").read_text())
     (again / "summary.json").write_text(json.dumps({**summary, "status": "interrupted"}))
-    assert call(["run", "--resume", str(again), "--quiet", "--no-report"]) == 0
+    assert call(["run", "--resume", str(again), "--quiet"]) == 0
     for name in ("flight.mcap", "rounds.csv", "uplinks.csv"):
         one, other = ((f / name).read_bytes() for f in (run, again))
         assert hashlib.sha256(one).digest() == hashlib.sha256(other).digest()

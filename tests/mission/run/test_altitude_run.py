@@ -74,7 +74,7 @@ def test_a_run_cut_short_is_resumed_to_the_same_bytes(run: Path, tmp_path: Path)
     with pytest.MonkeyPatch.context() as patch:
         cut_after(patch, 1)
         assert fly(out) != 0
-    assert call(["run", "--resume", str(out), "--quiet", "--no-report"]) == 0
+    assert call(["run", "--resume", str(out), "--quiet"]) == 0
     for name in ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap"):
         assert (out / name).read_bytes() == (run / name).read_bytes()
 

@@ -142,7 +142,7 @@ def test_resume_refuses_a_damaged_checkpoint(
     (state,) = (stopped / "checkpoint").glob("*.bin")
     state.write_bytes(state.read_bytes()[:-3] + b"abc")
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, state.name, "damaged")
+    refused(capsys, state.name, "damaged", f"it anew in another folder, aerofed run {stopped}")
 
 
 def unsealed(path: Path) -> dict[str, Any]:
@@ -183,7 +183,8 @@ def test_resume_refuses_what_is_no_json(
 ) -> None:
     (stopped / "checkpoint" / "rounds.json").write_text(content)
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, "rounds.json: damaged")
+    way_out = f"begin it anew in another folder, aerofed run {stopped / 'config.toml'}\n"
+    refused(capsys, "rounds.json: damaged: not valid JSON, so it was changed or cut short", way_out)
 
 
 def test_resume_refuses_other_versions(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -258,6 +259,9 @@ def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[
     assert digests(stopped) == before
 
 
-def test_resume_takes_no_other_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["run", "--resume", str(tmp_path), "--seed", "3"]) == 2
+@pytest.mark.parametrize("other", [["--seed", "3"], ["--no-report"], ["--log-mavlink"]])
+def test_resume_takes_no_other_setting(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], other: list[str]
+) -> None:
+    assert call(["run", "--resume", str(tmp_path), *other]) == 2
     refused(capsys, "--resume takes no other setting")

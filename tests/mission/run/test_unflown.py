@@ -57,6 +57,18 @@ def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
         assert record.duration_s == pytest.approx(record.flown_path_m / 20.0, abs=1e-6)
 
 
+def test_a_resumption_leaves_out_the_page_that_the_run_was_to_leave_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, options in {"with": [], "without": ["--no-report"]}.items():
+        with monkeypatch.context() as patch:
+            cut_after(patch, 1)
+            assert play(tmp_path / name, *options) == 4
+        (tmp_path / name / "report.html").unlink(missing_ok=True)
+        assert call(["run", "--resume", str(tmp_path / name), "--quiet"]) == 0
+        assert (tmp_path / name / "report.html").exists() is (not options)
+
+
 def test_a_resumption_that_is_cut_off_says_what_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
