@@ -206,6 +206,15 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
             f"home lies {away_m:.0f} m from the nearest device, farther than a round's path may "
             f"be long (mission.path_budget_m = {mission.path_budget_m:g})"
         )
+    stands: dict[tuple[str, float, float], int] = {}  # who -> the first device there
+    places = zip(scenario.community_of, scenario.devices_m.tolist(), strict=True)
+    for device, (name, (x, y)) in enumerate(places):
+        first = stands.setdefault((name, x, y), device)
+        if first != device:
+            yield (
+                f"{name}: devices {first} and {device} stand at one place, x = {x:g}, y = {y:g} m; "
+                "is one there twice?"
+            )
     for zone in area.no_fly:
         anywhere = zone.counts_at(*mission.heights_m)
         if anywhere and not all(zone.counts_at(height, height) for height in mission.heights_m):

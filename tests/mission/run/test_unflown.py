@@ -163,9 +163,19 @@ MAST: dict[str, object] = {"polygon_m": [[10, 10], [40, 10], [40, 40]], "name": 
 )
 def test_what_is_hardly_meant_is_said(overrides: dict[str, object], said: str) -> None:
     config = load_config(builtin_config("quickstart.toml"), overrides)
-    scenario = SimpleNamespace(config=config, devices_m=np.array([[0.0, 0.0], [600.0, 0.0]]))
+    places = np.array([[0.0, 0.0], [600.0, 0.0]])
+    scenario = SimpleNamespace(config=config, devices_m=places, community_of=("a", "a"))
     warnings = list(_warnings(cast(Scenario, scenario)))
     assert [said] == [warning[: len(said)] for warning in warnings] if said else not warnings
+
+
+@pytest.mark.parametrize("owners", [("a", "a", "a"), ("a", "a", "b")])
+def test_two_devices_of_a_community_at_one_place_are_said(owners: tuple[str, ...]) -> None:
+    config = load_config(builtin_config("quickstart.toml"))
+    places = np.array([[100.0, 20.5], [600.0, 0.0], [100.0, 20.5]])
+    scenario = SimpleNamespace(config=config, devices_m=places, community_of=owners)
+    said = "a: devices 0 and 2 stand at one place, x = 100, y = 20.5 m; is one there twice?"
+    assert list(_warnings(cast(Scenario, scenario))) == [said] * (owners[2] == "a")
 
 
 def test_plans_that_are_proven_less_closely_than_asked_for_are_said(
