@@ -215,6 +215,7 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
                 f"{name}: devices {first} and {device} stand at one place, x = {x:g}, y = {y:g} m; "
                 "is one there twice?"
             )
+            break
     for zone in area.no_fly:
         anywhere = zone.counts_at(*mission.heights_m)
         if anywhere and not all(zone.counts_at(height, height) for height in mission.heights_m):
