@@ -19,7 +19,7 @@ from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
 _FINISHED = "finished"
-_FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small
+FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def extent(run: FlightData, *, margin: float) -> tuple[Floats, Floats]:
     points += [
         zone.outline_m
         for zone in run.fence
-        if np.all(np.ptp(zone.outline_m, axis=0) < _FENCE_SHOWN * size.max())
+        if np.all(np.ptp(zone.outline_m, axis=0) < FENCE_SHOWN * size.max())
     ]
     every = np.vstack(points)
     air = margin * float(size.max())

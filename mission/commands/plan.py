@@ -94,6 +94,7 @@ def plan(
         figure_dir=figure,
         about=about,
         communities=() if scenario is None else scenario.community_of,
+        area=None if scenario is None else scenario.config.area,
     )
     if qgc is not None and scenario is not None:
         _write_qgc(qgc, problems[0], planned.plans[0], scenario)

@@ -10,6 +10,7 @@ import numpy as np
 
 from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
 from mission.base.errors import InputError, PlanError
+from mission.config.models import AreaConfig
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
@@ -35,12 +36,13 @@ def plan_problems(
     figure_dir: Path | None = None,
     about: str = "",
     communities: Sequence[str] = (),
+    area: AreaConfig | None = None,
 ) -> Planned:
     """Plan every problem, and write the plans and a picture of each where asked.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
     against its problem before anything is written. `about` says on the pictures whose they are,
-    `communities` colours their devices.
+    `communities` colours their devices, and `area` is what they stand on.
 
     Raises:
         InputError: the output cannot be written, or a picture is there already.
@@ -81,6 +83,8 @@ def plan_problems(
                 title=entry.id,
                 about=about,
                 communities=communities,
+                size_m=None if area is None else area.size_m,
+                no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
             )
             for entry in problems
             if entry.id in plans

@@ -1,6 +1,6 @@
 """The ground of every map: axes in metres, and the lines on it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import altair as alt
@@ -24,6 +24,7 @@ from mission.figures.style import (
 )
 from mission.log.values import FlightData, PlanRecord
 
+NoFly: TypeAlias = Mapping[str, Any]  # an area of `area.no_fly`, as the configuration has it
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
 _NAME_PX = 10  # the font of areas' names
@@ -93,40 +94,42 @@ class Frame:
         return chosen
 
     def ground(self, run: FlightData) -> list[alt.Chart]:
-        """The area's edge, and home."""
-        width, height = run.area.size_m
-        area = table(round=[0], x=[0.0], y=[0.0], x2=[width], y2=[height])
+        """The area's edge, what must not be flown, and home."""
         x, y = run.area.home_m
         home = self.chart(table(round=[0], x=[x], y=[y]))
         return [
-            self.chart(area)
-            .mark_rect(fill=None, stroke=GRID, strokeWidth=1.4)
-            .encode(x2="x2", y2="y2"),
-            *self._areas(run),
+            self.border(run.area.size_m),
+            *self.areas(*zones_of(run)),
             home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
         ]
 
-    def _areas(self, run: FlightData) -> list[alt.Chart]:
-        """What must not be flown, filled, and what is flown above or below, dashed; and names.
+    def border(self, size_m: tuple[float, float]) -> alt.Chart:
+        """The area's edge."""
+        width, height = size_m
+        area = self.chart(table(round=[0], x=[0.0], y=[0.0], x2=[width], y2=[height]))
+        edge: alt.Chart = area.mark_rect(fill=None, stroke=GRID, strokeWidth=1.4)
+        return edge.encode(x2="x2", y2="y2")
+
+    def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
+        """What must not be flown, filled, and those of `zones` that are flown above or below,
+        dashed; and names, where there is room.
 
         A polygon is a closed line.
         """
-        rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
         layers: list[alt.Chart] = []
         open_rings: list[Floats] = []
-        for zone in run.config.get("area", {}).get("no_fly", ()):
-            ring, name = np.asarray(zone["polygon_m"], dtype=np.float64), zone["name"]
-            if not any(np.array_equal(ring, other) for other in rings):
+        for ring, name, is_open in _named(rings, zones):
+            if is_open:
                 open_rings.append(ring)
-                name += f" {_heights(zone)}"
             at_m, below = self._place(ring, name)
-            if below and self.width < _ROOMY_PX:
+            on_map = bool(((at_m >= self._low) & (at_m <= self._high)).all())
+            if (below and self.width < _ROOMY_PX) or not on_map:
                 continue
             text = self.chart(table(round=[0], x=at_m[:1], y=at_m[1:]))
             layers.append(
                 text.mark_text(text=name, fontSize=_NAME_PX, color=SOFT, dy=_NAME_PX * below)
             )
-        looks: tuple[tuple[list[Floats], dict[str, Any]], ...] = (
+        looks: tuple[tuple[Sequence[Floats], dict[str, Any]], ...] = (
             (rings, {"strokeWidth": 0, "fill": FENCE, "fillOpacity": 0.12}),
             (open_rings, {"stroke": SOFT, "strokeWidth": 1.0, "strokeDash": [3, 3]}),
         )
@@ -137,6 +140,15 @@ class Frame:
             for some, look in looks
             for ring in some
         ]
+
+    def names_beside(
+        self, rings: Sequence[Floats], zones: Sequence[NoFly]
+    ) -> list[tuple[str, Floats]]:
+        """Names that `areas` has no room for, and the places beside which they may stand."""
+        if self.width >= _ROOMY_PX:
+            return []
+        placed = ((name, self._place(ring, name)) for ring, name, _ in _named(rings, zones))
+        return [(name, at_m) for name, (at_m, below) in placed if below]
 
     def _place(self, ring: Floats, name: str) -> tuple[Floats, bool]:
         """Where an area's name stands: in its middle, or where that has no room below it."""
@@ -208,7 +220,21 @@ class Frame:
         )
 
 
-def _heights(zone: Mapping[str, Any]) -> str:
+def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
+    """The outlines that a run keeps out of, and all areas of its configuration."""
+    rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
+    return rings, list(run.config.get("area", {}).get("no_fly", ()))
+
+
+def _named(rings: Sequence[Floats], zones: Sequence[NoFly]) -> Iterator[tuple[Floats, str, bool]]:
+    """Outline and name of every area, and whether the flight is above or below it."""
+    for zone in zones:
+        ring, name = np.asarray(zone["polygon_m"], dtype=np.float64), zone["name"]
+        is_open = not any(np.array_equal(ring, other) for other in rings)
+        yield ring, f"{name} {_heights(zone)}" if is_open else name, is_open
+
+
+def _heights(zone: NoFly) -> str:
     """Where an area counts that the flight is above or below."""
     low, high = zone.get("from_m"), zone.get("to_m")
     if high is None:

@@ -11,13 +11,14 @@ from mission.analysis.load import extent
 from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
-from mission.figures.frame import Frame, line_table, run_lines
+from mission.figures.frame import Frame, line_table, run_lines, zones_of
 from mission.figures.places import places
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
     INK,
     PAPER,
+    RING,
     SOFT,
     dot_radii,
     importance_size,
@@ -38,14 +39,14 @@ _FEW = 8  # rounds that can be told apart on one map
 _SAME_END_M = 15.0  # ends that are closer share their words
 _THIN_PX, _WIDER_PX = 2.6, 1.1  # the path of a round, and of each before it of few
 _HOME_PX = 5.0
-# A ring, one unit across, and a cross in it.
-_RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
+# A cross in a ring.
 _LOST = (
-    f"{_RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55Z"
+    f"{RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55Z"
     "M-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
 )
 _LATE_SHAPE = "M-0.8,-1L0.8,-1L-0.8,1L0.8,1Z"  # an hourglass
 _NOT_SERVED = "not served"
+_AREA = Look(6.0, 8.0, SOFT)  # of areas without room for their names
 
 Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
@@ -57,6 +58,7 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
     flights = [line for line in lines if line[0] == "flown"]
     planned = [line for line in lines if line[0] == "planned"]
     importance = np.mean([plan.importance for plan in run.plans], axis=0)
+    sized_by = "mean importance" if len(run.plans) > 1 else "importance"
     few = len(flights) <= _FEW
     layers = [
         *frame.ground(run),
@@ -65,7 +67,7 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
         frame.chart(line_table(planned))
         .mark_line(stroke=INK, strokeWidth=0.7, strokeDash=[2, 5])
         .encode(order="step:Q", detail="part:N"),
-        *_devices(run, frame, [(0, importance, {})]),
+        *_devices(run, frame, [(0, importance, {})], sized_by),
         *words(
             frame,
             [*_device_words(run, {}), (NAME, _ends(flights) if few else []), (NAME, [_home(run)])],
@@ -100,6 +102,9 @@ def round_map(
     served = {plan.round: _served(run, plan.round) for plan in plans}
     lines = [(plan.round, plan.route_m) for plan in plans]
     lines += [(number, link) for number, of in served.items() for link in _link_lines(run, of)]
+    beside = frame.names_beside(*zones_of(run))
+    if beside:
+        lines += [(0, points) for kind, _, points in run_lines(run, []) if kind == "no entry"]
     is_round = run.plan_file is None
     starts = [Word("start", tuple(plan.waypoints_m[0]), plan.round) for plan in plans]
     layers = [
@@ -112,6 +117,7 @@ def round_map(
             frame,
             [
                 *_device_words(run, served),
+                (_AREA, [Word(name, tuple(at_m)) for name, at_m in beside]),
                 (NAME, [_home(run)]),
                 (NAME, starts if is_round else []),
             ],
@@ -278,7 +284,10 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
 
 
 def _devices(
-    run: FlightData, frame: Frame, rounds: Sequence[tuple[int, Floats, Served]]
+    run: FlightData,
+    frame: Frame,
+    rounds: Sequence[tuple[int, Floats, Served]],
+    sized_by: str = "importance",
 ) -> list[alt.Chart]:
     """Colour: community. Area: importance. Shape: what became of the update; ring: not served."""
     names, count = run.devices.communities, len(run.devices.community)
@@ -300,7 +309,7 @@ def _devices(
     tip = [
         alt.Tooltip("device:Q"),
         alt.Tooltip("community:N"),
-        alt.Tooltip("importance:Q", format=".3~g"),
+        alt.Tooltip("importance:Q", title=sized_by, format=".3~g"),
     ]
     marks = frame.chart(data).encode(
         fill=alt.Fill(
@@ -308,13 +317,13 @@ def _devices(
             scale=named(names, [community_colour(k) for k in range(len(names))]),
             legend=keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0),
         ),
-        size=importance_size(most, count),
+        size=importance_size(most, count, sized_by),
     )
     if not outcome:
         return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip)]
     some_late = any(uplink.outcome == LATE for uplink in run.uplinks)
     late = {LATE: _LATE_SHAPE} if some_late else {}
-    looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: _RING}
+    looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: RING}
     key = keys(list(looks), symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90)
     became = marks.mark_point(stroke=None, opacity=1).encode(
         shape=alt.Shape("outcome:N", scale=named(list(looks), list(looks.values())), legend=key),

@@ -5,16 +5,18 @@ from collections.abc import Sequence
 import altair as alt
 import numpy as np
 
+from mission.analysis.load import FENCE_SHOWN
+from mission.base.airspace import Airspace
 from mission.base.arrays import Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import LayerChart
-from mission.figures.frame import Frame
+from mission.figures.frame import Frame, Lines, NoFly
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
-    FENCE,
     PAPER,
     PLANNED,
+    RING,
     dot_radii,
     importance_size,
     keys,
@@ -40,10 +42,13 @@ def plan_picture(
     title: str,
     about: str = "",
     communities: Sequence[str] = (),
+    size_m: tuple[float, float] | None = None,
+    no_fly: Sequence[NoFly] = (),
 ) -> LayerChart:
     """The path with its slots, and the devices; one that is not served stays hollow.
 
-    `about` says whose plan it is, `communities` (K,) each device's, where they are known.
+    Where they are known, `about` says whose plan it is, `communities` (K,) each device's, `size_m`
+    how large its area is, and `no_fly` the names of areas that must not be flown.
     """
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
     height = "" if plan.altitude_m is None else f", {plan.altitude_m:.1f} m above home"
@@ -52,12 +57,20 @@ def plan_picture(
         f"value {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
         f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m{height}"
     )
-    every = np.vstack((problem.devices_m, plan.route_m, *problem.airspace.keep_out))
+    space = problem.airspace
+    edge = () if size_m is None else (np.array([[0.0, 0.0], size_m]),)
+    every = np.vstack((problem.devices_m, plan.route_m, *space.keep_out, *edge))
+    if space.keep_in is not None:
+        widest = FENCE_SHOWN * np.ptp(every, axis=0).max()
+        if np.all(np.ptp(space.keep_in, axis=0) < widest):
+            every = np.vstack((every, space.keep_in))
     low, high = every.min(axis=0), every.max(axis=0)
     air = _AIR * float((high - low).max() or 1.0)
     frame = Frame(low - air, high + air, _WIDTH)
     layers = [
-        *_outlines(problem, frame),
+        *([] if size_m is None else [frame.border(size_m)]),
+        *frame.areas(space.keep_out, no_fly),
+        *frame.lines(_outlines(space)),
         *_path(problem, plan, frame),
         *_devices(problem, plan, frame, communities),
         *_words(problem, plan, frame),
@@ -109,17 +122,16 @@ def _devices(
         community=list(communities) or [""] * count,
     )
     names = list(dict.fromkeys(communities))
-    marks = frame.chart(dots).mark_point(stroke=PLANNED, fill=PLANNED, opacity=1)
+    marks = frame.chart(dots).mark_point(stroke=None, fill=PLANNED, opacity=1)
     if names:
         scale = named(names, [community_colour(index) for index in range(len(names))])
         key = keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0)
         marks = marks.encode(
             fill=alt.Fill("community:N", title=None, scale=scale, legend=key),
-            stroke=alt.Stroke("community:N", scale=scale, legend=None),
         )
     most = float(problem.importance.max(initial=0.0))
-    hollow = alt.FillOpacity("state:O", scale=named(_SERVED, [1.0, 0.0]), legend=None)
-    return [marks.encode(size=importance_size(most, count), fillOpacity=hollow)]
+    hollow = alt.Shape("state:O", scale=named(_SERVED, ["circle", RING]), legend=None)
+    return [marks.encode(size=importance_size(most, count), shape=hollow)]
 
 
 def _words(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Chart]:
@@ -139,19 +151,8 @@ def _words(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Cha
     return words(frame, [(look, each), (NAME, [Word("start", tuple(start))])], Drawn(dots, lines))
 
 
-def _outlines(problem: RoundProblem, frame: Frame) -> list[alt.Chart]:
-    """Areas that must not be flown, and the fence."""
-    space = problem.airspace
-    made = []
-    for ring, fill in (
-        *((ring, FENCE) for ring in space.keep_out),
-        *(((space.keep_in, None),) if space.keep_in is not None else ()),
-    ):
-        closed = np.vstack((ring, ring[:1]))
-        data = table(step=np.arange(len(closed)), x=closed[:, 0], y=closed[:, 1])
-        made.append(
-            frame.chart(data)
-            .mark_line(stroke=FENCE, strokeWidth=1.4, fill=fill, fillOpacity=0.12, clip=True)
-            .encode(order="step:Q")
-        )
-    return made
+def _outlines(space: Airspace) -> Lines:
+    """The fence, and areas that must not be flown."""
+    fence = [] if space.keep_in is None else [("fence", space.keep_in)]
+    rings = [*fence, *(("no entry", ring) for ring in space.keep_out)]
+    return [(kind, 0, np.vstack((ring, ring[:1]))) for kind, ring in rings]

@@ -20,6 +20,8 @@ GOOD, WARM, BAD, COOL = "#009E73", "#E69F00", "#C8361D", "#0072B2"
 
 WIDTH, HEIGHT = 440, 210  # of a chart in a file; on a page it is as wide as its card
 CROWD = 60  # devices from which on all marks are smaller
+# A ring, one unit across.
+RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _KEY_WIDTH = 300.0  # what a row of keys may take: it fits a phone
 _CHARACTER, _SYMBOL = 6.2, 32.0
 
@@ -108,11 +110,11 @@ def dot_radii(importance: Floats, most: float) -> Floats:
     return np.asarray(np.sqrt((low + (high - low) * importance / (most or 1.0)) / np.pi))
 
 
-def importance_size(most: float, count: int) -> alt.Size:
+def importance_size(most: float, count: int, title: str = "importance") -> alt.Size:
     """Area of a device's dot, with its key."""
     scale = alt.Scale(domain=[0.0, most or 1.0], range=list(_areas(count)))
     legend = alt.Legend(
-        title="importance",
+        title=title,
         tickCount=3,
         columns=4,
         format=".2~g",

@@ -235,6 +235,46 @@ def test_a_plan_s_devices_have_their_communities_colours() -> None:
     assert "fill" not in keys(described(plan_picture(problem, made, title="t")))
 
 
+def test_a_plan_shows_its_area_and_names_what_must_not_be_flown(tmp_path: Path) -> None:
+    no_fly = [{"name": "pond", "polygon_m": [[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]]}]
+    fence = [[-90, -90], [1900, -90], [-90, 1900]]
+    settings = {"mission.steps": 3, "area.no_fly": no_fly, "area.fence_m": fence}
+    problem = first_problem("quickstart", settings)
+    size_m = (800.0, 800.0)
+    picture = plan_picture(problem, plan(problem), title="t", size_m=size_m, no_fly=no_fly)
+    spec = described(picture)
+    assert "pond" in {mark.get("text") for mark in (layer["mark"] for layer in layers(spec))}
+    assert [(row["x2"], row["y2"]) for row in rows(spec, "x2") if "per" not in row] == [(800, 800)]
+    save(picture, tmp_path / "plan.svg")
+    drawn = [text.text for text in ET.parse(tmp_path / "plan.svg").iter() if text.text]
+    assert [drawn.count(word) for word in ("fence", "no entry")] == [1, 1]
+
+
+def test_small_maps_of_rounds_name_their_areas_too(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=1)
+    ring = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]])
+    name = "the pond of the village"
+    text = f"[[area.no_fly]]\nname = '{name}'\npolygon_m = {ring.tolist()}\n"
+    run = replace(
+        load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),),
+        attachments={"config.toml": text.encode()},
+    )  # fmt: skip
+    assert name in written(described(round_map(run, run.plans[:1], width=300.0)))
+
+
+def test_the_map_of_several_rounds_says_that_importance_is_their_mean(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=3)
+    run = load_run(tmp_path).data
+
+    def title(plans: int) -> str:
+        spec = described(overview(replace(run, plans=run.plans[:plans]), ""))
+        sizes = (layer["encoding"].get("size", {}) for layer in layers(spec))
+        (found,) = (size["legend"]["title"] for size in sizes if "legend" in size)
+        return str(found)
+
+    assert (title(1), title(3)) == ("importance", "mean importance")
+
+
 def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:
     fly(tmp_path, rounds=3)
     run = load_run(tmp_path).data
