@@ -39,7 +39,9 @@ class _Frozen(BaseModel):
 class _NamedChannel(_Frozen):
     """A channel by its name."""
 
-    preset: str = Field(DEFAULT_PRESET, description="name of a channel in fl.radio.channel")
+    preset: str = Field(
+        DEFAULT_PRESET, description="name of a channel; docs/channels.md lists them"
+    )
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )

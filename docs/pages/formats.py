@@ -86,10 +86,9 @@ def _body() -> list[str]:
     """The tables' columns, then every topic of the log."""
     every, every_uplink = topics.TOPICS, list(told(UplinkRecord, str))
     lines = [
-        *("", "## rounds.csv", "", "One row for each round.", "", *_fields(topics.ROUNDS)),
-        *("", "`accuracy` and `cov` have a column for each community, with its name:"),
-        "`accuracy_digits`, `cov_digits`.",
-        *("", "The columns behind `optional`, in runs where they mean something:"),
+        *("", "## rounds.csv", "", "One row for each round.", "", *_round_columns()),
+        *("", "`COMMUNITY` is the name of one: there is a column for each."),
+        *("", "Columns more, in runs where they mean something:"),
         *("", *_table(OPTIONAL.items())),
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
@@ -117,6 +116,14 @@ def _body() -> list[str]:
             about = json.loads(topic.schema)["description"]
             lines += ["", f"### {topic.name}", "", f"{about}.", "", *_fields(topic)]
     return lines
+
+
+def _round_columns() -> list[str]:
+    """Those that every run has; the log's topic holds several in one."""
+    several = {"accuracy": "accuracy_COMMUNITY", "cov": "cov_COMMUNITY"}
+    described = topics.fields(topics.ROUNDS.schema).items()
+    rows = [(several.get(name, name), item["description"]) for name, item in described]
+    return _table(row for row in rows if row[0] != "optional")
 
 
 def _fields(topic: topics.Topic) -> list[str]:

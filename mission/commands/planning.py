@@ -123,8 +123,9 @@ def budget_report(channel: Channel) -> BudgetReport:
         f"served radius (PER 0.5): {radius:.0f} m"
         if radius > 0.0
         else "served radius (PER 0.5): none, not even straight overhead",
-        f"logistic stand-in 1 / (1 + exp(b1 theta + b2)): b1 = {fit.b1_per_rad:.2f} per rad, "
-        f"b2 = {fit.b2:.2f}, worst error {fit.worst_error:.3f}",
+        "stand-in for the PER in the planners paper and paper_literal, over the elevation theta: "
+        f"1 / (1 + exp(b1 theta + b2)), b1 = {fit.b1_per_rad:.2f} per rad, b2 = {fit.b2:.2f}, "
+        f"wrong by {fit.worst_error:.3f} at most",
     ]
     warning = None
     if overhead.per > BAD_OVERHEAD_PER:

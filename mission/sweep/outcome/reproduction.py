@@ -39,7 +39,7 @@ def _outcome(state: SweepState) -> list[str]:
     note = (
         "First columns: accuracy on the images that it is reported on, "
         f"{final_rounds(state.results)}. Arrived: devices whose update arrived, of the community's "
-        "devices, or of those scheduled. "
+        "devices (participation in runs.csv), or of those scheduled (delivered_share). "
         "±: 95 % interval over seeds (Student's t)."
     )
     return [*_table(heads, rows), "", note]

@@ -48,7 +48,7 @@ REST = (
 _TERMINAL = (
     Column("final_accuracy_{}", "{}\n%"),
     Column("delivered_share", "delivered\n%", 1, unit=0.01),
-    Column("participation", "took part\n%", 1, unit=0.01),
+    Column("participation", "partici-\npation %", 1, unit=0.01),
     Column("flown_m", "path\nkm", 1, unit=1000.0),
     Column("energy_j", "energy\nkJ", 0, unit=1000.0),
 )
