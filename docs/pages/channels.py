@@ -84,9 +84,9 @@ How the packet error rate of a device at horizontal distance r follows:
 
 The paper's planner does not plan with this packet error rate, but with a curve that is easier to
 optimise: 1 / (1 + exp(b1 theta + b2)). `aerofed link-budget` fits b1 and b2 to the channel, in
-least squares over the distances of 800 x 800 m, and says how far the curve is off at worst. Only the
-planners `paper` and `paper_literal` plan with it: see [the planner](planner.md). Which updates arrive
-never depends on it.
+least squares over the distances of 800 x 800 m, and says how far the curve is off at worst. Only
+`paper` and `paper_literal` plan with it: see [the planner](planner.md). Which updates arrive never
+depends on it.
 """
 
 

@@ -1,5 +1,6 @@
 """What a person sees of a run: a live table on a terminal, plain lines elsewhere, or nothing."""
 
+import math
 import time
 from collections import deque
 
@@ -9,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mission.base.terminal import PLAIN
-from mission.log.records import RoundRecord
+from mission.log.records import ALTITUDE, RoundRecord
 
 
 class Progress:
@@ -46,8 +47,10 @@ class PlainLines(Progress):
             if self._flown and _takes_time(record)
             else f"nothing flown, objective {_objective(record.true_objective)}"
         )
+        height_m = _chosen_height_m(record)
+        height = "" if height_m is None else f"{height_m:.0f} m high, "
         self.notice(
-            f"round {record.round}/{self._rounds}: {flight}, "
+            f"round {record.round}/{self._rounds}: {height}{flight}, "
             f"delivered {record.delivered}/{record.scheduled}, accuracy {accuracy}"
         )
 
@@ -95,7 +98,15 @@ class LiveTable(Progress):
         table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
         communities = list(newest.accuracy)
-        for name in ("round", *flight, "delivered", *(f"accuracy\n{name}" for name in communities)):
+        chosen = any(_chosen_height_m(record) is not None for record, _ in self._newest)
+        height = ("high\nm",) if chosen else ()
+        for name in (
+            "round",
+            *height,
+            *flight,
+            "delivered",
+            *(f"accuracy\n{name}" for name in communities),
+        ):
             table.add_column(name, justify="right", vertical="bottom")
         for record, real_time_factor in self._newest:
             cells = (
@@ -105,13 +116,21 @@ class LiveTable(Progress):
                 _objective(record.true_objective),
                 _change(record),
             )
+            height_m = _chosen_height_m(record)
             table.add_row(
                 f"{record.round}/{self._rounds}",
+                *(("" if height_m is None else f"{height_m:.0f}",) if chosen else ()),
                 *(cells if flown else ()),
                 f"{record.delivered}/{record.scheduled}",
                 *(f"{record.accuracy[name]:.3f}" for name in communities),
             )
         return table
+
+
+def _chosen_height_m(record: RoundRecord) -> float | None:
+    """Where rounds choose their height above home: the one that was chosen."""
+    height_m = record.optional.get(ALTITUDE, math.nan)
+    return height_m if math.isfinite(height_m) else None
 
 
 def _takes_time(record: RoundRecord) -> bool:

@@ -176,6 +176,7 @@ def test_link_budget_prints_and_warns(capsys: pytest.CaptureFixture[str]) -> Non
     assert call(["link-budget"]) == 0
     printed = capsys.readouterr()
     assert "served radius (PER 0.5): 185 m" in printed.out
+    assert "stand-in for the PER in the planners paper and paper_literal, over the" in printed.out
     assert printed.err == ""
     assert call(["link-budget", "--set", "channel.preset=literal"]) == 0
     assert "warning: PER straight overhead" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """What a person sees of a run: in place on a terminal, a line a round in a file."""
 
 import io
+import math
 import re
 import time
 from dataclasses import replace
@@ -25,13 +26,22 @@ def record(number: int, *, flown: bool = True, planned: float = 2.0) -> RoundRec
     )  # fmt: skip
 
 
-def shown(*, terminal: bool, flown: bool = True, planned: float = 2.0, flies: bool = True) -> str:
+def shown(
+    *,
+    terminal: bool,
+    flown: bool = True,
+    planned: float = 2.0,
+    flies: bool = True,
+    altitude_m: float | None = None,
+) -> str:
     file = io.StringIO()
     console = Console(file=file, force_terminal=terminal, width=80, no_color=True)
     progress: Progress = make_progress(console, rounds=50, flown=flies, quiet=False)
     assert isinstance(progress, LiveTable if terminal else PlainLines)
     progress.phase("round 1/50: flying")
-    progress.round_done(record(1, flown=flown, planned=planned), real_time_factor=42.0)
+    chosen = {} if altitude_m is None else {"plan_altitude_m": altitude_m}
+    done = replace(record(1, flown=flown, planned=planned), optional=chosen)
+    progress.round_done(done, real_time_factor=42.0)
     progress.notice("by the way")
     progress.close()
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", file.getvalue())
@@ -77,6 +87,16 @@ def test_two_communities_fit_a_terminal() -> None:
     assert re.search(r"1/50 +130 s +42x +2\.000 1\.900 -5\.0 % +9/12 +0\.125 +0\.500", text)
     assert "by the way" in text
     assert "flying" not in text.splitlines()[-1]
+
+
+def test_the_altitude_is_said_where_rounds_choose_it() -> None:
+    line = shown(terminal=False, altitude_m=85.4)
+    assert line.startswith("round 1/50: 85 m high, t 130 s, 42x, objective 1.900 flown")
+    table = shown(terminal=True, altitude_m=85.4)
+    assert re.search(r"1/50 +85 +130 s +42x +2\.000 1\.900 -5\.0 % +9/12 +0\.125 +0\.500", table)
+    assert "colour-shapes" in table
+    for terminal in (False, True):
+        assert "high" not in shown(terminal=terminal, altitude_m=math.nan)
 
 
 def test_every_row_keeps_its_own_speed() -> None:
