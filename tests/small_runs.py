@@ -5,3 +5,16 @@ SMALL = (
     *("--set", "communities.0.devices=3", "--set", "communities.1.devices=3"),
     *("--set", "learning.local_epochs=1", "--quiet"),
 )
+
+
+def last_counts(*words: str) -> list[str]:
+    """The words of a command, where of a key that is set twice the last value is left."""
+    left: dict[str, tuple[str, ...]] = {}
+    rest = iter(words)
+    for index, word in enumerate(rest):
+        if word == "--set":
+            setting = next(rest)
+            left[setting.partition("=")[0]] = word, setting
+        else:
+            left[f"{index}"] = (word,)
+    return [word for each in left.values() for word in each]

@@ -38,14 +38,19 @@ _OPTIONS = {
 
 
 def load(
-    config: Path | None, set_: Sequence[str], options: Mapping[str, object] | None = None
+    config: Path | None,
+    set_: Sequence[str],
+    options: Mapping[str, object] | None = None,
+    *,
+    usual: Mapping[str, object] | None = None,
 ) -> "RunConfig":
     """The configuration in a file, or the quick start's, under `--set` and options of their own.
 
-    `options` maps keys to values; None where the option was not given.
+    `options` maps keys to values; None where the option was not given. `usual` are values that
+    count where `--set` gives no other.
 
     Raises:
-        InputError: see `load_config`.
+        InputError: a key is set twice; or see `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
     from mission.config.loading import builtin_config, load_config
@@ -59,7 +64,7 @@ def load(
     mine = {key: value for key, value in (options or {}).items() if value is not None}
     named = {key: _OPTIONS[key] for key in mine if key in _OPTIONS}
     source = config or builtin_config("quickstart.toml")
-    return load_config(source, overrides | mine, options=named)
+    return load_config(source, {**(usual or {}), **overrides, **mine}, options=named)
 
 
 def print_json(value: object) -> None:

@@ -54,9 +54,7 @@ def sitl(
     """
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
-    # Whatever is given later counts: PX4's place, --set, --home.
-    usual = [] if config else [f"{key}={value}" for key, value in PX4_HOME.items()]
-    resolved = load(config, [*usual, *set_], _home(home))
+    resolved = load(config, set_, _home(home), usual=None if config else PX4_HOME)
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 

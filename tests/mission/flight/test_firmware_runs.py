@@ -22,7 +22,7 @@ REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
 def fly(out: Path, autopilot: str, binary: Path, *more: str) -> int:
     firmware = (f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={binary}")
     keys = [word for key in firmware for word in ("--set", key)]
-    return call(["run", "--out", str(out), *SMALL, *keys, *more])
+    return call(["run", "--out", str(out), *small_runs.last_counts(*SMALL, *keys, *more)])
 
 
 def stand_in(folder: Path, text: str) -> Path:

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from small_runs import last_counts
 from test_run import SMALL, digests, rows
 
 from mission.analysis.compare import compare_run
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 
 def fly(out: Path, *more: str) -> int:
-    return call(["run", "--out", str(out), "--rounds", "5", *SMALL, *LIMITS, *more])
+    return call(["run", "--out", str(out), "--rounds", "5", *last_counts(*SMALL, *LIMITS, *more)])
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,8 @@ SMALL = (*small_runs.SMALL, "--set", "planner.kind=paper")
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:
-    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
+    words = small_runs.last_counts(*SMALL, *more)
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *words])
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -29,7 +29,8 @@ NAMES = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mca
 
 
 def play(out: Path, *more: str, rounds: int = 3) -> int:
-    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
+    words = small_runs.last_counts(*SMALL, *more)
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *words])
 
 
 @pytest.fixture(scope="module")
