@@ -131,6 +131,14 @@ def leg_speed(start: Vector, end: Vector, *, speed_mps: float, limits: Limits) -
     return max(speed, ranges.SPEED.low)
 
 
+def turn_of(params: Sequence[float]) -> tuple[float, bool]:
+    """The heading, or the signed angle and True, that the parameters of a CONDITION_YAW mean."""
+    angle_deg, _, direction, relative = params[:4]
+    if relative != 1.0:
+        return math.radians(angle_deg), False
+    return math.radians(-angle_deg if direction < 0 else angle_deg), True
+
+
 def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
     """Altitude above mean sea level in metres of an item with a global frame."""
     return item.z + (home.alt_msl_m if item.frame in RELATIVE_FRAMES else 0.0)
@@ -176,9 +184,8 @@ class _Compiler:
             case Command.NAV_DELAY | Command.CONDITION_DELAY:
                 self._then(Wait(item.params[0], item.seq, reports=True))
             case Command.CONDITION_YAW:
-                self._then(
-                    Turn(math.radians(item.params[0]), relative=item.params[3] == 1, seq=item.seq)
-                )
+                yaw_rad, relative = turn_of(item.params)
+                self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
             case Command.DO_CHANGE_SPEED:
                 self.change_speed(item.params[1])
                 self._leg.reached[-1].append(item.seq)

@@ -168,6 +168,25 @@ def test_jumps_repeat_and_end() -> None:
     assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
 
 
+@pytest.mark.parametrize(("direction", "north_deg"), [(-1.0, 10.0), (1.0, 190.0), (NAN, 190.0)])
+def test_a_relative_turn_in_a_mission_goes_the_way_it_says(
+    direction: float, north_deg: float
+) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    turn = mav.MAV_CMD_CONDITION_YAW
+    frame = mav.MAV_FRAME_MISSION
+    desk.upload(
+        [
+            item(0, turn, params=(100.0, 0.0, -1.0, 0.0), frame=frame),
+            item(1, turn, params=(90.0, 0.0, direction, 1.0), frame=frame),
+        ]
+    )
+    start(desk)
+    desk.fly()
+    assert desk.mass._yaw == pytest.approx(math.remainder(math.radians(north_deg), math.tau))
+
+
 MODE, PAUSE = mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_DO_PAUSE_CONTINUE
 
 
