@@ -353,7 +353,12 @@ def test_failures_by_command() -> None:
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OK, 1) == mav.MAV_RESULT_ACCEPTED
     assert len(desk.mass.faults) == 1
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, 5) == mav.MAV_RESULT_DENIED
+    for odd in (0.5, 1.5, -1.0, math.inf):  # 0 means all
+        assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, odd) == mav.MAV_RESULT_DENIED
     unsupported = mav.MAV_RESULT_UNSUPPORTED
+    for odd in (0.5, math.inf, math.nan):
+        assert desk.command(INJECT, motor + odd, mav.FAILURE_TYPE_OFF, 1) == unsupported
+        assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF + odd, 1) == unsupported
     assert desk.command(INJECT, gnss, mav.FAILURE_TYPE_SLOW, 0) == unsupported
     assert desk.command(INJECT, mav.FAILURE_UNIT_SENSOR_VIO, 1, 0) == unsupported
     assert desk.recorder.texts("fault") == [
