@@ -4,7 +4,7 @@ where the devices are.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from mission.flight.pilot.limits import Limits, read_limits
 from mission.flight.pilot.pilot import Pilot
+from sitl.block import following
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 
@@ -51,15 +52,10 @@ async def located(
         timeout_s=link.connect_timeout_s,
     ) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
-        watch = asyncio.create_task(feed.watch())
-        try:
+        async with following(feed.watch(), name="telemetry feed"):
             await feed.ask()
             await _locate(feed, area, timeout_s=link.ready_timeout_s, say=say)
             yield pilot, feed
-        finally:
-            watch.cancel()
-            with suppress(asyncio.CancelledError):
-                await watch
 
 
 async def _locate(feed: TelemetryFeed, area: Area, *, timeout_s: float, say: Say) -> None:
