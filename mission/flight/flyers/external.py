@@ -323,7 +323,7 @@ async def left_holding(pilot: Pilot) -> AsyncIterator[None]:
     """A flight that ends otherwise than by landing is left holding its position."""
     try:
         yield
-    except (asyncio.CancelledError, AerofedError) as error:
+    except BaseException as error:  # a bug, too, leaves it in the air
         if pilot.armed and not isinstance(error, LinkLostError):
             with suppress(AerofedError, TimeoutError):
                 async with asyncio.timeout(HOLD_TIMEOUT_S):

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.base.errors import FlightError
+from mission.base.errors import FlightError, LinkLostError
 from mission.config.models import LinkConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import located
+from mission.flight.flyers.external import left_holding
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
 from mission.log.errors import LogError
@@ -194,3 +196,35 @@ def test_an_error_over_what_the_vehicle_says_ends_the_flight() -> None:
 
     with pytest.raises(LogError, match="No space left"):
         asyncio.run(run())
+
+
+class Ordered:
+    """A pilot in the air that remembers whether it was told to hold."""
+
+    armed, held = True, False
+
+    async def hold(self) -> None:
+        self.held = True
+
+
+@pytest.mark.parametrize(
+    ("error", "held"),
+    [
+        (ZeroDivisionError(), True),
+        (asyncio.CancelledError(), True),
+        (FlightError("it drifted off"), True),
+        (LinkLostError("nobody hears"), False),
+    ],
+)
+def test_whatever_ends_a_flight_leaves_the_vehicle_holding(
+    error: BaseException, held: bool
+) -> None:
+    pilot = Ordered()
+
+    async def run() -> None:
+        with pytest.raises(type(error)):
+            async with left_holding(cast(Pilot, pilot)):
+                raise error
+
+    asyncio.run(run())
+    assert pilot.held == held
