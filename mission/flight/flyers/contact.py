@@ -10,6 +10,7 @@ import numpy as np
 
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
+from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
@@ -99,14 +100,20 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         ) from None
 
 
-async def look_at_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
+def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
     """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
 
     Raises:
         LinkLostError, FlightError, InputError: as `located`.
+        KeyboardInterrupt: nobody wants to wait any longer.
     """
-    async with located(link, area=area, observers=(), say=say) as (pilot, _):
-        return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+    async def look() -> Limits:
+        async with located(link, area=area, observers=(), say=say) as (pilot, _):
+            return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+    say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
+    return run_flight(look())
 
 
 async def until(met: Callable[[], bool]) -> None:

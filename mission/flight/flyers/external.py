@@ -125,10 +125,7 @@ class ExternalFlyer(Flyer):
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
         flight = await self.record(self.pilot.fly)
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
-        if short_m > plan.acceptance_m + _SHORT_M:
-            raise FlightError(
-                f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
-            )
+        check_end(short_m, acceptance_m=plan.acceptance_m)
         hold_s = [stop.hold_s for stop in plan.stops]
         found = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
         self._believe_speed(plan, flight)
@@ -243,6 +240,18 @@ class ExternalFlyer(Flyer):
         self._foreseen_s += plan.foreseen(as_ours).duration_s
         self._flown_s += flight.duration_s
         self.pace = min(max(self._flown_s / self._foreseen_s, _LEAST_PACE), _MOST_PACE)
+
+
+def check_end(short_m: float, *, acceptance_m: float = 0.0) -> None:
+    """Refuse a flight that is over far from its last place.
+
+    Raises:
+        FlightError: says how far.
+    """
+    if short_m > acceptance_m + _SHORT_M:
+        raise FlightError(
+            f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
+        )
 
 
 def _fastest(flight: Flight) -> float:
