@@ -1,7 +1,9 @@
 """What the pilot says of a refused order: the vehicle's own words about that order, no others."""
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
+from copy import copy
 from pathlib import Path
 from typing import cast
 
@@ -21,6 +23,8 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import located
 from mission.flight.flyers.external import left_holding
 from mission.flight.pilot.connection import connect
+from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
+from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.pilot import Pilot
 from mission.log.errors import LogError
 from mission.planner.stops import Stop
@@ -228,3 +232,18 @@ def test_whatever_ends_a_flight_leaves_the_vehicle_holding(
 
     asyncio.run(run())
     assert pilot.held == held
+
+
+@pytest.mark.parametrize("dialect", [PX4, ARDUPILOT])
+def test_a_mission_that_came_back_with_another_hover_is_another(dialect: Dialect) -> None:
+    places = np.array([[400.0, 400.0], [500.0, 400.0]])
+    plan = FlightPlan(tuple(Stop(xy, (), hold_s=100.0005) for xy in places), 20.0, 15.0, 5.0)
+    sent = as_dialect(mission_items(plan, plan.positions(AREA)), dialect)
+    sent[-1].param2 = math.nan  # the vehicle's own radius
+    back = [copy(item) for item in sent]
+    for item in back:  # as it travels
+        item.param1 = float(np.float32(item.param1))
+    back[-1].param2 = 0.0
+    assert same_mission(sent, back, dialect)
+    back[-1].param1 = 0.0
+    assert not same_mission(sent, back, dialect)
