@@ -1,23 +1,46 @@
-"""The block of an asynchronous context manager, ended by what fails behind its back."""
+"""Work beside the block of an asynchronous context manager, which it ends when it fails."""
 
 import asyncio
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
 
 
-class Block:
+@asynccontextmanager
+async def following(work: Coroutine[Any, Any, None], *, name: str) -> AsyncIterator[None]:
+    """Do `work` beside the block. An error in it cancels the block, so that nobody in there waits
+    any longer, and is raised in place of that; of errors that came as a group, the first.
+    """
+    task = asyncio.create_task(work, name=name)
+    block = _Block()
+    task.add_done_callback(block.end)
+    try:
+        yield
+    finally:
+        block.leave()
+        task.cancel()
+        (error,) = await asyncio.gather(task, return_exceptions=True)
+        while isinstance(error, BaseExceptionGroup):
+            error = error.exceptions[0]
+        if isinstance(error, BaseException) and not isinstance(error, asyncio.CancelledError):
+            raise error
+
+
+class _Block:
     """Made by the task that enters the block."""
 
     def __init__(self) -> None:
-        self._task = asyncio.current_task()
+        self._inside = asyncio.current_task()
         self._ended = False
 
-    def end(self) -> None:
-        """Have nobody in it wait any longer; nothing where it was left already."""
-        if self._task is not None and not self._ended:
+    def end(self, work: asyncio.Task[None]) -> None:
+        """Have nobody in it wait any longer where the work has failed."""
+        if self._inside is not None and not work.cancelled() and work.exception() is not None:
             self._ended = True
-            self._task.cancel()
+            self._inside.cancel()
 
     def leave(self) -> None:
         """It is over: an `end` was not meant for what comes after it."""
-        task, self._task = self._task, None
-        if self._ended and task is not None:
-            task.uncancel()
+        inside, self._inside = self._inside, None
+        if self._ended and inside is not None:
+            inside.uncancel()

@@ -180,8 +180,8 @@ class UdpLink:
                 data, peer = sock.recvfrom(_RECEIVE_BYTES)
             except BlockingIOError:
                 break
-            except ConnectionError:
-                continue  # somebody we sent to is not there (any more)
+            except OSError:
+                continue  # somebody we sent to is not there (any more), or a firewall's answer
             if self._seal is not None:
                 data = self._seal.opened(data)
             if data and self._knows(peer, now):

@@ -4,9 +4,10 @@ import asyncio
 import math
 import time
 from collections.abc import Sequence
+from contextlib import AsyncExitStack
 from typing import Self
 
-from sitl.block import Block
+from sitl.block import following
 from sitl.links import Link, RawLink
 from sitl.vehicle import Vehicle
 
@@ -36,8 +37,7 @@ class Simulation:
         self._speed = speed
         self._free_running = free_running
         self._wake = asyncio.Event()
-        self._task: asyncio.Task[None] | None = None
-        self._block: Block | None = None
+        self._open = AsyncExitStack()
         self._on_time = -math.inf  # wall time at which the present simulated time is due
 
     async def __aenter__(self) -> Self:
@@ -46,34 +46,17 @@ class Simulation:
         Raises:
             LinkError: a link cannot be opened; none is left open.
         """
-        try:
+        async with AsyncExitStack() as opened:
             for link in self._links:
+                opened.callback(link.close)
                 link.open(self._wake.set)
-        except BaseException:
-            self._close()
-            raise
-        self._block = Block()
-        self._task = asyncio.create_task(self._run(), name="simulation")
-        self._task.add_done_callback(self._stopped)
+            await opened.enter_async_context(following(self._run(), name="simulation"))
+            self._open = opened.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         """Stop and close the links; an error of the simulation ends the block that it failed in."""
-        task, block = self._task, self._block
-        self._task = self._block = None
-        if task is None or block is None:
-            return
-        task.cancel()
-        (outcome,) = await asyncio.gather(task, return_exceptions=True)
-        self._close()
-        block.leave()
-        if isinstance(outcome, BaseException) and not isinstance(outcome, asyncio.CancelledError):
-            raise outcome
-
-    def _stopped(self, task: asyncio.Task[None]) -> None:
-        """The simulation has ended: if by an error, nobody must wait for the vehicle any longer."""
-        if not task.cancelled() and task.exception() is not None and self._block is not None:
-            self._block.end()
+        await self._open.aclose()
 
     async def _run(self) -> None:
         while True:
@@ -137,7 +120,3 @@ class Simulation:
         while (vehicle.step() or self._free_running) and vehicle.t_ns < until_ns:
             pass
         return (vehicle.t_ns - before_ns) * 1e-9
-
-    def _close(self) -> None:
-        for link in self._links:
-            link.close()

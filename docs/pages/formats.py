@@ -73,6 +73,7 @@ tables until the new ones have caught up |
 | `track.csv` | a row for each sample: true and believed position |
 | `figures/map.png` | the planned and the flown path |
 | `figures/profile.png` | height, distance from the path, speed, error of the estimate |
+| `checkpoint/` | nothing but a lock, which keeps others out while it flies |
 
 `aerofed report` adds `report.html`.
 """

@@ -28,6 +28,7 @@ class Update:
     steps: int  # local SGD steps that it took, 1 or more
     start: Vector  # (P,) parameters that it trained from
     staleness: int = 0  # rounds since they came down; 0: in this very round
+    correction: Vector | None = None  # (P,) what was added to each of its gradients
 
 
 class Algorithm(Protocol):
@@ -166,7 +167,8 @@ class Scaffold:
 
     After training c_k' = c_k - c + (theta - theta_k) / (steps eta_local), theta' = theta +
     eta times the mean update, c' = c + sum p_k (c_k' - c_k) over the arrivals, which keeps
-    c = sum p_k c_k. Karimireddy et al. 2020, option II, for plain local SGD.
+    c = sum p_k c_k. Karimireddy et al. 2020, option II, for plain local SGD. In c_k' of a stale
+    update theta and c are those that the device began with: c_k' is the mean of its gradients.
     """
 
     learning_rate: float
@@ -193,8 +195,12 @@ class Scaffold:
         controls = state["device_controls"].copy()
         drift = np.zeros(model.size)
         for update in updates:
-            slope = (model - update.model.astype(np.float64)) / (update.steps * self.learning_rate)
-            change = slope - control
+            way = update.start - update.model.astype(np.float64)
+            slope = way / (update.steps * self.learning_rate)
+            used = control
+            if update.staleness and update.correction is not None:
+                used = update.correction + controls[update.device].astype(np.float64)
+            change = slope - used
             controls[update.device] = controls[update.device] + change
             drift += update.p * change
         moved = _moved(model, self.server_learning_rate * mean_step(model, updates))

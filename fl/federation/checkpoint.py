@@ -41,6 +41,8 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
             arrays[f"pending/{index}/{device}"] = np.stack((made.start, result.model))
             told = np.array((made.begun, result.steps, result.loss), dtype=np.float64)
             arrays[f"told/{index}/{device}"] = told
+            if made.correction is not None:
+                arrays[f"correction/{index}/{device}"] = made.correction
     header = {
         "format": FORMAT,
         "rounds": state.rounds,
@@ -97,7 +99,11 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
             ),
             pending=tuple(
                 {
-                    device: _pending(arrays[key], arrays[f"told/{i}/{device}"])
+                    device: _pending(
+                        arrays[key],
+                        arrays[f"told/{i}/{device}"],
+                        arrays.get(f"correction/{i}/{device}"),
+                    )
                     for key in arrays
                     if key.startswith(f"pending/{i}/")
                     for device in (int(key.rpartition("/")[2]),)
@@ -109,8 +115,13 @@ def from_bytes(federation: Federation, data: bytes) -> FederationState:
         raise CheckpointError(f"damaged: {error!r}") from error
 
 
-def _pending(vectors: NDArray[np.generic], told: NDArray[np.generic]) -> Pending:
+def _pending(
+    vectors: NDArray[np.generic],
+    told: NDArray[np.generic],
+    correction: NDArray[np.generic] | None,
+) -> Pending:
     """What a device had made when the state was written."""
     start, model = vectors.astype(np.float32, copy=False)
     begun, steps, loss = told.astype(np.float64).tolist()
-    return Pending(int(begun), start, LocalResult(model, int(steps), loss))
+    added = None if correction is None else correction.astype(np.float32, copy=False)
+    return Pending(int(begun), start, LocalResult(model, int(steps), loss), added)

@@ -264,7 +264,10 @@ def _learn(
         ends = zip(
             parts_of(community, made.result.model), parts_of(community, made.start), strict=True
         )
-        sent, own = (Update(device, p, end, made.result.steps, start, age) for end, start in ends)
+        sent, own = (
+            Update(device, p, end, made.result.steps, start, age, made.correction)
+            for end, start in ends
+        )
         updates.append(sent)
         statistics.append(own)
     after, algorithm_state = federation.algorithm.apply(algorithm_state, parameters, updates)

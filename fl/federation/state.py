@@ -16,6 +16,7 @@ class Pending:
     begun: int  # round whose model it trained from
     start: Vector  # (P + B,) that model as the device had it
     result: LocalResult
+    correction: Vector | None = None  # what the algorithm added to its gradients
 
 
 @dataclass(frozen=True, eq=False)

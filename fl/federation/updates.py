@@ -92,7 +92,10 @@ def _train(
     for device, result in zip(devices, results, strict=True):
         if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
             raise DivergedError(number, community.name, device, result.loss)
-    return [Pending(number, start, result) for result in results]
+    return [
+        Pending(number, start, result, task.correction)
+        for task, result in zip(tasks, results, strict=True)
+    ]
 
 
 def _own_starts(federation: Federation, community: Community) -> bool:

@@ -1,6 +1,7 @@
 """One process at a time in a folder."""
 
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
     """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
 
     The lock's folder is made where it is missing. The lock ends with the process, however that
-    ends. `chosen`: another folder would do as well.
+    ends; whoever holds it may remove the folder. `chosen`: another folder would do as well.
 
     Raises:
         InputError: another one is at work there, or the file cannot be written or locked.
@@ -26,7 +27,10 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            # A file that was removed keeps nobody out who makes a new one.
+            if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
+                raise BlockingIOError
+        except (BlockingIOError, FileNotFoundError):
             another = ", or give another (--out)" if chosen else ""
             raise InputError(
                 f"{folder}: another {who} is at work in this folder; "

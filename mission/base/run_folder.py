@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -55,6 +56,19 @@ class RunFolder:
     figures = _Inside("figures")
 
     @classmethod
+    @contextmanager
+    def taken(cls, path: Path) -> Iterator[Self]:
+        """Make the folder, or take an empty one, and keep others out of it while the block runs.
+
+        Raises:
+            InputError: see `create` and `lock`.
+        """
+        folder = cls.create(path)
+        with folder.lock(chosen=True):
+            cls.check(path)  # before we were alone, another run may have ended in it
+            yield folder
+
+    @classmethod
     def create(cls, path: Path) -> Self:
         """Make the folder, or take an empty one.
 
@@ -96,12 +110,15 @@ class RunFolder:
 
     @contextmanager
     def unless_refused(self) -> Iterator[None]:
-        """Take the folder away again, empty as it still is, where the block fails."""
+        """Take the folder, in which we are alone, away again where the block fails and nothing
+        is in it but the lock.
+        """
         try:
             yield
         except BaseException:
-            with suppress(OSError):  # not empty: somebody else's
-                self.path.rmdir()
+            with suppress(OSError):
+                if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
+                    shutil.rmtree(self.path)
             raise
 
     def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:

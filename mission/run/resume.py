@@ -62,7 +62,7 @@ def read_checkpoint(path: Path) -> dict[str, object]:
         InputError: no folder of a run, damaged, or of another configuration or version.
     """
     folder = RunFolder(path)
-    _refuse_others(folder)
+    refuse_others(folder)
     file = folder.checkpoint / ROUNDS
     try:
         values = json.loads(file.read_text(encoding="utf-8"))
@@ -85,7 +85,12 @@ def read_checkpoint(path: Path) -> dict[str, object]:
     return values
 
 
-def _refuse_others(folder: RunFolder) -> None:
+def refuse_others(folder: RunFolder) -> None:
+    """Refuse what is no folder of a run, from its looks.
+
+    Raises:
+        InputError: says what it is instead.
+    """
     path = folder.path
     if not path.exists():
         raise InputError(f"--resume {path}: no such folder")

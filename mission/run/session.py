@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,7 @@ from mission.run.flown_experiment import FlownExperiment
 from mission.run.ideal_experiment import IdealExperiment
 from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
-from mission.run.resume import data_dir_of, read_checkpoint
+from mission.run.resume import data_dir_of, read_checkpoint, refuse_others
 from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 
@@ -66,37 +66,35 @@ def fly_session(
     pictures are drawn. `stopwatch` may have been counting the set-up already. `page` makes a
     page of the folder, last of all.
 
-    Everything that can be refused is refused before the folder is made. An interrupted or failed
-    run keeps what was flown, with a readable log, a summary that says how it ended, and a
-    checkpoint to resume from.
+    A run that is refused leaves no folder. An interrupted or failed run keeps what was flown, with
+    a readable log, a summary that says how it ended, and a checkpoint to resume from.
 
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
     stopwatch = stopwatch or Stopwatch()
-    with stopwatch("setup"), console.waiting(_SETTING_UP):
-        scenario, flyers = set_up(config, data_dir=data_dir)
-        flyers.check()
-        live = live_views(console)
-        folder = RunFolder.create(path)
-        with folder.unless_refused():
-            flyers.await_vehicle(say=console.say)
-        text = config.to_toml()
-        with folder.unless_refused(), plugins_of_learning():
-            state = learning.init(scenario.federation)
-            callbacks = _callbacks(folder, config)
-        checkpoint = CheckpointFolder(
-            folder.checkpoint,
-            config_toml=text,
-            data_dir=data_dir,
-            report=page is not None,
-            log_mavlink=console.log_mavlink,
-        )
-        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
-    with folder.lock(chosen=True):
-        with stopwatch("setup"):
+    with ExitStack() as opened:
+        with stopwatch("setup"), console.waiting(_SETTING_UP):
+            scenario, flyers = set_up(config, data_dir=data_dir)
+            flyers.check()
+            folder = opened.enter_context(RunFolder.taken(path))
+            with folder.unless_refused():
+                flyers.await_vehicle(say=console.say)
+                live = opened.enter_context(live_views(console))
+                with plugins_of_learning():
+                    state = learning.init(scenario.federation)
+                    callbacks = _callbacks(folder, config)
+            text = config.to_toml()
+            checkpoint = CheckpointFolder(
+                folder.checkpoint,
+                config_toml=text,
+                data_dir=data_dir,
+                report=page is not None,
+                log_mavlink=console.log_mavlink,
+            )
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
+        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
@@ -123,17 +121,22 @@ def resume_session(
     """
     stopwatch = stopwatch or Stopwatch()
     folder = RunFolder(path)
-    if folder.status() == "finished":
-        console.say(f"{path} is finished: nothing to resume")
-        return 0
-    values = read_checkpoint(path)
-    data_dir = data_dir_of(values)
-    options = {"report": True, "log_mavlink": False}
-    options = {name: bool(values.get(name, usual)) for name, usual in options.items()}
-    console = replace(console, log_mavlink=options["log_mavlink"])
-    if not options["report"]:
-        page = None
-    with folder.lock():
+    with ExitStack() as opened:
+        finished = folder.status() == "finished"
+        if not finished:
+            refuse_others(folder)  # before the lock leaves its file there
+            opened.enter_context(folder.lock())
+            finished = folder.status() == "finished"  # another one was at it
+        if finished:
+            console.say(f"{path} is finished: nothing to resume")
+            return 0
+        values = read_checkpoint(path)
+        data_dir = data_dir_of(values)
+        options = {"report": True, "log_mavlink": False}
+        options = {name: bool(values.get(name, usual)) for name, usual in options.items()}
+        console = replace(console, log_mavlink=options["log_mavlink"])
+        if not options["report"]:
+            page = None
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
@@ -150,7 +153,7 @@ def resume_session(
                 )
             flyers.check()
             found = checkpoint.load(scenario.federation, values)
-            live = live_views(console)
+            live = opened.enter_context(live_views(console))
             callbacks = _callbacks(folder, config)
             InterruptedFiles(folder).take()
         ready = _Ready(

@@ -28,6 +28,8 @@ class TimeLeft:
     ) -> None:
         self._folder, self._slots, self._runs = folder, slots, tuple(runs)
         self._left = {run.name: run for run in todo}
+        # Rounds by run, once: each takes milliseconds, and the display asks twice a second.
+        self._expected = {run.name: rounds_paid_for(budget_of(run.config)) for run in runs}
         self._running: tuple[SweepRun, ...] = ()
         self._begun: dict[str, float] = {}
         self._spent: dict[str, tuple[float, int]] = {}  # seconds and rounds, by strategy
@@ -50,13 +52,13 @@ class TimeLeft:
 
     def rounds(self, run: SweepRun) -> tuple[int, int]:
         """Flown so far, and expected in all."""
-        expected = rounds_paid_for(budget_of(run.config))
+        expected = self._expected[run.name]
         return min(rounds_in(self._folder.run(run)), expected), expected
 
     def share(self) -> float:
         """The part of the sweep's rounds that is done, 0..1."""
-        total = sum(rounds_paid_for(budget_of(run.config)) for run in self._runs)
-        left = sum(rounds_paid_for(budget_of(run.config)) for run in self._left.values())
+        total = sum(self._expected.values())
+        left = sum(self._expected[name] for name in self._left)
         return 1.0 - (left - sum(self.rounds(run)[0] for run in self._running)) / total
 
     def text(self) -> str:
@@ -66,7 +68,7 @@ class TimeLeft:
             spent = self._with(run, now - self._begun[run.name], spent)
         pace = {name: s / rounds for name, (s, rounds) in spent.items() if rounds and s > 0.0}
         known = [
-            pace[run.strategy] * rounds_paid_for(budget_of(run.config))
+            pace[run.strategy] * self._expected[run.name]
             for run in self._runs
             if run.strategy in pace
         ]
@@ -77,7 +79,7 @@ class TimeLeft:
         for run in (*self._running, *waiting):
             flown, expected = self.rounds(run) if run.name in self._begun else (0, 1)
             whole = (
-                pace[run.strategy] * rounds_paid_for(budget_of(run.config))
+                pace[run.strategy] * self._expected[run.name]
                 if run.strategy in pace
                 else math.fsum(known) / len(known)
             )

@@ -9,10 +9,11 @@ the ground station's heartbeat once a second of its own time.
 import asyncio
 import socket
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from typing import TypeAlias
 
 from sitl.autopilot.codec.message import Fields
+from sitl.block import following
 from sitl.firmware.frames import CHATTER, EACH_COUNTS, HEARTBEAT, Frame, Reader, frames
 from sitl.links import Link
 
@@ -55,7 +56,7 @@ class Relay:
         self._vehicle_heartbeat = self._station_heartbeat = b""
         self._beat_at = 0.0  # wall time of the last one handed on
         self._answer_until = 0.0  # wall time up to which a station waits for an answer
-        self._task: asyncio.Task[None] | None = None
+        self._open = AsyncExitStack()
         self.vehicle: Frame | None = None  # its first heartbeat
 
     async def __aenter__(self) -> "Relay":
@@ -64,25 +65,18 @@ class Relay:
         Raises:
             LinkError: one cannot be opened; none is left open.
         """
-        opened: list[Link] = []
-        try:
+        async with AsyncExitStack() as opened:
+            opened.callback(self._socket.close)
             for link in self._links:
+                opened.callback(link.close)
                 link.open(self._from_stations)
-                opened.append(link)
-        except BaseException:
-            for link in opened:
-                link.close()
-            raise
-        self._task = asyncio.create_task(self._flush_for_ever(), name="relay")
+            await opened.enter_async_context(following(self._flush_for_ever(), name="relay"))
+            self._open = opened.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
-        for link in self._links:
-            link.close()
-        self._socket.close()
+        """Close all; an error of the relay ends the block that it failed in."""
+        await self._open.aclose()
 
     def to_firmware(self, data: bytes) -> None:
         """Send to the firmware, once it has spoken; UDP may lose it, and the kernel be full."""

@@ -11,7 +11,7 @@ from typing import Self
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
-from sitl.block import Block
+from sitl.block import following
 from sitl.config import VehicleConfig
 from sitl.firmware.choice import plant_rate_hz, prepare
 from sitl.firmware.clockwork import Clockwork
@@ -76,8 +76,6 @@ class FirmwareVehicle:
         self._writer = Writer(vehicle.system_id)
         self._gnss_on = True
         self._open = AsyncExitStack()
-        self._block: Block | None = None
-        self._error: BaseException | None = None
 
     async def __aenter__(self) -> Self:
         """Open bridge, links and relay and start the firmware.
@@ -106,29 +104,22 @@ class FirmwareVehicle:
             self.process = launch.start(self._folder, processor=processor)
             opened.callback(self.process.stop)
             self.clock.start()
-            self._block = Block()
-            watch = asyncio.create_task(self._watch(), name="firmware watch")
-            opened.push_async_callback(_ended, watch)
+            await opened.enter_async_context(following(self._watch(), name="firmware watch"))
             self._open = opened.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        block, self._block = self._block, None
         await self._open.aclose()
-        if block is not None:
-            block.leave()
-        if self._error is not None:
-            raise self._error
 
     async def _watch(self) -> None:
         """See that all is well, and switch ArduPilot's receiver off and on with ours."""
-        while self._error is None:
+        while True:
             await asyncio.sleep(_LOOK_S)
-            self._error = self._failure()
+            error = self._failure()
+            if error is not None:
+                raise error
             if self._vehicle.autopilot == "ardupilot":
                 self._switch_gnss()
-        if self._block is not None:
-            self._block.end()
 
     def _battery(self) -> bytes:
         """PX4 takes the battery of another component for its own; ArduPilot takes none."""
@@ -171,8 +162,3 @@ def _shared_processor() -> int | None:
         return None
     allowed = sorted(os.sched_getaffinity(0))
     return allowed[os.getpid() % len(allowed)]
-
-
-async def _ended(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)

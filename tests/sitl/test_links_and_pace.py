@@ -6,6 +6,7 @@ import math
 import socket
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,6 +162,32 @@ def test_a_whole_network_may_be_told() -> None:
                 assert data[0] == 0xFD
 
     asyncio.run(run())
+
+
+@pytest.mark.parametrize("number", [errno.EHOSTUNREACH, errno.EACCES, errno.ECONNREFUSED])
+def test_what_a_firewall_answers_ends_nothing(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    answers = [OSError(number, "rejected")]
+
+    class Rejected(socket.socket):
+        def recvfrom(self, size: int, *_: object) -> tuple[bytes, Any]:
+            if answers:
+                raise answers.pop()
+            return super().recvfrom(size)
+
+    monkeypatch.setattr("sitl.links.socket.socket", Rejected)
+
+    async def run() -> None:
+        link = UdpLink("udpin://127.0.0.1:0")
+        link.open(lambda: None)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+            station.sendto(b"hello", ("127.0.0.1", link.port))
+            assert link.receive() == [(b"hello", None)]
+        link.close()
+        with pytest.raises(LinkError, match="not open"):
+            link.receive()
+
+    asyncio.run(run())
+    assert not answers
 
 
 def test_a_network_that_goes_away_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

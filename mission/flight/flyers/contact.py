@@ -4,17 +4,19 @@ where the devices are.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 import numpy as np
 
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
+from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from mission.flight.pilot.limits import Limits, read_limits
 from mission.flight.pilot.pilot import Pilot
+from sitl.block import following
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 
@@ -51,15 +53,10 @@ async def located(
         timeout_s=link.connect_timeout_s,
     ) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
-        watch = asyncio.create_task(feed.watch())
-        try:
+        async with following(feed.watch(), name="telemetry feed"):
             await feed.ask()
             await _locate(feed, area, timeout_s=link.ready_timeout_s, say=say)
             yield pilot, feed
-        finally:
-            watch.cancel()
-            with suppress(asyncio.CancelledError):
-                await watch
 
 
 async def _locate(feed: TelemetryFeed, area: Area, *, timeout_s: float, say: Say) -> None:
@@ -103,14 +100,20 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         ) from None
 
 
-async def look_at_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
+def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
     """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
 
     Raises:
         LinkLostError, FlightError, InputError: as `located`.
+        KeyboardInterrupt: nobody wants to wait any longer.
     """
-    async with located(link, area=area, observers=(), say=say) as (pilot, _):
-        return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+    async def look() -> Limits:
+        async with located(link, area=area, observers=(), say=say) as (pilot, _):
+            return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+    say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
+    return run_flight(look())
 
 
 async def until(met: Callable[[], bool]) -> None:

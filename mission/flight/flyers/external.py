@@ -38,7 +38,10 @@ _FIRST_READING_S = 3.0  # wall time, of the battery
 _SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
 _LEAST_PACE, _MOST_PACE = 0.5, 3.0  # of flights against what was foreseen of them
-_RUN_UP_MPS2 = 2.0  # a leg of v^2 over this is long enough to reach v
+_RUN_UP_MPS2 = 2.0  # a leg of v^2 over this is long enough to reach v, and
+_AT_SPEED_S = 2.0  # so much longer for it to be kept
+_SECOND_NS = 1_000_000_000
+_LEAST_MPS = 0.1  # that plans are timed by
 
 
 class ExternalFlyer(Flyer):
@@ -61,6 +64,7 @@ class ExternalFlyer(Flyer):
         self.feed, self._recorder = feed, recorder
         self._link, self._say = link, say
         self._doubted = False
+        self._ordered_mps = mission.speed_mps  # plans may be timed by a lower speed
         self._foreseen_s = self._flown_s = 0.0  # of the rounds so far
 
     @property
@@ -111,7 +115,8 @@ class ExternalFlyer(Flyer):
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; it hovers meanwhile."""
         if not plan.stands:
-            await self.pilot.upload(plan, plan.positions(self.area))
+            ordered = replace(plan, speed_mps=self._ordered_mps)
+            await self.pilot.upload(ordered, plan.positions(self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
         if plan.stands:
@@ -120,10 +125,7 @@ class ExternalFlyer(Flyer):
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
         flight = await self.record(self.pilot.fly)
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
-        if short_m > plan.acceptance_m + _SHORT_M:
-            raise FlightError(
-                f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
-            )
+        check_end(short_m, acceptance_m=plan.acceptance_m)
         hold_s = [stop.hold_s for stop in plan.stops]
         found = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
         self._believe_speed(plan, flight)
@@ -213,17 +215,22 @@ class ExternalFlyer(Flyer):
             )
 
     def _believe_speed(self, plan: FlightPlan, flight: Flight) -> None:
-        """Plan with what the vehicle reaches, where that is less than its parameters promise."""
-        legs_m = polyline.legs(plan.points_m)
-        if legs_m.max(initial=0.0) < plan.speed_mps**2 / _RUN_UP_MPS2:
-            return
+        """Plan with what the vehicle reaches where that is less than was ordered."""
+        ordered_mps = self._ordered_mps
+        enough_m = ordered_mps**2 / _RUN_UP_MPS2 + _AT_SPEED_S * ordered_mps
         reached_mps = _fastest(flight)
+        if polyline.legs(plan.points_m).max(initial=0.0) < enough_m or reached_mps == 0.0:
+            return
         if reached_mps < _SLOW * plan.speed_mps:
             self._say(
-                f"the vehicle reached {reached_mps:.1f} m/s where {plan.speed_mps:g} were ordered "
+                f"the vehicle reached {reached_mps:.1f} m/s where {ordered_mps:g} were ordered "
                 "(its lean limit, or wind): the next rounds are timed by that"
             )
-            self.mission = self.mission.model_copy(update={"speed_mps": round(reached_mps, 1)})
+        if reached_mps >= _SLOW * ordered_mps:
+            believed_mps = ordered_mps
+        else:
+            believed_mps = max(round(reached_mps, 1), _LEAST_MPS)
+        self.mission = self.mission.model_copy(update={"speed_mps": believed_mps})
 
     def _believe_pace(self, plan: FlightPlan, flight: Flight) -> None:
         """Time the next rounds by how long those so far took: corners are its own affair."""
@@ -235,12 +242,27 @@ class ExternalFlyer(Flyer):
         self.pace = min(max(self._flown_s / self._foreseen_s, _LEAST_PACE), _MOST_PACE)
 
 
+def check_end(short_m: float, *, acceptance_m: float = 0.0) -> None:
+    """Refuse a flight that is over far from its last place.
+
+    Raises:
+        FlightError: says how far.
+    """
+    if short_m > acceptance_m + _SHORT_M:
+        raise FlightError(
+            f"the vehicle says that the mission is over, {short_m:.0f} m short of its end"
+        )
+
+
 def _fastest(flight: Flight) -> float:
-    """The speed over ground that was kept for a second."""
-    t_s = np.arange(flight.t_ns[0], flight.t_ns[-1], 1e9)
-    places = [np.interp(t_s, flight.t_ns, flight.est_ned_m[:, axis]) for axis in range(2)]
-    steps_m = np.hypot(*(np.diff(place) for place in places))
-    return float(steps_m.max(initial=0.0))
+    """The speed over ground that was kept for a second; 0 of a flight that was over sooner."""
+    t_ns = flight.t_ns
+    begin_ns = t_ns[t_ns <= t_ns[-1] - _SECOND_NS]
+    moved_m = [
+        np.interp(begin_ns + _SECOND_NS, t_ns, along) - along[: len(begin_ns)]
+        for along in flight.est_ned_m.T[:2]
+    ]
+    return float(np.hypot(*moved_m).max(initial=0.0))
 
 
 @asynccontextmanager
@@ -310,7 +332,7 @@ async def left_holding(pilot: Pilot) -> AsyncIterator[None]:
     """A flight that ends otherwise than by landing is left holding its position."""
     try:
         yield
-    except (asyncio.CancelledError, AerofedError) as error:
+    except BaseException as error:  # a bug, too, leaves it in the air
         if pilot.armed and not isinstance(error, LinkLostError):
             with suppress(AerofedError, TimeoutError):
                 async with asyncio.timeout(HOLD_TIMEOUT_S):

@@ -10,11 +10,10 @@ import numpy as np
 
 from flightdyn.plant import Plant
 from mission.base.errors import InputError
-from mission.base.interrupts import run_flight
 from mission.config.models import RunConfig
 from mission.flight.failures import of_settings
 from mission.flight.fence_zones import airspace_zones, fence_of
-from mission.flight.flyers.contact import look_at_vehicle
+from mission.flight.flyers.contact import await_vehicle
 from mission.flight.flyers.external import open_external, telemetry_of
 from mission.flight.flyers.firmware import FOLDER, NAMES, open_firmware
 from mission.flight.flyers.flyer import Flyer
@@ -159,9 +158,7 @@ class ExternalFlyers(Flyers):
         return telemetry_of(self.scenario.config.link)
 
     def await_vehicle(self, *, say: Say) -> None:
-        link = self.scenario.config.link
-        say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-        run_flight(look_at_vehicle(link, area=self.scenario.area, say=say))
+        await_vehicle(self.scenario.config.link, area=self.scenario.area, say=say)
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         scenario = self.scenario

@@ -1,8 +1,7 @@
 """From a MAVSDK URL to a pilot for the vehicle that answers there."""
 
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from typing import Any
 
 from mavsdk.asyncio import Configuration, Mavsdk
@@ -15,6 +14,7 @@ from mission.base.errors import LinkLostError
 from mission.flight.pilot.calls import log_mavsdk
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
 from mission.flight.pilot.pilot import Pilot
+from sitl.block import following
 from sitl.links import RawLink
 
 CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
@@ -69,13 +69,8 @@ async def connect(
             pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)
             if dialect is ARDUPILOT:
                 await pilot.messages.know_ardupilot()
-            watch = asyncio.create_task(pilot.watch.run())
-            try:
+            async with following(pilot.watch.run(), name="telemetry"):
                 yield pilot
-            finally:
-                watch.cancel()
-                with suppress(asyncio.CancelledError):
-                    await watch
         finally:
             if raw_link is not None:
                 raw_link.detach()

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 
+import numpy as np
 from mavsdk.plugins.mission_raw import MissionItem
 
 from flightdyn.state import GeodeticPoint
@@ -80,7 +81,7 @@ def same_mission(sent: list[MissionItem], back: list[MissionItem], dialect: Dial
 
 
 def _essence(items: list[MissionItem], dialect: Dialect) -> list[tuple[int, ...]]:
-    """What must come back unchanged; parameters travel as 32-bit floats, heights in cm."""
+    """What must come back unchanged; heights travel in cm."""
     return [
         (
             item.seq,
@@ -88,10 +89,16 @@ def _essence(items: list[MissionItem], dialect: Dialect) -> list[tuple[int, ...]
             item.x,
             item.y,
             round(item.z * 100),
-            round(item.param2 * 1000) if dialect.keeps_radius else 0,
+            _thousandths(item.param1) if item.command == NAV_WAYPOINT else 0,
+            _thousandths(item.param2) if dialect.keeps_radius else 0,
         )
         for item in items
     ]
+
+
+def _thousandths(param: float) -> int:
+    """Of a parameter as it travels: a 32-bit float; one that is left open may come back as 0."""
+    return 0 if math.isnan(param) else round(float(np.float32(param)) * 1000)
 
 
 def _item(

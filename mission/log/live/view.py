@@ -3,6 +3,8 @@
 import logging
 import secrets
 import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from threading import Lock
 from typing import Any
 
@@ -108,17 +110,20 @@ def _hidden_address() -> str:
     return "127.{}.{}.{}".format(*parts) if sys.platform == "linux" else "127.0.0.1"
 
 
-def live_views(console: RunConsole) -> tuple[LiveView, ...]:
-    """The view that the console asked for, told to it; none where it asked for none.
+@contextmanager
+def live_views(console: RunConsole) -> Iterator[tuple[LiveView, ...]]:
+    """The view that the console asked for, told to it, while the block runs; none where it asked
+    for none.
 
     Raises:
         LinkLostError: see `LiveView`.
     """
     if console.live_port is None:
-        return ()
-    view = LiveView(port=console.live_port)
-    console.say(f"live view: open {view.url} in Foxglove")
-    return (view,)
+        yield ()
+        return
+    with closing(LiveView(port=console.live_port)) as view:
+        console.say(f"live view: open {view.url} in Foxglove")
+        yield (view,)
 
 
 class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Self
@@ -210,11 +211,10 @@ class FlightLog:
 
     def close(self) -> None:
         """Complete the file. Closing twice is fine."""
-        try:
-            self._vehicle.write_taken()
-        finally:
-            for sink in self._sinks:
-                sink.close()
+        with ExitStack() as each:  # the last first
+            for sink in reversed(self._sinks):
+                each.callback(sink.close)
+            each.callback(self._vehicle.write_taken)
 
     def __enter__(self) -> Self:
         return self

@@ -1,6 +1,5 @@
 """Who carries a plan file out: the simulated vehicle, or an external autopilot. Chosen once."""
 
-import asyncio
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -11,10 +10,10 @@ import numpy as np
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.errors import FlightError, InputError
+from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.flight.flyers.contact import look_at_vehicle
-from mission.flight.flyers.external import ExternalFlyer, open_external, telemetry_of
+from mission.flight.flyers.contact import await_vehicle
+from mission.flight.flyers.external import ExternalFlyer, check_end, open_external, telemetry_of
 from mission.flight.flyers.simulated import SIMULATED_POSITIONS, SimulatedFlyer, open_simulated
 from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits
@@ -29,7 +28,6 @@ from sitl.autopilot.values.messages import MissionItem
 
 Say = Callable[[str], None]
 
-_SHORT_M = 20.0  # of its last place, a flight that says it has passed it
 _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
 
 
@@ -98,12 +96,11 @@ class ExternalCarrier(PlanCarrier):
 
         Raises:
             InputError: heights above sea level are in the plan; the vehicle stands elsewhere.
-            FlightError, LinkLostError: see `look_at_vehicle`.
+            FlightError, LinkLostError: see `await_vehicle`.
         """
         _check_frames(ready)
         link = ready.config.link
-        say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-        limits = asyncio.run(look_at_vehicle(link, area=ready.area, say=say))
+        limits = await_vehicle(link, area=ready.area, say=say)
         super().__init__(prepare_plan(_with_limits(ready.config, limits), ready.plan))
         self.position_source = telemetry_of(link)
         self._say = say
@@ -150,10 +147,7 @@ class ExternalCarrier(PlanCarrier):
             flight, places, items=sequence, hold_s=[_wait_s(items, seq) for seq in sequence]
         )
         miss_m = float(np.linalg.norm((passages[-1].est_ned_m - places[-1])[:2]))
-        if miss_m > _SHORT_M:
-            raise FlightError(
-                f"the vehicle says that the mission is over, {miss_m:.0f} m short of its end"
-            )
+        check_end(miss_m)
         if lands:
             await flyer.seen_down()
         else:

@@ -4,7 +4,7 @@ The simulated vehicle or an external autopilot flies it; it is planned against f
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,25 +41,26 @@ def fly_plan(config: RunConfig, source: Path, path: Path, *, console: RunConsole
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
     stopwatch = Stopwatch()
-    with stopwatch("setup"):
-        ready = prepare_plan(config, read_plan_file(source))
-        check_link(config.link)
-        live = live_views(console)
-        folder = RunFolder.create(path)
-        with folder.unless_refused():
-            carrier = make_carrier(ready, say=console.say)
-        write_atomically(folder.config, carrier.ready.config.to_toml())
-        write_atomically(folder.path / source.name, source.read_bytes())
-    summary = Summary(
-        folder,
-        name=source.stem,
-        plan=source.name,
-        seed=config.seed,
-        resumable=False,
-        position_source=carrier.position_source,
-    )
-    opening = _recording(carrier, folder, stopwatch, live)
-    return fly_recorded(opening, summary, console=console, stopwatch=stopwatch)
+    with ExitStack() as opened:
+        with stopwatch("setup"):
+            ready = prepare_plan(config, read_plan_file(source))
+            check_link(config.link)
+            folder = opened.enter_context(RunFolder.taken(path))
+            with folder.unless_refused():
+                carrier = make_carrier(ready, say=console.say)
+                live = opened.enter_context(live_views(console))
+            write_atomically(folder.config, carrier.ready.config.to_toml())
+            write_atomically(folder.path / source.name, source.read_bytes())
+        summary = Summary(
+            folder,
+            name=source.stem,
+            plan=source.name,
+            seed=config.seed,
+            resumable=False,
+            position_source=carrier.position_source,
+        )
+        opening = _recording(carrier, folder, stopwatch, live)
+        return fly_recorded(opening, summary, console=console, stopwatch=stopwatch)
 
 
 @dataclass

@@ -32,14 +32,23 @@ class LocalEngine:
 
     def start(self, order: RunOrder) -> None:
         """Begin a run in an idle process, or in a new one."""
-        pool = self._free.pop() if self._free else _pool()
         # A worker inherits the mask: Ctrl-C is for the sweep, which ends its workers itself.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            future = pool.submit(execute, order)
+            future, pool = self._submit(order)
             self._running[future] = (order, pool)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def _submit(self, order: RunOrder) -> tuple[Future[RunEnd], ProcessPoolExecutor]:
+        while self._free:
+            pool = self._free.pop()
+            try:
+                return pool.submit(execute, order), pool
+            except TerminatedWorkerError:  # it was killed while it was idle
+                pool.shutdown(kill_workers=True)
+        pool = _pool()
+        return pool.submit(execute, order), pool
 
     def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """Runs that ended; one whose process was killed has no end.

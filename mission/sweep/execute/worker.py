@@ -75,13 +75,11 @@ def begun(path: Path) -> bool:
         InputError: somebody flies into it.
         OSError: the folder cannot be removed.
     """
-    if _goes_on(RunFolder(path)):
-        return True
-    if path.is_dir():
-        with RunFolder(path).lock():  # nobody flies into it
-            pass
     if path.exists():
-        shutil.rmtree(path)
+        with RunFolder(path).lock():  # nobody flies into it while we judge and remove it
+            if _goes_on(RunFolder(path)):
+                return True
+            shutil.rmtree(path)
     return False
 
 

@@ -22,6 +22,7 @@ from sitl.autopilot.values.messages import MissionItem
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
 _STARTING = "starting up"
+_LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # off the ground, by themselves
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,6 +320,8 @@ class Flight:
         for need in row.needs:
             if not self.needs[need]():
                 return need.value
+        if trigger in _LIFTS and not self.airborne and (denied := self._arming_denied()):
+            return denied  # what keeps it from being armed may have come since it was
         if row.target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()
             self._enter(row.target, why or trigger.value, None)

@@ -9,6 +9,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
 from flightdyn.state import GeodeticPoint
 from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.route import turn_of
 from sitl.autopilot.modes import Mode, mode_of_custom
 from sitl.autopilot.protocol.commands import Answer, Handler, Refusal
 from sitl.autopilot.values import messages as m
@@ -166,14 +167,12 @@ class FlightCommands:
         return None
 
     def _turn(self, order: m.CommandOrder, _now: float) -> Answer:
-        angle_deg, _, direction, relative = order.params[:4]
+        angle_deg = order.params[0]
         if angle_deg not in ranges.TURN:
             return Refusal(Result.DENIED, f"angle {angle_deg:g} deg: {ranges.TURN}")
-        if relative == 1.0:
-            sign = -1.0 if direction < 0 else 1.0
-            now_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
-            return _rejected(self._flight.turn_to(now_rad + sign * math.radians(angle_deg)))
-        return _rejected(self._flight.turn_to(math.radians(angle_deg)))
+        yaw_rad, relative = turn_of(order.params)
+        now_rad = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
+        return _rejected(self._flight.turn_to(now_rad + yaw_rad))
 
     def _set_mode(self, order: m.CommandOrder, _now: float) -> Answer:
         base, main, sub = order.params[:3]

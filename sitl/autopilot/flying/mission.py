@@ -1,6 +1,10 @@
 """The mission on board and how far it has come."""
 
-from sitl.autopilot.flying.route import next_navigation
+from collections.abc import Mapping
+from itertools import islice
+
+from sitl.autopilot.flying.route import flown_order, repeats
+from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values.enums import Command, MissionState
 
@@ -14,6 +18,8 @@ class Mission:
         self.complete = False
         self.item_speed_mps: float | None = None  # of the last DO_CHANGE_SPEED carried out
         self._started = False
+        self._next = 0  # in the order in which they are flown; `current` is where it leads
+        self._jumps_left: dict[int, int] = {}
 
     def replace(self, items: tuple[m.MissionItem, ...]) -> None:
         """Another mission, to be flown from its beginning."""
@@ -22,7 +28,8 @@ class Mission:
 
     def rewind(self, seq: int) -> None:
         """Go on with item `seq`; with the speed that the items before it ask for."""
-        self.current = seq
+        self.current = self._next = seq
+        self._jumps_left = repeats(self.items)
         self.complete = False
         self._started = False
         self.item_speed_mps = None
@@ -30,9 +37,11 @@ class Mission:
             self._note_speed(item)
 
     @property
-    def next_start(self) -> tuple[int, float | None]:
-        """Where a start would begin, and the speed that items have ordered for there."""
-        return (0, None) if self.complete else (self.current, self.item_speed_mps)
+    def next_start(self) -> tuple[int, Mapping[int, int], float | None]:
+        """Where a start would begin, the jumps left there, and the speed ordered by items."""
+        if self.complete:
+            return 0, repeats(self.items), None
+        return self._next, self._jumps_left, self.item_speed_mps
 
     def start(self) -> None:
         """The mission is being flown; a complete one from its beginning."""
@@ -43,7 +52,13 @@ class Mission:
     def reached(self, seq: int) -> None:
         """Item `seq` has been reached or carried out."""
         self._note_speed(self.items[seq])
-        self.current = next_navigation(self.items, seq + 1)
+        # Laps without any navigation need not be walked through.
+        ahead = islice(flown_order(self.items, seq + 1, dict(self._jumps_left)), len(self.items))
+        self.current = next(
+            (item.seq for item in ahead if item.command in NAVIGATION), len(self.items) - 1
+        )
+        # After the last one it is the last again, for whoever holds before the aircraft rests.
+        self._next = next((i.seq for i in flown_order(self.items, seq + 1, self._jumps_left)), seq)
 
     def finish(self) -> None:
         """The last item has been reached and the aircraft has come to rest."""

@@ -122,10 +122,11 @@ class Navigator:
         self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
         """What the mission comes to from where it would start."""
-        first, item_speed = mission.next_start
+        first, jumps_left, item_speed = mission.next_start
         return route.compile_route(
             mission.items,
             first=first,
+            jumps_left=jumps_left,
             start=route.Start(
                 start,
                 on_ground=self._aircraft.on_ground,

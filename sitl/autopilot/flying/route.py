@@ -6,7 +6,7 @@ becomes one path. DO_CHANGE_SPEED rules the legs after it. A pure function of it
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self, TypeAlias
 
@@ -16,7 +16,7 @@ from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import NAVIGATION, PLACES
+from sitl.autopilot.protocol.item_rules import PLACES
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values.enums import RELATIVE_FRAMES, Command
 from sitl.autopilot.values.messages import MissionItem
@@ -131,6 +131,14 @@ def leg_speed(start: Vector, end: Vector, *, speed_mps: float, limits: Limits) -
     return max(speed, ranges.SPEED.low)
 
 
+def turn_of(params: Sequence[float]) -> tuple[float, bool]:
+    """The heading, or the signed angle and True, that the parameters of a CONDITION_YAW mean."""
+    angle_deg, _, direction, relative = params[:4]
+    if relative != 1.0:
+        return math.radians(angle_deg), False
+    return math.radians(-angle_deg if direction < 0 else angle_deg), True
+
+
 def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
     """Altitude above mean sea level in metres of an item with a global frame."""
     return item.z + (home.alt_msl_m if item.frame in RELATIVE_FRAMES else 0.0)
@@ -176,9 +184,8 @@ class _Compiler:
             case Command.NAV_DELAY | Command.CONDITION_DELAY:
                 self._then(Wait(item.params[0], item.seq, reports=True))
             case Command.CONDITION_YAW:
-                self._then(
-                    Turn(math.radians(item.params[0]), relative=item.params[3] == 1, seq=item.seq)
-                )
+                yaw_rad, relative = turn_of(item.params)
+                self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
             case Command.DO_CHANGE_SPEED:
                 self.change_speed(item.params[1])
                 self._leg.reached[-1].append(item.seq)
@@ -258,24 +265,40 @@ def compile_route(
     frame: LocalFrame,
     home: GeodeticPoint,
     limits: Limits,
+    jumps_left: Mapping[int, int] | None = None,
 ) -> tuple[Stage, ...]:
-    """The stages from item `first` on of a mission that `check_mission` has nothing against."""
+    """The stages from item `first` on of a mission that `check_mission` has nothing against.
+
+    `jumps_left`: how often each jump is still taken; without it as often as the items say.
+    """
     compiler = _Compiler(frame, home=home, start=start, limits=limits)
-    jumps_left = {item.seq: int(item.params[1]) for item in items if item.command in _JUMPS}
+    left = repeats(items) if jumps_left is None else dict(jumps_left)
+    for item in flown_order(items, first, left):
+        compiler.add(item)
+        if item.command in _ENDS:
+            break
+    compiler.close()
+    return tuple(compiler.stages)
+
+
+def repeats(items: Sequence[MissionItem]) -> dict[int, int]:
+    """How often each jump of a mission is taken, by its number."""
+    return {item.seq: int(item.params[1]) for item in items if item.command in _JUMPS}
+
+
+def flown_order(
+    items: Sequence[MissionItem], first: int, jumps_left: dict[int, int]
+) -> Iterator[MissionItem]:
+    """The items from `first` on as they are carried out; the jumps taken go off `jumps_left`."""
     index = first
     while index < len(items):
         item = items[index]
         index += 1
-        if item.command in _JUMPS:
-            if jumps_left[item.seq] > 0:
-                jumps_left[item.seq] -= 1
-                index = int(item.params[0])
-        else:
-            compiler.add(item)
-            if item.command in _ENDS:
-                break
-    compiler.close()
-    return tuple(compiler.stages)
+        if item.command not in _JUMPS:
+            yield item
+        elif jumps_left[item.seq] > 0:
+            jumps_left[item.seq] -= 1
+            index = int(item.params[0])
 
 
 def _jump_trouble(items: Sequence[MissionItem]) -> str:
@@ -298,7 +321,7 @@ def _jump_trouble(items: Sequence[MissionItem]) -> str:
 
 def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -> int:
     """Items carried out from `first` on, jumps included; counted no farther than the limit."""
-    left = {seq: int(item.params[1]) for seq, item in jumps.items()}
+    left = repeats(tuple(jumps.values()))
     index, steps = first, 0
     while steps <= MAX_STEPS:
         stop = stops[bisect_left(stops, index)]
@@ -310,14 +333,6 @@ def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -
             left[stop] -= 1
             index = int(jumps[stop].params[0])
     return steps
-
-
-def next_navigation(items: Sequence[MissionItem], seq: int) -> int:
-    """The first item from `seq` on that the vehicle flies to; the last item if there is none."""
-    for item in items[seq:]:
-        if item.command in NAVIGATION:
-            return item.seq
-    return max(len(items) - 1, 0)
 
 
 def check_mission(

@@ -60,8 +60,8 @@ class StreamPilot:
         self._heard_at = self._clock.now
 
     def poll(self) -> None:
-        """Look for a loss; one that has come stays until the stream is back or nobody flies."""
-        missed = self._flies or self._failsafes.present(self._cause)
+        """Look for a loss; one that was acted on stays until the stream is back or nobody flies."""
+        missed = self._flies or self._failsafes.acted(self._cause)
         lost = self._aircraft.armed and missed and not self._alive
         silence_s = self._clock.now - self._heard_at
         self._failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")

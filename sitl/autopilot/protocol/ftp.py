@@ -56,7 +56,6 @@ class ErrorCode(IntEnum):
     FAIL = 1
     INVALID_DATA_SIZE = 3
     INVALID_SESSION = 4
-    NO_SESSIONS = 5
     END_OF_FILE = 6
     UNKNOWN_COMMAND = 7
     FILE_PROTECTED = 9
@@ -104,7 +103,7 @@ class FtpServer:
         self._outbox = outbox
         self._folder = folder
         self._parameters = parameters
-        self._sessions: dict[int, _File] = {}
+        self._sessions: dict[int, _File] = {}  # the least recently used one first
         self._burst: _Burst | None = None
         self._next_burst = 0.0
         self._last: tuple[m.Peer, bytes, bytes] | None = None  # request and answer
@@ -165,7 +164,7 @@ class FtpServer:
         if burst is None or now < self._next_burst:
             return
         self._next_burst = now + _BURST_EVERY_S
-        file = self._sessions.get(burst.session)
+        file = self._used(burst.session)
         for _ in range(_BURST):
             data = b"" if file is None else file.read(burst.offset, burst.part)
             left = 0 if file is None else file.size - burst.offset - len(data)
@@ -193,9 +192,15 @@ class FtpServer:
         self._next_burst = now
 
     def _file(self, request: _Request) -> _File:
-        file = self._sessions.get(request.session)
+        file = self._used(request.session)
         if file is None:
             raise _RefusedError(ErrorCode.INVALID_SESSION)
+        return file
+
+    def _used(self, session: int) -> _File | None:
+        file = self._sessions.pop(session, None)
+        if file is not None:
+            self._sessions[session] = file
         return file
 
     def _terminate(self, request: _Request) -> tuple[int, bytes]:
@@ -248,8 +253,11 @@ class FtpServer:
     def _open(self, request: _Request) -> tuple[int, bytes]:
         file = self._find(request.path)
         free = next((i for i in range(_SESSIONS) if i not in self._sessions), None)
-        if free is None:
-            raise _RefusedError(ErrorCode.NO_SESSIONS)
+        if free is None:  # a client that died never closes its own
+            free = next(iter(self._sessions))
+            del self._sessions[free]
+            if self._burst is not None and self._burst.session == free:
+                self._burst = None
         self._sessions[free] = file
         return free, struct.pack("<I", file.size)
 

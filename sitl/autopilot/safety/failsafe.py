@@ -77,18 +77,26 @@ _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATE
 
 
 class Failsafes:
-    """Acts once when a cause appears; whoever flies may override it afterwards."""
+    """Acts on a cause once a flight; whoever flies may override it afterwards.
+
+    One that appears on the ground is told there, and acted on as soon as the aircraft flies.
+    """
 
     def __init__(self, flight: Flight, parameters: Parameters, *, reporter: Reporter) -> None:
         self._flight = flight
         self._parameters = parameters
         self._report = reporter
         self._present: set[Cause] = set()
+        self._acted: dict[Cause, int] = {}  # in which flight
         self.by_sticks: Callable[[Mode, str], str | None] = lambda *_: "there are no sticks"
 
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
         return bool(self._present) and cause in self._present
+
+    def acted(self, cause: Cause) -> bool:
+        """Whether a cause is there and was acted on in this flight."""
+        return self._acted.get(cause) == self._flight.motors.flights
 
     @property
     def acting(self) -> bool:
@@ -96,17 +104,24 @@ class Failsafes:
         return any(self._action(cause) > Action.WARN for cause in self._present)
 
     def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
-        """Tell whether a cause is there now; acts on the change, which `detail` puts in words."""
-        if not (present or self._present) or present == (cause in self._present):
-            return
+        """Tell whether a cause is there now; what is done is said along with `detail`."""
+        was = cause in self._present
         if not present:
-            self._present.discard(cause)
-            if self._action(cause) is not Action.NOTHING:
-                self._report.say(Severity.NOTICE, f"{cause.value}: over")
+            if was:
+                self._present.discard(cause)
+                self._acted.pop(cause, None)
+                if self._action(cause) is not Action.NOTHING:
+                    self._report.say(Severity.NOTICE, f"{cause.value}: over")
+            return
+        airborne = self._flight.airborne
+        if was and (not airborne or self.acted(cause)):
             return
         self._present.add(cause)
-        words = detail()
-        self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)
+        if airborne:
+            self._acted[cause] = self._flight.motors.flights
+        if not was or self._action(cause) > Action.WARN:
+            words = detail()
+            self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)
 
     def _action(self, cause: Cause) -> Action:
         rule = RULES[cause]

@@ -9,6 +9,7 @@ from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.commands import Refusal
 from sitl.autopilot.safety.monitor import Monitor
+from sitl.autopilot.values import ranges
 from sitl.autopilot.values.enums import FailureType, FailureUnit, Result
 from sitl.autopilot.values.messages import CommandOrder
 
@@ -33,6 +34,8 @@ FAILURES: Mapping[tuple[FailureUnit, FailureType], Make] = {
     (FailureUnit.ACCEL, FailureType.WRONG): lambda _: [ImuBias(accel_mps2=_ACCEL_BIAS_MPS2)],
     (FailureUnit.MOTOR, FailureType.OFF): _motors,
 }
+_UNITS = {float(unit): unit for unit in FailureUnit}
+_TYPES = {float(kind): kind for kind in FailureType}
 _INSTANCES = {FailureUnit.MOTOR: _MOTORS}  # of all other units there is one
 
 
@@ -61,15 +64,13 @@ class Injector:
         """Begin a failure, or with the type OK end those of the unit."""
         if self._parameters["SYS_FAILURE_EN"] == 0:
             return Refusal(Result.DENIED, "failure injection is switched off (SYS_FAILURE_EN)")
-        unit, kind = order.params[0], order.params[1]
-        instance = order.params[2] if math.isfinite(order.params[2]) else 0.0
-        try:
-            what = FailureUnit(int(unit)), FailureType(int(kind))
-        except (ValueError, OverflowError):  # the latter where it is infinite
+        unit, kind = _UNITS.get(order.params[0]), _TYPES.get(order.params[1])
+        if unit is None or kind is None:
             return Refusal(Result.UNSUPPORTED)
-        if not 0 <= instance <= _INSTANCES.get(what[0], 1):
+        instance = 0.0 if math.isnan(order.params[2]) else order.params[2]
+        if not ranges.whole(instance, ranges.Range(0, _INSTANCES.get(unit, 1), "")):
             return Refusal(Result.DENIED, f"no instance {instance:g}")
-        refusal = self._inject(what, int(instance))
+        refusal = self._inject((unit, kind), int(instance))
         self._monitor.watch_faults()
         return refusal
 

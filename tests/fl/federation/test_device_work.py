@@ -91,6 +91,13 @@ def test_a_stale_update_is_the_one_that_was_made_then(algorithm: str) -> None:
     after, late = play(federation, state, delivered=(2,), begun={2: 1})
     assert late.device_loss[2] == told.device_loss[2]
     assert after.pending == ({},)
+    if algorithm == "scaffold":  # its control variate is the mean of the gradients that it saw
+        then, now = at_once.algorithm[0], after.algorithm[0]
+        assert np.abs(now["control"] - then["control"]).max() > 1e-3
+        assert then["device_controls"][2].any()
+        np.testing.assert_allclose(
+            now["device_controls"][2], then["device_controls"][2], rtol=0.0, atol=1e-6
+        )
     if algorithm == "fedprox":  # the mean of one arrival is that model itself
         np.testing.assert_allclose(after.models[0], at_once.models[0], atol=1e-6)
 

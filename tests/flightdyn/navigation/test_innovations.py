@@ -26,7 +26,10 @@ def test_every_sensor_is_told_of_once_in_order_of_time() -> None:
 def test_size_against_expectation() -> None:
     aircraft = make(seed=4, sensors=SensorsConfig())
     run(aircraft, 3.0)
-    for item in aircraft.innovations_after(0):
+    told = aircraft.innovations_after(0)
+    assert [item.kind for item in told].count("gnss position") == 15  # five a second
+    assert len(told) > 3 * 15
+    for item in told:
         assert len(item.values) == len(item.stds)
         assert item.accepted
         assert 0.0 <= item.ratio < 1.0

@@ -1,8 +1,11 @@
 """Which folder a run takes where none is named, and what is said where it cannot."""
 
+import fcntl
+import shutil
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -73,3 +76,19 @@ def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out
         f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended"
         + way_out
     )
+
+
+def test_a_lock_whose_folder_was_removed_keeps_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So whoever gets it is refused: the folder is another one's now."""
+    folder = RunFolder.create(tmp_path / "one")
+    flock = fcntl.flock
+
+    def late(file: IO[str], how: int) -> None:
+        shutil.rmtree(folder.path)
+        flock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(InputError, match="another aerofed run is at work"), folder.lock():
+        pass

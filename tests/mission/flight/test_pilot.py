@@ -1,28 +1,41 @@
 """What the pilot says of a refused order: the vehicle's own words about that order, no others."""
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
+from copy import copy
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.telemetry import FlightMode
+from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.base.errors import FlightError
+from mission.base.errors import FlightError, LinkLostError
+from mission.config.models import LinkConfig
 from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.contact import located
+from mission.flight.flyers.external import left_holding
 from mission.flight.pilot.connection import connect
+from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
+from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.pilot import Pilot
+from mission.log.errors import LogError
 from mission.planner.stops import Stop
 from sitl.config import VehicleConfig
 from sitl.links import RawLink
+from sitl.observer import VehicleEvent, VehicleSample
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
+AREA = Area((800.0, 800.0), (400.0, 400.0), HOME)
 OLDER = "Set current item refused: mission has 0 items, no item 99"
 
 
@@ -130,16 +143,107 @@ def refuses_to_start_twice(pilot: Pilot) -> None:
 def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
     async def east_m() -> float:
         vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
-        area = Area((800.0, 800.0), (400.0, 400.0), HOME)
         stops = (Stop(np.array([400.0, 400.0]), ()), Stop(np.array([500.0, 400.0]), ()))
         plan = FlightPlan(stops, 20.0, 15.0, 5.0)
         link = RawLink()
         async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
             await pilot.ready()
             await pilot.take_off(plan.alt_rel_m)
-            await pilot.upload(plan, plan.positions(area))
+            await pilot.upload(plan, plan.positions(AREA))
             worse(pilot)
             await pilot.fly()
             return float(vehicle.aircraft.plant.truth.pos_ned_m[1])
 
     assert asyncio.run(east_m()) == pytest.approx(100.0, abs=5.0)
+
+
+class FullDisk:
+    """A log that cannot be written any more."""
+
+    def sampled(self, _: VehicleSample) -> None:
+        raise LogError(Path("flight.mcap"), "No space left on device")
+
+    def happened(self, _: VehicleEvent) -> None: ...
+
+
+def test_a_log_that_cannot_be_written_ends_a_flight_that_is_watched() -> None:
+    async def run() -> None:
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+        config, link = LinkConfig(kind="external", url="udpin://127.0.0.1:1"), RawLink()
+        async with (
+            asyncio.timeout(HANG_S),
+            Simulation(vehicle, link, speed=5.0, free_running=True),
+            located(config, area=AREA, observers=[FullDisk()], say=print, raw_link=link),
+        ):
+            await asyncio.Event().wait()
+
+    with pytest.raises(LogError, match="No space left"):
+        asyncio.run(run())
+
+
+def test_an_error_over_what_the_vehicle_says_ends_the_flight() -> None:
+    def full(*_: object) -> None:
+        raise LogError(Path("flight.mcap"), "No space left on device")
+
+    async def run() -> None:
+        vehicle, link = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1)), RawLink()
+        async with (
+            asyncio.timeout(HANG_S),
+            Simulation(vehicle, link),
+            connect("raw://", raw_link=link) as pilot,
+        ):
+            await pilot.ready()
+            pilot.watch.listeners.append(full)
+            station = mav.MAVLink(None, srcSystem=250, srcComponent=190)
+            link.feed(bytes(mav.MAVLink_mission_set_current_message(1, 1, 99).pack(station)))
+            await asyncio.Event().wait()
+
+    with pytest.raises(LogError, match="No space left"):
+        asyncio.run(run())
+
+
+class Ordered:
+    """A pilot in the air that remembers whether it was told to hold."""
+
+    armed, held = True, False
+
+    async def hold(self) -> None:
+        self.held = True
+
+
+@pytest.mark.parametrize(
+    ("error", "held"),
+    [
+        (ZeroDivisionError(), True),
+        (asyncio.CancelledError(), True),
+        (FlightError("it drifted off"), True),
+        (LinkLostError("nobody hears"), False),
+    ],
+)
+def test_whatever_ends_a_flight_leaves_the_vehicle_holding(
+    error: BaseException, held: bool
+) -> None:
+    pilot = Ordered()
+
+    async def run() -> None:
+        with pytest.raises(type(error)):
+            async with left_holding(cast(Pilot, pilot)):
+                raise error
+
+    asyncio.run(run())
+    assert pilot.held == held
+
+
+@pytest.mark.parametrize("dialect", [PX4, ARDUPILOT])
+def test_a_mission_that_came_back_with_another_hover_is_another(dialect: Dialect) -> None:
+    places = np.array([[400.0, 400.0], [500.0, 400.0]])
+    plan = FlightPlan(tuple(Stop(xy, (), hold_s=100.0005) for xy in places), 20.0, 15.0, 5.0)
+    sent = as_dialect(mission_items(plan, plan.positions(AREA)), dialect)
+    sent[-1].param2 = math.nan  # the vehicle's own radius
+    back = [copy(item) for item in sent]
+    for item in back:  # as it travels
+        item.param1 = float(np.float32(item.param1))
+    back[-1].param2 = 0.0
+    assert same_mission(sent, back, dialect)
+    back[-1].param1 = 0.0
+    assert not same_mission(sent, back, dialect)

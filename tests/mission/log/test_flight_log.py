@@ -25,6 +25,7 @@ from mission.log.read.reader import read_log
 from mission.log.topics import FRAME, RAW, TOPICS, Topic, fields
 from mission.log.write import messages as encoded
 from mission.log.write.rates import LogRates
+from mission.log.write.sink import McapSink
 from mission.log.write.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -187,6 +188,7 @@ class Viewer:
     def __init__(self) -> None:
         self.shown: list[tuple[str, int]] = []
         self.bytes = 0
+        self.closed = False
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         self.shown.append((topic.name, t_ns))
@@ -194,7 +196,29 @@ class Viewer:
 
     def flush(self) -> None: ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_viewers_are_sent_away_from_a_file_that_cannot_be_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: McapSink) -> None:
+        raise LogError(tmp_path, "No space left on device")
+
+    viewer = Viewer()
+    log = FlightLog(
+        tmp_path / "a.mcap",
+        area=AREA,
+        devices=devices(np.random.default_rng(1)),
+        mirrors=[viewer],
+    )
+    monkeypatch.setattr(McapSink, "close", full)
+    with pytest.raises(LogError, match="No space left"):
+        log.close()
+    assert viewer.closed
+    monkeypatch.undo()
+    log.close()
 
 
 def test_what_happens_is_written_after_the_samples_before_it(tmp_path: Path) -> None:

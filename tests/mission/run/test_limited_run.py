@@ -35,7 +35,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_flown_as_planned_within_the_limits(run: Path) -> None:
     used_s = used_j = 0.0
-    for row in rows(run / "rounds.csv"):
+    flown = rows(run / "rounds.csv")
+    assert len(flown) == 2
+    for row in flown:
         flown_s, flown_j = float(row["duration_s"]), float(row["energy_j"])
         assert float(row["plan_duration_s"]) <= 25.0 + 1e-6
         assert float(row["plan_energy_j"]) <= 7000.0 + 1e-6
@@ -64,6 +66,7 @@ def test_ends_when_the_time_pays_for_no_round(run: Path) -> None:
 def test_log_and_comparison_know_the_durations(run: Path) -> None:
     loaded = load_run(run)
     table = rows(run / "rounds.csv")
+    assert len(table) == 2
     for plan, record, row in zip(loaded.data.plans, loaded.data.rounds, table, strict=True):
         assert plan.duration_s == float(row["plan_duration_s"])
         assert record.optional["energy_j"] == float(row["energy_j"])

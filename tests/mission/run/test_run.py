@@ -85,7 +85,9 @@ def test_a_run_leaves_what_it_promises(run: Path) -> None:
 
 @pytest.mark.slow
 def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
-    for uplink in rows(run / "uplinks.csv"):
+    uplinks = rows(run / "uplinks.csv")
+    assert len(uplinks) == sum(int(row["scheduled"]) for row in rows(run / "rounds.csv")) > 0
+    for uplink in uplinks:
         plan, true, est = (
             complex(float(uplink[f"{name}_x_m"]), float(uplink[f"{name}_y_m"]))
             for name in ("plan", "true", "est")

@@ -14,6 +14,7 @@ from mission.config.loading import load_config
 from mission.sweep.execute import luggage, parcels
 from mission.sweep.execute.luggage import own_code, put_together
 from mission.sweep.execute.parcels import Inbox, kept, parts
+from mission.sweep.execute.worker import begun
 
 
 @pytest.fixture
@@ -125,6 +126,21 @@ def test_what_cannot_go_on_begins_anew(flown: RunFolder, summary: dict[str, obje
     assert not inbox.begun
     assert not flown.log.exists()
     inbox.close()
+
+
+def test_nobody_flies_into_a_folder_that_is_removed(
+    flown: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown.summary.write_text(json.dumps({"status": "failed"}))
+
+    def while_removed(_: Path) -> None:
+        with pytest.raises(InputError, match="another aerofed run is at work"), flown.lock():
+            pass
+        raise OSError("seen")
+
+    monkeypatch.setattr("mission.sweep.execute.worker.shutil.rmtree", while_removed)
+    with pytest.raises(OSError, match="seen"):
+        begun(flown.path)
 
 
 def test_code_that_plug_ins_need_goes_along(

@@ -14,6 +14,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 from patience import HANG_S, until
 from processes import writer_of
 
@@ -270,7 +271,7 @@ def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
     in_the_way.write_text("no folder")
     assert call_inline(command(part)) == 2
     printed = capsys.readouterr()
-    assert f"run ideal-seed1 failed: {in_the_way}: Not a directory" in printed.err
+    assert f"run ideal-seed1 failed: {in_the_way}: cannot write: Not a directory" in printed.err
     assert "run 4/4 ideal-seed2: 2 rounds" in printed.out
     assert {row["run"] for row in rows(part / "runs.csv")} == {
         "cov-seed1", "cov-seed2", "ideal-seed2",
@@ -364,6 +365,35 @@ def test_what_others_finished_is_told_before_a_bug(
     assert {item.order.name for item in engine.wait(0.0)} == {*names} - {"bug"}
     with pytest.raises(ZeroDivisionError):
         engine.wait(0.0)
+    engine.close()
+
+
+@pytest.mark.slow
+def test_a_worker_killed_while_idle_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mission.sweep.execute.local.execute", lambda _: RunEnd(os.getpid()))
+    engine = LocalEngine(1)
+    order = RunOrder("a", load(None, ()), tmp_path / "a", None, tmp_path)
+
+    def worker() -> int:
+        engine.start(order)
+        (over,) = engine.wait(HANG_S)
+        assert over.end is not None
+        return over.end.exit_code
+
+    def refuses() -> bool:
+        try:
+            engine._free[0].submit(int)
+        except TerminatedWorkerError:
+            return True
+        return False
+
+    killed = worker()
+    assert worker() == killed
+    os.kill(killed, signal.SIGKILL)
+    until(refuses)
+    assert worker() != killed
     engine.close()
 
 

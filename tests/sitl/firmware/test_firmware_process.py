@@ -1,5 +1,7 @@
 """Firmware as a process: what cannot be started, what ends, and what must not be left behind."""
 
+import asyncio
+import math
 import os
 import signal
 import subprocess
@@ -8,12 +10,15 @@ from pathlib import Path
 from typing import cast
 
 import pytest
-from patience import until
+from firmware_stand_ins import plant
+from patience import HANG_S, until
 
+from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.launch import Launch
 from sitl.firmware.process import FirmwareProcess, check_binary
+from sitl.firmware.vehicle import FirmwareVehicle
 
 
 def script(path: Path, text: str) -> str:
@@ -106,3 +111,37 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
     until(lambda: bool(process.died))
     assert process.last_words() == "ours"
     process.stop()
+
+
+def test_an_error_nobody_foresaw_ends_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody would look any more whether the firmware is alive."""
+
+    def broken(_: FirmwareVehicle) -> None:
+        raise ZeroDivisionError
+
+    for folder in ("bin", "etc/init.d-posix"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "etc" / "init.d-posix" / "rcS").touch()
+    script(tmp_path / "bin" / "px4", "sleep 600")
+    firmware = FirmwareConfig(path=tmp_path / "bin" / "px4")
+    config = VehicleConfig(autopilot="px4", firmware=firmware)
+    vehicle = FirmwareVehicle(
+        config,
+        plant(),
+        tmp_path / "firmware",
+        [],
+        mission_speed_mps=10.0,
+        speed=math.inf,
+        hear=lambda *_: None,
+        heard=frozenset(),
+    )
+    monkeypatch.setattr(FirmwareVehicle, "_failure", broken)
+
+    async def run() -> None:
+        async with asyncio.timeout(HANG_S), vehicle:
+            await asyncio.Event().wait()
+
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(run())

@@ -5,6 +5,7 @@ import socket
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.firmware.frames import Frame, Writer, frames
@@ -74,9 +75,9 @@ def relayed(body: Callable[[Ends], Coroutine[Any, Any, None]]) -> None:
     async def run() -> None:
         ends = Ends()
         ends.link.attach(lambda data: ends.station.extend(frames(data)))
-        async with asyncio.timeout(60), ends.relay:
-            await body(ends)
-        ends.firmware.close()
+        with ends.firmware:
+            async with asyncio.timeout(60), ends.relay:
+                await body(ends)
 
     asyncio.run(run())
 
@@ -147,3 +148,18 @@ def test_the_battery_is_said_as_a_part_of_the_vehicle() -> None:
     assert message.voltages[:5] == [3800] * 4 + [65535]
     assert (message.current_battery, message.current_consumed) == (1100, 1234)
     assert message.battery_remaining == 61
+
+
+def test_a_relay_that_fails_ends_the_flight() -> None:
+    """Nobody would be told anything any more."""
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    async def body(ends: Ends) -> None:
+        ends.relay._hear = broken
+        ends.say(position(0))
+        await asyncio.Event().wait()
+
+    with pytest.raises(ZeroDivisionError):
+        relayed(body)

@@ -1,9 +1,13 @@
 """`aerofed fly`: plans of ground stations flown headless, planned against flown."""
 
+import asyncio
 import csv
 import json
 import math
+import signal
 import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ import pytest
 from described import charts, rows
 from drawing import drawn
 from mcap.reader import make_reader
+from patience import HANG_S
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.analysis.load import reached
@@ -121,6 +126,32 @@ def test_heights_above_sea_level_are_no_orders_for_an_external_vehicle(
     (error,) = capsys.readouterr().err.splitlines()
     assert "item 1, NAV_WAYPOINT" in error
     assert "--vehicle" in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("command", ["run", "fly"])
+def test_waiting_for_a_vehicle_ends_once_however_often_it_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    told: list[str] = []
+
+    @asynccontextmanager
+    async def waiting(*_: object, **__: object) -> AsyncIterator[None]:
+        try:
+            signal.raise_signal(signal.SIGINT)
+            await asyncio.sleep(HANG_S)
+            yield
+        finally:
+            while len(told) < 3:
+                signal.raise_signal(signal.SIGINT)
+                await asyncio.sleep(0)
+                told.append("parting")
+
+    monkeypatch.setattr("mission.flight.flyers.contact.located", waiting)
+    what = ("fly", str(written(tmp_path, TAKE_OFF, *CORNERS))) if command == "fly" else ("run",)
+    out = tmp_path / "out"
+    assert call([*what, "--vehicle", "udpout://127.0.0.1:9", "--out", str(out), "--quiet"]) == 130
+    assert told == ["parting"] * 3
     assert not out.exists()
 
 

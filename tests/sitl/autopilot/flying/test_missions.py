@@ -168,6 +168,51 @@ def test_jumps_repeat_and_end() -> None:
     assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
 
 
+@pytest.mark.parametrize(("direction", "north_deg"), [(-1.0, 10.0), (1.0, 190.0), (NAN, 190.0)])
+def test_a_relative_turn_in_a_mission_goes_the_way_it_says(
+    direction: float, north_deg: float
+) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    turn = mav.MAV_CMD_CONDITION_YAW
+    frame = mav.MAV_FRAME_MISSION
+    desk.upload(
+        [
+            item(0, turn, params=(100.0, 0.0, -1.0, 0.0), frame=frame),
+            item(1, turn, params=(90.0, 0.0, direction, 1.0), frame=frame),
+        ]
+    )
+    start(desk)
+    desk.fly()
+    assert desk.mass._yaw == pytest.approx(math.remainder(math.radians(north_deg), math.tau))
+
+
+MODE, PAUSE = mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_DO_PAUSE_CONTINUE
+
+
+@pytest.mark.parametrize(
+    "orders", [[(PAUSE, 0), (PAUSE, 1)], [(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 10.0)]]
+)
+def test_jumps_are_neither_lost_nor_taken_again_after(orders: list[tuple[float, ...]]) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    jump = mav.MAVLink_mission_item_int_message(
+        1, 1, 2, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_JUMP, 0, 1, 0.0, 2.0, 0, 0, 0, 0, 0.0, 0
+    )
+    ends = item(0, WAYPOINT), item(1, WAYPOINT, north=40.0)
+    desk.upload([*ends, jump, item(3, WAYPOINT, north=80.0)])
+    start(desk)
+    began_ns = desk.vehicle.t_ns
+    for at_s, ahead in ((5.0, 0), (10.0, 1), (14.0, 0), (21.0, 3)):  # each way takes 4 s
+        desk.fly(seconds=at_s - (desk.vehicle.t_ns - began_ns) * 1e-9)
+        assert current(desk)[0] == ahead
+        for number, *params in orders:
+            assert desk.command(int(number), *params) == mav.MAV_RESULT_ACCEPTED
+    desk.fly()
+    assert reached(desk) == [0, 1] * 3 + [3]
+    assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
+
+
 def test_missions_that_cannot_be_are_refused_whole() -> None:
     desk = Desk()
     good = [item(0, WAYPOINT, north=20.0)]
@@ -197,9 +242,6 @@ def test_items_without_a_place_come_back_whatever_stood_there(number: float) -> 
     heard = desk.send(mav.MAVLink_mission_request_int_message(1, 1, 0, 0))
     back = the(heard, "MISSION_ITEM_INT")
     assert (back.command, back.param2) == (mav.MAV_CMD_DO_CHANGE_SPEED, 5.0)
-
-
-MODE, PAUSE = mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_DO_PAUSE_CONTINUE
 
 
 @pytest.mark.parametrize(

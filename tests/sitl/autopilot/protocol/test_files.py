@@ -191,11 +191,26 @@ def test_what_is_not_there_or_not_allowed_is_ftps_own_error(
 def test_ftp_bounds_what_it_is_told(folder: Path) -> None:
     desk = Files(folder)
     assert desk.refused(Op.LIST_DIRECTORY, b"/log", size=255) is ErrorCode.INVALID_DATA_SIZE
-    for _ in range(8):
-        assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
-    assert desk.refused(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap") is ErrorCode.NO_SESSIONS
-    assert desk.ftp(Op.RESET_SESSIONS)[0] == Op.ACK
-    assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[0] == Op.ACK
+
+
+def test_a_session_that_nobody_closed_is_used_again(folder: Path) -> None:
+    desk, log = Files(folder), b"/log/flight-0001.mcap"
+    assert [desk.ftp(Op.OPEN_FILE_RO, log)[1] for _ in range(8)] == [*range(8)]
+    assert desk.ftp(Op.READ_FILE, session=0, size=9)[0] == Op.ACK
+    # The one that was used least recently; 0 was read from just now.
+    assert desk.ftp(Op.OPEN_FILE_RO, b"@PARAM/param.pck")[:2] == (Op.ACK, 1)
+    assert desk.ftp(Op.READ_FILE, session=1, size=2)[2] == b"\x1b\x67"
+    assert desk.ftp(Op.READ_FILE, session=0, size=9)[0] == Op.ACK
+
+
+def test_a_burst_does_not_go_on_with_another_file(folder: Path) -> None:
+    desk, log = Files(folder), b"/log/flight-0005.mcap"
+    _, session, _ = desk.ftp(Op.OPEN_FILE_RO, log)
+    burst = struct.pack("<HBBBBBxI", 7, session, Op.BURST_READ_FILE, 239, 0, 0, 0).ljust(251, b"\0")
+    message = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(burst))
+    assert len(of(desk.send(message), "FILE_TRANSFER_PROTOCOL")) == 30
+    assert session in [desk.ftp(Op.OPEN_FILE_RO, log)[1] for _ in range(8)]
+    assert of(desk.pass_wall_time(0.1, step=0.01), "FILE_TRANSFER_PROTOCOL") == []
 
 
 def test_a_request_whose_answer_was_lost_is_answered_again(folder: Path) -> None:

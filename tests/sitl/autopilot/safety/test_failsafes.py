@@ -207,6 +207,48 @@ def test_no_arming_without_gnss_or_charge() -> None:
     assert "COMPONENT_ARM_DISARM refused: battery critical" in desk.texts()
 
 
+def test_no_take_off_with_a_battery_that_became_critical_after_arming() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mav.MAV_RESULT_ACCEPTED
+    desk.upload([item(0, mav.MAV_CMD_NAV_WAYPOINT, north=40.0)])
+    drain(desk, 0.06)
+    flight = desk.vehicle.autopilot.flight
+    assert flight.take_off(None) == flight.fly_mission() == "battery critical"
+    assert desk.recorder.texts("failsafe") == [
+        "Battery low: 6 % left",
+        "Battery critical: 6 % left",
+    ]
+
+
+def test_what_fails_on_the_ground_is_acted_on_in_the_air_once_a_flight() -> None:
+    desk = Desk(VehicleConfig(parameters={"NAV_DLL_ACT": 2}))
+    flight = desk.vehicle.autopilot.flight
+    for _ in range(2):
+        assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mav.MAV_RESULT_ACCEPTED
+        lose_ground_station(desk)
+        assert flight.take_off(None) is None
+        desk.fly(seconds=1.0)
+        desk.exchange()
+        assert flight.mode is Mode.RETURN
+        assert flight.hold() is None  # overridden
+        desk.pass_wall_time(1.0)
+        assert flight.mode is Mode.HOLD
+        assert flight.land() is None
+        desk.fly()
+    assert len(desk.recorder.texts("failsafe")) == 4  # told on the ground, acted on in the air
+
+
+def test_setpoints_lost_on_the_ground_do_not_end_a_flight_without_them() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mav.MAV_RESULT_ACCEPTED
+    lose_setpoints(desk)
+    assert desk.recorder.texts("failsafe") == ["Offboard setpoints lost: 1.1 s"]
+    assert desk.vehicle.autopilot.flight.take_off(None) is None
+    desk.fly(seconds=1.0)
+    desk.exchange()
+    assert desk.vehicle.autopilot.mode is Mode.TAKEOFF
+
+
 SQUARE = [(-50.0, -50.0), (150.0, -50.0), (150.0, 50.0), (-50.0, 50.0)]
 INCLUSION = mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
 
@@ -311,7 +353,12 @@ def test_failures_by_command() -> None:
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OK, 1) == mav.MAV_RESULT_ACCEPTED
     assert len(desk.mass.faults) == 1
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, 5) == mav.MAV_RESULT_DENIED
+    for odd in (0.5, 1.5, -1.0, math.inf):  # 0 means all
+        assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, odd) == mav.MAV_RESULT_DENIED
     unsupported = mav.MAV_RESULT_UNSUPPORTED
+    for odd in (0.5, math.inf, math.nan):
+        assert desk.command(INJECT, motor + odd, mav.FAILURE_TYPE_OFF, 1) == unsupported
+        assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF + odd, 1) == unsupported
     assert desk.command(INJECT, gnss, mav.FAILURE_TYPE_SLOW, 0) == unsupported
     assert desk.command(INJECT, mav.FAILURE_UNIT_SENSOR_VIO, 1, 0) == unsupported
     assert desk.recorder.texts("fault") == [
