@@ -65,7 +65,8 @@ def first_problem(
     *,
     data_dir: Path | str | None = None,
 ) -> "RoundProblem":
-    """The planning problem of a configuration's first round, from above home.
+    """The planning problem of a configuration's first round: from where its strategy begins, with
+    the importance that it gives devices.
 
     `dataclasses.replace(problem, path_budget_m=400.0)` makes others of it.
 

@@ -26,7 +26,6 @@ from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
-from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
@@ -46,9 +45,7 @@ class FlownExperiment(Experiment):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        federation = self.scenario.federation
-        stale = federation.learning.late == "stale"
-        self.work = DeviceWork.before(federation.compute_s, goes_on=stale)
+        self.work = self.scenario.work_before()
 
     async def _run(self) -> None:
         try:
@@ -178,23 +175,15 @@ class FlownExperiment(Experiment):
         )
 
     def _importance(self, t_ns: int) -> Floats:
-        federation, state, number = self.scenario.federation, self.state, self.totals.next_round
-        delta = learning.importance(federation, state, fairness=self.strategy.fairness)
-        if not isinstance(self.strategy, ImportanceStrategy):
-            return delta
-        of, work = federation.community_of, self.work.round_begins(number, t_ns)
-        return self.strategy.importance(
-            RoundInfo(
-                round=number,
-                delta=delta,
-                p=federation.p,
-                cov=state.cov[of],
-                community_of=of,
-                last_heard=self.totals.last_heard.copy(),
-                accuracy=state.eps_received.copy(),
-                ready_in_s=np.maximum(work.ready_ns - t_ns, 0) / 1e9,
-                staleness=number - work.begun,
-            )
+        federation, state = self.scenario.federation, self.state
+        return self.scenario.importance(
+            self.totals.next_round,
+            learning.importance(federation, state, fairness=self.strategy.fairness),
+            cov=state.cov,
+            accuracy=state.eps_received,
+            last_heard=self.totals.last_heard,
+            work=self.work,
+            t_ns=t_ns,
         )
 
     async def _sortie(self, problem: RoundProblem, recalled: RoundMemory | None) -> Sortie:
