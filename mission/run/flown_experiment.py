@@ -30,6 +30,8 @@ from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
 
+_MOST_NEEDED = 0.9  # of a charge: take-off and the way back to the round take of a full one, too
+
 
 @dataclass(kw_only=True)
 class FlownExperiment(Experiment):
@@ -41,6 +43,7 @@ class FlownExperiment(Experiment):
     observers: Sequence[VehicleObserver] = ()
     tap: Tap | None = None  # on the link between pilot and built-in autopilot
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
+    _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
 
     def __post_init__(self) -> None:
@@ -86,9 +89,10 @@ class FlownExperiment(Experiment):
             await flyer.land()
 
     async def _round(self, flyer: Flyer) -> None:
-        recalled, reserve = self._recalled(), self.scenario.config.mission.battery_reserve
+        recalled = self._recalled()
         with self.stopwatch("fly"):
-            self.totals.battery_changes += await flyer.refresh(reserve)
+            self.totals.battery_changes += await flyer.refresh(self._needed_charge())
+        charge = flyer.battery_remaining
         self._show("flying again" if recalled else "planning")
         problem = self._problem(flyer, recalled)
         sortie = await self._sortie(problem, recalled)
@@ -96,6 +100,7 @@ class FlownExperiment(Experiment):
         if recalled is None:
             self._show("flying")
         plan, flight, foreseen = await self._fly(flyer, problem, sortie)
+        self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
         self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
         with plugins_of_learning():
             served = self._served(problem, sortie, plan, flight)
@@ -138,6 +143,14 @@ class FlownExperiment(Experiment):
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)
+
+    def _needed_charge(self) -> float:
+        """With less (0..1) no round begins: what the dearest one took so far, and the reserve.
+
+        A vehicle of others tells its charge, and not its power: what rounds took is known of all.
+        """
+        reserve = self.scenario.config.mission.battery_reserve
+        return min(reserve + self._most_drawn, _MOST_NEEDED) if reserve > 0.0 else 0.0
 
     def _served(
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
@@ -243,6 +256,11 @@ def _check_same(objective: float, before: float) -> None:
             f"{before!r}): another machine or version computes otherwise, so this run cannot be "
             "resumed here"
         )
+
+
+def _known(drawn: float) -> float:
+    """Charge that was drawn; none, where the vehicle does not tell."""
+    return 0.0 if math.isnan(drawn) else drawn
 
 
 def _success(per: float) -> float:
