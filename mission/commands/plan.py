@@ -17,7 +17,7 @@ from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
     from mission.planner.files import NamedPlan
-    from mission.planner.problem import RoundProblem
+    from mission.planner.problem import RoundPlan, RoundProblem
     from mission.scenario.scenario import Scenario
     from mission.scenario.strategies import Sortie
 
@@ -126,7 +126,7 @@ def plan(
         by_id = {entry.id: entry.problem for entry in problems}
         for named in planned.plans:
             if not named.plan.schedule.any():
-                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id])}")
+                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
     if planned.failure is not None:
         raise planned.failure
     return 0
@@ -192,7 +192,7 @@ def _row(named: "NamedPlan") -> dict[str, float]:
     return row
 
 
-def _nobody(problem: "RoundProblem") -> str:
+def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
     """Why a plan serves nobody."""
     if not len(problem.devices_m):
         return "there are no devices"
@@ -200,7 +200,7 @@ def _nobody(problem: "RoundProblem") -> str:
         return "the importance of every device is 0"
     away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
     if away_m <= problem.most_m:
-        return (
+        return _no_upload_fits(problem, made) or (
             "no update gets through from anywhere on the way: look at the channel "
             "(aerofed link-budget)"
         )
@@ -208,6 +208,25 @@ def _nobody(problem: "RoundProblem") -> str:
         f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
         f"be {problem.most_m:.0f} m long"
     )
+
+
+def _no_upload_fits(problem: "RoundProblem", made: "RoundPlan") -> str:
+    """Why no upload fits into the limits beside the path, in words; empty where one does."""
+    limits, upload_s, flight = problem.limits, problem.upload_s, made.foreseen
+    if limits is None or upload_s is None or flight is None:
+        return ""
+    hover = limits.performance.foresee_hover(float(upload_s.min()))
+    for unit, needed, allowed, taken in (
+        ("s", hover.duration_s, limits.duration_s, flight.duration_s),
+        ("J", hover.energy_j, limits.energy_j, flight.energy_j),
+    ):
+        if needed > allowed - taken:
+            return (
+                f"no update can be sent: of the {allowed:.0f} {unit} that the round may take, the "
+                f"path leaves {allowed - taken:.0f}, and the quickest upload takes {needed:.0f}: "
+                "allow more, or send faster (channel.upload_rate_bps)"
+            )
+    return ""
 
 
 _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}

@@ -71,6 +71,23 @@ def test_a_plan_that_serves_nobody_says_how_far_they_are(
     assert "reach" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("round_deadline_s=100", "of the 100 s that the round may take, the path leaves 100, and"),
+        ("round_energy_j=9000", "of the 9000 J that the round may take, the path leaves 9000, and"),
+    ],
+)
+def test_uploads_that_fit_into_no_round_are_not_blamed_on_the_channel(
+    capsys: pytest.CaptureFixture[str], limit: str, words: str
+) -> None:
+    slow = ("--set", "channel.upload_rate_bps=1000", "--set", "mission.steps=3")
+    assert call(["plan", *slow, "--set", f"mission.{limit}"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"round-1: no update can be sent: {words} the quickest upload takes" in said
+    assert "gets through" not in said
+
+
 def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     qgc, out = tmp_path / "first.plan", tmp_path / "plans.json"
     assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
