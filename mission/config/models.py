@@ -134,7 +134,7 @@ class MissionConfig(_Model):
         gt=0,
         le=1e7,
         description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
-        "a run ends when the rest pays for no whole round",
+        "a run ends when the rest pays for no whole round; only the first round may be shorter",
     )
     round_deadline_s: float | None = Field(
         None, gt=0, le=3600, description="seconds a round takes at most; none: as its metres take"
