@@ -25,7 +25,7 @@ SMALL = (
 
 MODULE = """
 import numpy as np
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from mission.planner.evaluate import finish
 from mission.planner.problem import RoundPlan
 from mission.scenario.strategies import Barycenter, Sortie
@@ -36,7 +36,8 @@ class Stay:
 
 class Jump:
     def plan(self, problem):
-        return finish(problem, np.tile(problem.start_m + 1.0, (problem.steps, 1)))
+        plan = Stay().plan(problem)
+        return replace(plan, waypoints_m=plan.waypoints_m + 1.0)
 
 @dataclass
 class Weighs:
