@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mission.api.configuring import Source, config, folder
+from mission.api.configuring import Source, config, folder, python_words
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,4 +76,5 @@ def first_problem(
     from mission.scenario.scenario import build_scenario
 
     resolved = config(source, overrides)
-    return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()
+    with python_words():
+        return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()

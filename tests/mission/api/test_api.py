@@ -74,12 +74,12 @@ def test_the_public_names() -> None:
     assert aerofed.__all__ == [
         "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "DeviceData",
         "Figure", "ImportanceStrategy", "InputError", "LearningConfig", "LocalResult",
-        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "Planner", "Radio",
-        "RoundInfo", "RoundLearning", "RoundPlan",
+        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "PlanError", "Planner",
+        "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
         "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
         "StaleStart", "Strategy", "StrategyContext", "Sweep", "Trainer", "TrainingDevice", "Update",
-        "UplinkRecord", "channel", "compare", "config", "finish", "first_problem", "fit_budget",
-        "load", "load_sweep", "plan", "resume", "run", "sweep",
+        "UplinkRecord", "UsersCodeError", "channel", "compare", "config", "finish", "first_problem",
+        "fit_budget", "load", "load_sweep", "plan", "resume", "run", "sweep",
     ]  # fmt: skip
 
 
@@ -261,7 +261,11 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.channel(altitude_m=0.0), "channel: altitude_m = 0.0: must be above 0"),
         (lambda: aerofed.load("nowhere"), "nowhere: no such run folder"),
         (lambda: aerofed.load_sweep("nowhere"), "nowhere"),
-        (lambda: aerofed.resume("nowhere"), "nowhere: no such folder"),
+        (lambda: aerofed.resume("nowhere"), "^path = 'nowhere': no such folder"),
+        (lambda: aerofed.first_problem("paper"), "give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.run("paper"), "needs files: give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.sweep("paper"), "needs files: give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some/runs/nope: "),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
         (
