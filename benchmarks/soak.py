@@ -56,7 +56,7 @@ class FlyingDesk(Desk):
             assert self.vehicle.t_ns < limit_ns, "never came to an end"
         assert aircraft.on_ground
         assert self.vehicle.autopilot.mode is Mode.HOLD, self.texts()
-        aircraft.exchange_battery()
+        self.vehicle.exchange_battery()
 
 
 def resident_kib() -> int:

@@ -119,6 +119,15 @@ class Vehicle:
             self._next_look = tick + min(watch - tick % watch, sample - tick % sample)
         return moving
 
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery, on the ground with the motors off.
+
+        The autopilot sees it at once: on the ground time stands still, and its next look is due in
+        simulated time.
+        """
+        self.aircraft.exchange_battery()
+        self.autopilot.watch()
+
     def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
         """Take MAVLink bytes at the wall time `now` (s): a datagram, or more of a `stream`."""
         self.autopilot.receive(data, now, stream)

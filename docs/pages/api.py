@@ -17,7 +17,7 @@ SECTIONS = {
     "A radio of your own": "Radio Channel",
     "Data and partitions of your own": "Samples Partition PartitionTask",
     "Callbacks": "Callback CallbackContext RoundReport RoundRecord UplinkRecord RoundLearning",
-    "Errors": "AerofedError InputError",
+    "Errors": "AerofedError InputError PlanError UsersCodeError",
 }
 HEAD = """# Python interface
 

@@ -265,7 +265,9 @@ def _learn(
             parts_of(community, made.result.model), parts_of(community, made.start), strict=True
         )
         sent, own = (
-            Update(device, p, end, made.result.steps, start, age, made.correction)
+            Update(
+                device, p, frozen(end[:]), made.result.steps, frozen(start[:]), age, made.correction
+            )
             for end, start in ends
         )
         updates.append(sent)

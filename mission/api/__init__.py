@@ -26,7 +26,7 @@ from mission.api.planning import first_problem, plan
 from mission.api.runs import Run, load, resume, run
 from mission.api.sweeps import Sweep, load_sweep, sweep
 from mission.base.area import Area
-from mission.base.errors import AerofedError, InputError
+from mission.base.errors import AerofedError, InputError, PlanError, UsersCodeError
 from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
@@ -52,6 +52,7 @@ __all__ = [
     "MissionConfig",
     "Partition",
     "PartitionTask",
+    "PlanError",
     "Planner",
     "Radio",
     "RoundInfo",
@@ -72,6 +73,7 @@ __all__ = [
     "TrainingDevice",
     "Update",
     "UplinkRecord",
+    "UsersCodeError",
     "channel",
     "compare",
     "config",

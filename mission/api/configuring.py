@@ -1,11 +1,12 @@
 """What a run is told: configurations by name, file or value, and channels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from mission.base.errors import InputError
+from mission.base.errors import AerofedError, InputError
 
 if TYPE_CHECKING:
     from fl.radio.channel import Channel
@@ -80,6 +81,24 @@ def as_path(path: object, what: str) -> Path:
     if not isinstance(path, str | PathLike):
         raise InputError(f"{what} = {path!r}: must be a path")
     return Path(path)
+
+
+@contextmanager
+def python_words(
+    option: str = "--data-dir FOLDER", argument: str = "data_dir=FOLDER"
+) -> Iterator[None]:
+    """Have errors of the block name a Python argument, where they name the option that it is.
+
+    Raises:
+        AerofedError: the same one, in other words.
+    """
+    try:
+        yield
+    except AerofedError as error:
+        text = str(error).replace(option, argument)
+        if text == str(error):
+            raise
+        raise error.in_words(text) from error.__cause__
 
 
 def folder(path: Path | str | None, what: str) -> Path | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mission.api.configuring import Source, config, folder
+from mission.api.configuring import Source, config, folder, python_words
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,7 +65,8 @@ def first_problem(
     *,
     data_dir: Path | str | None = None,
 ) -> "RoundProblem":
-    """The planning problem of a configuration's first round, from above home.
+    """The planning problem of a configuration's first round: from where its strategy begins, with
+    the importance that it gives devices.
 
     `dataclasses.replace(problem, path_budget_m=400.0)` makes others of it.
 
@@ -75,4 +76,5 @@ def first_problem(
     from mission.scenario.scenario import build_scenario
 
     resolved = config(source, overrides)
-    return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()
+    with python_words():
+        return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()

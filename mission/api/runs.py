@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mission.api.configuring import Source, as_path, config, folder
+from mission.api.configuring import Source, as_path, config, folder, python_words
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
 
@@ -185,7 +185,8 @@ def run(
 
             return fly_session(resolved, path, data_dir=data, console=console)
 
-        return _flown(fly, path, quiet=quiet)
+        with python_words():
+            return _flown(fly, path, quiet=quiet)
 
 
 def resume(path: Path | str, *, quiet: bool = True) -> Run:
@@ -203,7 +204,8 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
         return resume_session(found, console=console)
 
-    return _flown(fly, found, quiet=quiet)
+    with python_words(f"--resume {found}:", f"path = {str(path)!r}:"):
+        return _flown(fly, found, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:

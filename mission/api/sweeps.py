@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
-from mission.api.configuring import Source, as_path, config, folder
+from mission.api.configuring import Source, as_path, config, folder, python_words
 from mission.api.figures import Figure, chosen
-from mission.api.runs import Run
+from mission.api.runs import Run, load
 from mission.base.errors import INTERRUPTED, InputError
 from mission.config import STRATEGIES
 
@@ -39,8 +39,12 @@ class Sweep:
         return frame(None, [row for result in self._state.results for row in result.rounds])
 
     def run(self, name: str) -> Run:
-        """One of its runs, by the name in column `run` of `runs`."""
-        return Run(self.path / "runs" / name)
+        """One of its runs, by the name in column `run` of `runs`.
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        return load(self.path / "runs" / name)
 
     def figure(self, name: str = "final") -> Figure:
         """A picture of the sweep, by the name of its file in `figures/`.
@@ -131,14 +135,15 @@ def sweep(
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute
 
-    code = execute(
-        grid,
-        path,
-        data_dir=data,
-        engine=chosen,
-        run_figures=run_figures,
-        console=Console(quiet=quiet),
-    )
+    with python_words():
+        code = execute(
+            grid,
+            path,
+            data_dir=data,
+            engine=chosen,
+            run_figures=run_figures,
+            console=Console(quiet=quiet),
+        )
     if code == INTERRUPTED:
         raise KeyboardInterrupt(f"{path} was interrupted; the same call goes on")
     return Sweep(path)

@@ -16,9 +16,10 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
-    from mission.planner.files import NamedPlan, NamedProblem
-    from mission.planner.problem import RoundProblem
+    from mission.planner.files import NamedPlan
+    from mission.planner.problem import RoundPlan, RoundProblem
     from mission.scenario.scenario import Scenario
+    from mission.scenario.strategies import Sortie
 
 
 def plan(
@@ -39,7 +40,7 @@ def plan(
     Parameters
     ----------
     config
-        TOML file whose first round is planned. Without one, the quick start's.
+        TOML file of which the strategy's first round is planned. Without one, the quick start's.
     problem
         JSON file with a list of problems to plan instead; docs/planner.md describes it. Of the
         configuration only the table planner counts then.
@@ -61,7 +62,9 @@ def plan(
         Print the plans as JSON, as --out writes them.
     """
     from mission.commands.planning import plan_problems
+    from mission.planner.factory import make_planner
     from mission.planner.files import NamedProblem, plans_as_json, read_problems
+    from mission.scenario.strategies import FIXED_PATHS, Optimised, Strategy
 
     for path in (out, qgc):
         if path is not None and path.exists():
@@ -73,10 +76,17 @@ def plan(
     resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})
     scenario = None
     problems: Sequence[NamedProblem]
+    strategy: Strategy
     if problem is None:
         from mission.scenario.scenario import build_scenario
 
         scenario = build_scenario(resolved, data_dir=data_dir)
+        if scenario.strategy is None:
+            raise InputError(
+                "mission.strategy = 'ideal': flies nothing, so there is no path to plan; give "
+                "another, such as --set mission.strategy=cov"
+            )
+        strategy = scenario.strategy
         problems = (NamedProblem("round-1", scenario.first_problem()),)
     elif qgc is not None:
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
@@ -84,12 +94,20 @@ def plan(
         raise InputError(f"--set {stray[0]}: of a problem file only planner.* can be set")
     else:
         problems = read_problems(problem)
-    about = f"{problem or resolved.name} · planner {resolved.planner.kind}"
+        strategy = Optimised(make_planner(resolved.planner), fairness=True)
+    about = str(problem or resolved.name)
+    if not isinstance(strategy, FIXED_PATHS):
+        about += f" · planner {resolved.planner.kind}"
+    elif method is not None or gap is not None:
+        raise InputError(
+            f"--{'gap' if method is None else 'method'}: mission.strategy = "
+            f"{resolved.mission.strategy!r} has a fixed path and asks no planner; leave it out"
+        )
     if problem is None:
         about += f" · strategy {resolved.mission.strategy} · seed {resolved.seed}"
     planned = plan_problems(
         problems,
-        planner=resolved.planner,
+        method=lambda task: strategy.sortie(0, task),
         out=out,
         figure_dir=figure,
         about=about,
@@ -97,7 +115,7 @@ def plan(
         area=None if scenario is None else scenario.config.area,
     )
     if qgc is not None and scenario is not None:
-        _write_qgc(qgc, problems[0], planned.plans[0], scenario)
+        _write_qgc(qgc, problems[0].problem, planned.sorties[0], scenario)
     if as_json:
         print_json(plans_as_json(planned.plans))
     elif not planned.plans:
@@ -109,7 +127,7 @@ def plan(
         by_id = {entry.id: entry.problem for entry in problems}
         for named in planned.plans:
             if not named.plan.schedule.any():
-                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id])}")
+                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
     if planned.failure is not None:
         raise planned.failure
     return 0
@@ -150,11 +168,12 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
     return 0
 
 
-def _write_qgc(path: Path, entry: "NamedProblem", made: "NamedPlan", scenario: "Scenario") -> None:
+def _write_qgc(path: Path, problem: "RoundProblem", made: "Sortie", scenario: "Scenario") -> None:
     from mission.flight.flight_plan import flight_of_round
     from mission.flight.plan_file_writing import write_round_plan
 
-    flight = flight_of_round(entry.problem, made.plan, hold_s=0.0, mission=scenario.config.mission)
+    mission = scenario.config.mission
+    flight = flight_of_round(problem, made.plan, hold_s=made.hold_s, mission=mission)
     write_round_plan(path, flight, scenario.area)
 
 
@@ -174,7 +193,7 @@ def _row(named: "NamedPlan") -> dict[str, float]:
     return row
 
 
-def _nobody(problem: "RoundProblem") -> str:
+def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
     """Why a plan serves nobody."""
     if not len(problem.devices_m):
         return "there are no devices"
@@ -182,7 +201,7 @@ def _nobody(problem: "RoundProblem") -> str:
         return "the importance of every device is 0"
     away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
     if away_m <= problem.most_m:
-        return (
+        return _no_upload_fits(problem, made) or (
             "no update gets through from anywhere on the way: look at the channel "
             "(aerofed link-budget)"
         )
@@ -190,6 +209,25 @@ def _nobody(problem: "RoundProblem") -> str:
         f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
         f"be {problem.most_m:.0f} m long"
     )
+
+
+def _no_upload_fits(problem: "RoundProblem", made: "RoundPlan") -> str:
+    """Why no upload fits into the limits beside the path, in words; empty where one does."""
+    limits, upload_s, flight = problem.limits, problem.upload_s, made.foreseen
+    if limits is None or upload_s is None or flight is None:
+        return ""
+    hover = limits.performance.foresee_hover(float(upload_s.min()))
+    for unit, needed, allowed, taken in (
+        ("s", hover.duration_s, limits.duration_s, flight.duration_s),
+        ("J", hover.energy_j, limits.energy_j, flight.energy_j),
+    ):
+        if needed > allowed - taken:
+            return (
+                f"no update can be sent: of the {allowed:.0f} {unit} that the round may take, the "
+                f"path leaves {allowed - taken:.0f}, and the quickest upload takes {needed:.0f}: "
+                "allow more, or send faster (channel.upload_rate_bps)"
+            )
+    return ""
 
 
 _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}

@@ -2,8 +2,8 @@
 
 import re
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,10 @@ from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
 from mission.base.errors import InputError, PlanError
 from mission.config.models import AreaConfig
 from mission.planner.check import check_plan
-from mission.planner.config import PlannerConfig
-from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, NamedProblem, write_plans
+from mission.planner.flyable import foresee_round
+from mission.planner.problem import RoundProblem
+from mission.scenario.strategies import Sortie
 
 BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
 BAD_OVERHEAD_PER = 0.5
@@ -25,13 +26,14 @@ class Planned:
     """What came of a list of problems."""
 
     plans: tuple[NamedPlan, ...]
+    sorties: tuple[Sortie, ...]  # of these plans
     failure: PlanError | None  # with a line for each problem that could not be planned
 
 
 def plan_problems(
     problems: Sequence[NamedProblem],
     *,
-    planner: PlannerConfig,
+    method: Callable[[RoundProblem], Sortie],
     out: Path | None = None,
     figure_dir: Path | None = None,
     about: str = "",
@@ -53,19 +55,21 @@ def plan_problems(
     for picture in there:
         if picture.exists():
             raise InputError(f"{picture}: exists already; give another folder")
-    method = make_planner(planner)
     plans: dict[str, NamedPlan] = {}
+    sorties = []
     failures = []
     for entry in problems:
         started = time.perf_counter()
         try:
-            plan = method.plan(entry.problem)
+            sortie = method(entry.problem)
             seconds = time.perf_counter() - started
-            check_plan(entry.problem, plan)
+            check_plan(entry.problem, sortie.plan, hold_s=sortie.hold_s)
+            sortie = _timed(entry.problem, sortie)
         except PlanError as error:
             failures.append(f"problem {entry.id!r}: {error}")
         else:
-            plans[entry.id] = NamedPlan(entry.id, plan, seconds)
+            plans[entry.id] = NamedPlan(entry.id, sortie.plan, seconds)
+            sorties.append(sortie)
     failure = PlanError("\n".join(failures)) if failures else None
     if failure is not None and not plans:
         raise failure
@@ -90,7 +94,15 @@ def plan_problems(
             if entry.id in plans
         }
         save_all(pictures, figure_dir)
-    return Planned(made, failure)
+    return Planned(made, tuple(sorties), failure)
+
+
+def _timed(problem: RoundProblem, sortie: Sortie) -> Sortie:
+    """The sortie with what its flight takes, where that is limited and its planner does not say."""
+    if problem.limits is None or sortie.plan.foreseen is not None:
+        return sortie
+    foreseen = foresee_round(problem, sortie.plan, hold_s=sortie.hold_s)
+    return replace(sortie, plan=replace(sortie.plan, foreseen=foreseen))
 
 
 def _file_name(number: int, name: str) -> str:

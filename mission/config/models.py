@@ -135,7 +135,7 @@ class MissionConfig(_Model):
         gt=0,
         le=1e7,
         description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
-        "a run ends when the rest pays for no whole round",
+        "a run ends when the rest pays for no whole round; only the first round may be shorter",
     )
     round_deadline_s: float | None = Field(
         None, gt=0, le=3600, description="seconds a round takes at most; none: as its metres take"
@@ -172,8 +172,9 @@ class MissionConfig(_Model):
         0.25,
         ge=0,
         le=0.9,
-        description="charge (0..1) under which no round begins: the aircraft returns, gets a full "
-        "battery and comes back to where it was, outside the rounds",
+        description="charge (0..1) that a round must leave: where what is left does not pay for as "
+        "dear a round as any before and this, the aircraft returns, gets a full battery and comes "
+        "back to where it was, outside the rounds; 0: never",
     )
     hover_s: float = Field(
         5.0, ge=1, le=600, description="barycenter, rectangular: hover of a round"

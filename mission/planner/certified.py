@@ -40,7 +40,7 @@ MANY_TRIES = 3000  # where a search has ended early, which could have improved t
 # settles it soon or never, with this share of the nodes; with fewer places than devices, a stop
 # being one place matters longer.
 SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
-ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.13, 6: 0.13}
+ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.3, 6: 0.3}
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many

@@ -3,11 +3,10 @@
 import numpy as np
 
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import objective
+from mission.planner.evaluate import LENGTH_TOLERANCE_M, objective
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundPlan, RoundProblem
 
-LENGTH_TOLERANCE_M = 1e-3
 VALUE_TOLERANCE = 1e-9  # relative
 
 

@@ -22,6 +22,7 @@ ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
 CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
+LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
 ROUNDING_M = 1e-9  # a path that is over its budget by less is not
 
 
@@ -54,9 +55,14 @@ def fit_budget(waypoints_m: ArrayLike, path_budget_m: float) -> Floats:
     """The waypoints, shrunk about the first one if the path is longer than the budget.
 
     Raises:
-        PlanInputError: the waypoints are no array (N, 2) of numbers.
+        PlanInputError: the waypoints are no array (N, 2) of finite numbers, or the budget is no
+            number of 0 or more.
     """
-    waypoints = as_waypoints(waypoints_m)
+    waypoints = _finite(as_waypoints(waypoints_m))
+    if not (isinstance(path_budget_m, Real) and path_budget_m >= 0.0):
+        raise PlanInputError(
+            f"path_budget_m = {shown(path_budget_m)}: must be a number of metres, 0 or more"
+        )
     length = path_length(waypoints)
     if length <= path_budget_m:
         return waypoints
@@ -79,9 +85,17 @@ def finish(
     path leads around; what the budget does not pay for of that is left out.
 
     Raises:
-        PlanInputError: the waypoints are no array (steps, 2) of numbers.
+        PlanInputError: the waypoints are no array (steps, 2) of finite numbers, begin elsewhere
+            than at the problem's start, or are a longer path than its budget (see `fit_budget`).
     """
-    waypoints, via = allowed_path(problem, as_waypoints(waypoints_m, problem.steps))
+    given = _finite(as_waypoints(waypoints_m, problem.steps))
+    _check_path(problem, given)
+    return replace(plan_along(problem, given), upper_bound=upper_bound, nodes=nodes)
+
+
+def plan_along(problem: RoundProblem, waypoints_m: Floats) -> RoundPlan:
+    """What `finish` gives for finite waypoints, also where it refuses them."""
+    waypoints, via = allowed_path(problem, waypoints_m)
     if problem.altitudes_m is None:
         schedule, value = scheduled(problem, waypoints)
         altitude_m = None
@@ -92,7 +106,33 @@ def finish(
         schedule, value, altitude_m = max(tried, key=lambda found: found[1])
     waypoints.flags.writeable = False
     schedule.flags.writeable = False
-    return RoundPlan(waypoints, schedule, value, upper_bound, nodes, via, altitude_m)
+    return RoundPlan(waypoints, schedule, value, via_m=via, altitude_m=altitude_m)
+
+
+def _finite(waypoints_m: Floats) -> Floats:
+    bad = np.argwhere(~np.isfinite(waypoints_m))
+    if len(bad):
+        step, axis = bad[0].tolist()
+        value = waypoints_m[step, axis]
+        raise PlanInputError(f"waypoints_m[{step}][{axis}] = {value}: must be a finite number")
+    return waypoints_m
+
+
+def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
+    """Refuse waypoints of which `finish` makes no feasible plan."""
+    away_m = float(np.hypot(*(waypoints_m[0] - problem.start_m)))
+    if away_m > LENGTH_TOLERANCE_M:
+        raise PlanInputError(
+            f"waypoints_m[0] = {waypoints_m[0].tolist()}: lies {away_m:.4g} m from the problem's "
+            f"start_m, {problem.start_m.tolist()}, where it must be"
+        )
+    length_m, most_m = path_length(waypoints_m), problem.path_budget_m
+    # Among areas the path is cut where the budget ends.
+    if problem.airspace.is_open and length_m > most_m + LENGTH_TOLERANCE_M:
+        raise PlanInputError(
+            f"waypoints_m: the path is {length_m:.6g} m long, path_budget_m is {most_m:g}; "
+            "fit_budget(waypoints_m, problem.path_budget_m) shrinks it"
+        )
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.evaluate import finish, objective, success, worth_of
+from mission.planner.evaluate import objective, plan_along, success, worth_of
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundPlan, RoundProblem
 
@@ -72,7 +72,7 @@ def _fits(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> bool:
 
 def made(problem: RoundProblem, waypoints_m: Floats) -> RoundPlan:
     """The plan along waypoints that serves as many as its limits allow; it may still not fit."""
-    return foreseen(problem, serving_fewer(problem, finish(problem, waypoints_m)))
+    return foreseen(problem, serving_fewer(problem, plan_along(problem, waypoints_m)))
 
 
 def fitted(
@@ -84,11 +84,11 @@ def fitted(
     """The plan along waypoints as far as its limits allow.
 
     None where that is not wanted, where a few cuts do not find how far it may go, or where it does
-    not fit and everywhere may be flown: `finish` cuts no path there.
+    not fit and everywhere may be flown: `plan_along` cuts no path there.
     """
     longer: tuple[float, float] | None = None  # metres of the path before, and its share
     for _ in range(_CUTS):
-        plan = finish(problem, waypoints_m)
+        plan = plan_along(problem, waypoints_m)
         if not wanted(plan):
             return None
         if problem.limits is None:
@@ -157,7 +157,7 @@ def improved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
         waypoints = _changed(plan.waypoints_m, rng, stride_m)
         if worth_of(problem.at(plan.altitude_m), waypoints) <= plan.value:
             continue
-        other = finish(problem, waypoints)
+        other = plan_along(problem, waypoints)
         if other.value > plan.value and other.path_m <= problem.path_budget_m:
             other = foreseen(problem, serving_fewer(problem, other))
             better = other.value > plan.value and share(problem, other) <= 1.0

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -107,7 +108,8 @@ class RoundPlan:
     Lists and tuples become arrays.
 
     Raises:
-        PlanInputError: waypoints or schedule are no arrays of numbers, or of a wrong shape.
+        PlanInputError: waypoints or schedule are no arrays of numbers, or of a wrong shape; value,
+            upper bound or altitude is no number.
     """
 
     waypoints_m: Floats  # (N, 2) area coordinates in metres; the first is the start
@@ -130,6 +132,10 @@ class RoundPlan:
                 "each step who transmits then"
             )
         object.__setattr__(self, "schedule", schedule)
+        for name in ("value", "upper_bound", "altitude_m"):
+            number = getattr(self, name)
+            if not isinstance(number, Real) and not (name == "altitude_m" and number is None):
+                raise PlanInputError(f"{name} = {shown(number)}: must be a number")
 
     def __repr__(self) -> str:
         # Without its arrays, which are as long as there are steps and devices.

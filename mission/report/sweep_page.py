@@ -11,7 +11,7 @@ from mission.report.html import page
 from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
 from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts, gain_maps
 from mission.sweep.outcome.gain_map import compared
-from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
+from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.view import (
     ACCURACY,
     FAIRNESS,
@@ -20,6 +20,7 @@ from mission.sweep.outcome.view import (
     final_rounds,
     outcome,
     over_seeds,
+    percent,
 )
 from mission.sweep.results import RunResult
 from mission.sweep.state import SweepState, read_sweep
@@ -86,6 +87,7 @@ def sweep_html(state: SweepState) -> str:
         outcome_note=f"accuracy, CoV and Jain index: {final_rounds(results)}; {_ARRIVED}",
         finals=[card(final_chart(results, name)) for name in communities],
         method=METHOD,
+        points=POINTS,
         gains=[card(chart) for chart in gain_charts(results)],
         maps=[
             card(chart)
@@ -111,14 +113,16 @@ def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:
     for name in communities_of(results):
         column = f"final_accuracy_{name}"
         means = {
-            label: over_seeds(runs, column).mean
+            label: over_seeds(runs, column)
             for label, runs in groups_of(results).items()
             if flies(runs)
         }
-        known = {label: mean for label, mean in means.items() if not math.isnan(mean)}
+        known = {label: mean for label, mean in means.items() if not math.isnan(mean.mean)}
         if known:
-            best = max(known, key=lambda label: known[label])
-            tiles.append((f"{100 * known[best]:.1f} %", f"best flown, {name}: {best}"))
+            # Not "the best": within the intervals another may be.
+            best = max(known, key=lambda label: known[label].mean)
+            apart = " (ideal apart)" if len(groups_of(results)) > len(means) else ""
+            tiles.append((f"{percent(known[best])} %", f"highest mean{apart}, {name}: {best}"))
     flown_m = sum(float(run.summary["flown_m"]) for run in results)
     hours = sum(float(run.summary["simulated_s"]) for run in results) / 3600
     wall_h = sum(run.wall_s.get("total", 0.0) for run in results) / 3600

@@ -73,8 +73,8 @@ class RunTotals:
         key, unit, what = KEYS[spent]
         total, left = budget.total[spent], self.left(budget)[spent]
         ending = f"so the run ends before round {self.next_round}"
-        if what == "path budget":
-            return f"the path budget of {total:g} m is spent, {ending}"
+        if 0.0 <= round(left) < 1.0:
+            return f"the {what} of {total:g} {unit} ({key}) is spent, {ending}"
         if left < 0.0:
             rest = f"{math.ceil(-left)} {unit} more than allowed were used"
         else:

@@ -26,10 +26,11 @@ from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
-from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo
 from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
+
+_MOST_NEEDED = 0.9  # of a charge: take-off and the way back to the round take of a full one, too
 
 
 @dataclass(kw_only=True)
@@ -42,13 +43,12 @@ class FlownExperiment(Experiment):
     observers: Sequence[VehicleObserver] = ()
     tap: Tap | None = None  # on the link between pilot and built-in autopilot
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
+    _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        federation = self.scenario.federation
-        stale = federation.learning.late == "stale"
-        self.work = DeviceWork.before(federation.compute_s, goes_on=stale)
+        self.work = self.scenario.work_before()
 
     async def _run(self) -> None:
         try:
@@ -89,9 +89,10 @@ class FlownExperiment(Experiment):
             await flyer.land()
 
     async def _round(self, flyer: Flyer) -> None:
-        recalled, reserve = self._recalled(), self.scenario.config.mission.battery_reserve
+        recalled = self._recalled()
         with self.stopwatch("fly"):
-            self.totals.battery_changes += await flyer.refresh(reserve)
+            self.totals.battery_changes += await flyer.refresh(self._needed_charge())
+        charge = flyer.battery_remaining
         self._show("flying again" if recalled else "planning")
         problem = self._problem(flyer, recalled)
         sortie = await self._sortie(problem, recalled)
@@ -99,6 +100,7 @@ class FlownExperiment(Experiment):
         if recalled is None:
             self._show("flying")
         plan, flight, foreseen = await self._fly(flyer, problem, sortie)
+        self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
         self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
         with plugins_of_learning():
             served = self._served(problem, sortie, plan, flight)
@@ -142,6 +144,14 @@ class FlownExperiment(Experiment):
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)
 
+    def _needed_charge(self) -> float:
+        """With less (0..1) no round begins: what the dearest one took so far, and the reserve.
+
+        A vehicle of others tells its charge, and not its power: what rounds took is known of all.
+        """
+        reserve = self.scenario.config.mission.battery_reserve
+        return min(reserve + self._most_drawn, _MOST_NEEDED) if reserve > 0.0 else 0.0
+
     def _served(
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
     ) -> tuple[UplinkRecord, ...]:
@@ -178,23 +188,15 @@ class FlownExperiment(Experiment):
         )
 
     def _importance(self, t_ns: int) -> Floats:
-        federation, state, number = self.scenario.federation, self.state, self.totals.next_round
-        delta = learning.importance(federation, state, fairness=self.strategy.fairness)
-        if not isinstance(self.strategy, ImportanceStrategy):
-            return delta
-        of, work = federation.community_of, self.work.round_begins(number, t_ns)
-        return self.strategy.importance(
-            RoundInfo(
-                round=number,
-                delta=delta,
-                p=federation.p,
-                cov=state.cov[of],
-                community_of=of,
-                last_heard=self.totals.last_heard.copy(),
-                accuracy=state.eps_received.copy(),
-                ready_in_s=np.maximum(work.ready_ns - t_ns, 0) / 1e9,
-                staleness=number - work.begun,
-            )
+        federation, state = self.scenario.federation, self.state
+        return self.scenario.importance(
+            self.totals.next_round,
+            learning.importance(federation, state, fairness=self.strategy.fairness),
+            cov=state.cov,
+            accuracy=state.eps_received,
+            last_heard=self.totals.last_heard,
+            work=self.work,
+            t_ns=t_ns,
         )
 
     async def _sortie(self, problem: RoundProblem, recalled: RoundMemory | None) -> Sortie:
@@ -254,6 +256,11 @@ def _check_same(objective: float, before: float) -> None:
             f"{before!r}): another machine or version computes otherwise, so this run cannot be "
             "resumed here"
         )
+
+
+def _known(drawn: float) -> float:
+    """Charge that was drawn; none, where the vehicle does not tell."""
+    return 0.0 if math.isnan(drawn) else drawn
 
 
 def _success(per: float) -> float:

@@ -12,7 +12,7 @@ from mission.base.errors import InputError, PlanError
 from mission.base.user_code import make_from, users_code
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
-from mission.planner.errors import InfeasiblePlanError
+from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.problem import Planner, RoundProblem
 from mission.scenario.strategies import Sortie, Strategy
 
@@ -108,7 +108,7 @@ class CustomStrategy:
             PlanError: the plan breaks a constraint.
         """
         with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
-            sortie: object = self.inner.sortie(round_index, problem)
+            sortie = self._sortie(round_index, problem)
         if not isinstance(sortie, Sortie):
             self._refuse(f"sortie() gives {kind_of(sortie)}, not a Sortie")
         try:
@@ -117,6 +117,12 @@ class CustomStrategy:
         except InfeasiblePlanError as error:
             raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
         return sortie
+
+    def _sortie(self, round_index: int, problem: RoundProblem) -> object:
+        try:
+            return self.inner.sortie(round_index, problem)
+        except PlanInputError as error:  # of what it gave to our functions, which know no strategy
+            raise InputError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
 
     def _refuse(self, reason: str) -> NoReturn:
         raise InputError(f"{KEY} = {self.path!r}: {reason}")

@@ -12,21 +12,28 @@ import numpy as np
 
 from fl.config import CommunityConfig
 from fl.errors import FETCHED, LearningInputError
+from fl.federation import fairness
 from fl.federation import rounds as learning
 from fl.federation.community import Community
+from fl.federation.device_work import DeviceWork
 from fl.plugins import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
 from fl.radio.custom_radio import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
 from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
-from mission.scenario.custom_strategies import StrategyContext, custom_strategy
+from mission.scenario.custom_strategies import (
+    ImportanceStrategy,
+    RoundInfo,
+    StrategyContext,
+    custom_strategy,
+)
 from mission.scenario.limits import (
     budget_of,
     check_limits,
@@ -73,12 +80,12 @@ class Scenario:
         return None if rate_bps is None else self.federation.upload_bits / rate_bps
 
     def first_problem(self) -> RoundProblem:
-        """The planning problem of the first round, from above home."""
+        """The planning problem of the first round, from where the strategy begins."""
         mission, budget = self.config.mission, budget_of(self.config)
         return RoundProblem(
             devices_m=self.devices_m,
-            importance=learning.first_importance(self.federation),
-            start_m=np.array(self.area.home_m, dtype=np.float64),
+            importance=self._first_importance(),
+            start_m=self._first_start_m(),
             steps=mission.steps,
             per_step=mission.devices_per_step,
             path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
@@ -88,6 +95,65 @@ class Scenario:
             limits=round_limits(mission, foreseen_performance(self.config), left=budget.total),
             upload_s=self.upload_s,
         )
+
+    def importance(
+        self,
+        number: int,
+        delta: Floats,
+        *,
+        cov: Floats,
+        accuracy: Floats,
+        last_heard: Ints,
+        work: DeviceWork,
+        t_ns: int,
+    ) -> Floats:
+        """(K,) importance in round `number`, which begins at `t_ns`: `delta`, the paper's, or what
+        the strategy makes of it.
+
+        `cov` (C,) of the communities, `work` of the devices as the round before left it; the rest
+        (K,) as in `RoundInfo`.
+        """
+        if not isinstance(self.strategy, ImportanceStrategy):
+            return delta
+        of, work = self.federation.community_of, work.round_begins(number, t_ns)
+        return self.strategy.importance(
+            RoundInfo(
+                round=number,
+                delta=delta,
+                p=self.federation.p,
+                cov=cov[of],
+                community_of=of,
+                last_heard=last_heard.copy(),
+                accuracy=accuracy.copy(),
+                ready_in_s=np.maximum(work.ready_ns - t_ns, 0) / 1e9,
+                staleness=number - work.begun,
+            )
+        )
+
+    def work_before(self) -> DeviceWork:
+        """What devices are at before the first round."""
+        late = self.federation.learning.late
+        return DeviceWork.before(self.federation.compute_s, goes_on=late == "stale")
+
+    def _first_importance(self) -> Floats:
+        # Without the models of a `FederationState`: some networks take seconds to import.
+        devices = len(self.devices_m)
+        return self.importance(
+            1,
+            learning.first_importance(self.federation),
+            cov=np.full(len(self.federation.names), fairness.INITIAL_COV),
+            accuracy=np.full(devices, np.nan),
+            last_heard=np.zeros(devices, dtype=np.int64),
+            work=self.work_before(),
+            t_ns=0,
+        )
+
+    def _first_start_m(self) -> Floats:
+        approach_m = None if self.strategy is None else self.strategy.approach_m
+        if approach_m is None:
+            return np.array(self.area.home_m, dtype=np.float64)
+        points_m: Floats = self.area.airspace.moved(np.array([approach_m], dtype=np.float64))
+        return np.asarray(points_m[0])
 
     def devices_csv(self) -> str:
         """Where every device stands and what it owns: `labels` lists class:samples, `share` is

@@ -158,6 +158,9 @@ class HoveringTour:
         return Sortie(serving_fewer(problem, plan, hold_s=self.hover_s), hold_s=self.hover_s)
 
 
+FIXED_PATHS = (Barycenter, Rectangular, HoveringTour)  # that ask no planner
+
+
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:
     """(steps, 2) points over `length_m` metres of a closed polygon from arc length `start_m`.
 

@@ -7,6 +7,7 @@ from sitl_mavsdk import HOME, Recorder
 from flightdyn.faults import GnssOff
 from flightdyn.random import RandomStreams
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.safety.failsafe import Cause
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 
@@ -82,6 +83,19 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
     outside = item(0, 16, north=500.0)
     result = desk.command_int(192, 6, (-1, 0, 0, float("nan")), outside.x, outside.y, 30.0)
     assert result != mav.MAV_RESULT_ACCEPTED
+
+
+def test_a_fresh_battery_is_seen_though_time_stands_still() -> None:
+    vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+    plant = vehicle.aircraft.plant
+    plant._battery.consumed_mah = 5000.0
+    plant.battery = plant._battery.state()
+    vehicle.autopilot.watch()
+    failsafes, t_ns = vehicle.autopilot.failsafes, vehicle.t_ns
+    assert failsafes.present(Cause.BATTERY_CRITICAL)
+    vehicle.exchange_battery()
+    assert vehicle.t_ns == t_ns
+    assert not failsafes.present(Cause.BATTERY_CRITICAL)
 
 
 def test_a_rebooted_vehicle_flies_as_a_restarted_one() -> None:

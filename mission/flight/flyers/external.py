@@ -165,17 +165,17 @@ class ExternalFlyer(Flyer):
             async with asyncio.timeout(LAST_SAMPLE_S):
                 await until(lambda: self.t_ns > landed_ns)
 
-    async def refresh(self, reserve: float) -> bool:
+    async def refresh(self, needed: float) -> bool:
         """See `Flyer`; a charged battery has to be waited for, so people are told."""
-        self._doubt_battery(reserve)
-        if self.battery_remaining < reserve:
+        self._doubt_battery()
+        if self.battery_remaining < needed:
             self._say(
-                f"{self._low(reserve)}: the vehicle returns, lands and waits for a charged one"
+                f"{self._low(needed)}: the vehicle returns, lands and waits for a charged one"
             )
-        return await super().refresh(reserve)
+        return await super().refresh(needed)
 
-    async def _change_battery(self, reserve: float) -> None:
-        await self._charged(reserve)
+    async def _change_battery(self, needed: float) -> None:
+        await self._charged(needed)
 
     async def _battery_told(self) -> None:
         """Wait for the first reading; who never tells one may fly all the same."""
@@ -183,9 +183,9 @@ class ExternalFlyer(Flyer):
             async with asyncio.timeout(_FIRST_READING_S):
                 await until(lambda: not math.isnan(self.battery_remaining))
 
-    async def _charged(self, reserve: float) -> None:
-        """Wait for more than what a battery recovers by resting: half of all above the reserve."""
-        enough, timeout_s = (1.0 + reserve) / 2.0, self._link.battery_timeout_s
+    async def _charged(self, needed: float) -> None:
+        """Wait for more than what a battery recovers by resting: half of all above the need."""
+        enough, timeout_s = (1.0 + needed) / 2.0, self._link.battery_timeout_s
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.battery_remaining >= enough:
@@ -200,14 +200,15 @@ class ExternalFlyer(Flyer):
                 f"{100 * enough:.0f} %; the vehicle stands on the ground, motors off"
             ) from None
 
-    def _low(self, reserve: float) -> str:
+    def _low(self, needed: float) -> str:
         return (
-            f"battery at {100 * self.battery_remaining:.0f} %, mission.battery_reserve is "
-            f"{100 * reserve:.0f} %"
+            f"battery at {100 * self.battery_remaining:.0f} %, {100 * needed:.0f} % are needed "
+            f"(mission.battery_reserve is {100 * self.mission.battery_reserve:.0f} %)"
         )
 
-    def _doubt_battery(self, reserve: float) -> None:
+    def _doubt_battery(self) -> None:
         """Say once that the reserve cannot be kept."""
+        reserve = self.mission.battery_reserve
         if self.feed.battery.doubt and reserve > 0.0 and not self._doubted:
             self._doubted = True
             self._say(

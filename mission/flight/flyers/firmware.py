@@ -74,11 +74,11 @@ class FirmwareFlyer(ExternalFlyer):
     def battery_remaining(self) -> float:
         return self.vehicle.clock.now.battery.remaining
 
-    async def refresh(self, reserve: float) -> bool:
+    async def refresh(self, needed: float) -> bool:
         """As the simulated vehicle does: its charge is known, and nobody has to be waited for."""
-        return await Flyer.refresh(self, reserve)
+        return await Flyer.refresh(self, needed)
 
-    async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
+    async def _change_battery(self, needed: float) -> None:  # noqa: ARG002
         self.vehicle.clock.exchange_battery()
 
 

@@ -75,22 +75,22 @@ class Flyer(ABC):
         """Charge of the battery, 0..1; NaN where it is not known."""
 
     @abstractmethod
-    async def _change_battery(self, reserve: float) -> None:
-        """Have one that is well above `reserve`; the vehicle stands at home."""
+    async def _change_battery(self, needed: float) -> None:
+        """Have one that is well above `needed`; the vehicle stands at home."""
 
-    async def refresh(self, reserve: float) -> bool:
-        """Have a full battery where less than `reserve` (0..1) is left; whether it was changed.
+    async def refresh(self, needed: float) -> bool:
+        """Have a full battery where less than `needed` (0..1) is left; whether it was changed.
 
         Return, land, change it, take off and come back to where it was.
 
         Raises:
             FlightError: nobody changed it in time; the vehicle stands at home.
         """
-        if not self.battery_remaining < reserve:  # an unknown one is not
+        if not self.battery_remaining < needed:  # an unknown one is not
             return False
         back = self.area.from_ned(self.here().est_ned_m)
         await self.land()
-        await self._change_battery(reserve)
+        await self._change_battery(needed)
         self._ordered_m = None
         await self.take_off()
         await self.go_to(back)

@@ -101,8 +101,8 @@ class SimulatedFlyer(Flyer):
     def battery_remaining(self) -> float:
         return self.vehicle.aircraft.battery.remaining
 
-    async def _change_battery(self, reserve: float) -> None:  # noqa: ARG002
-        self.vehicle.aircraft.exchange_battery()
+    async def _change_battery(self, needed: float) -> None:  # noqa: ARG002
+        self.vehicle.exchange_battery()
 
 
 @asynccontextmanager

@@ -68,7 +68,7 @@ class UnflownFlyer(Flyer):
         """All of it: no charge is used up."""
         return FULL.remaining
 
-    async def _change_battery(self, reserve: float) -> None:
+    async def _change_battery(self, needed: float) -> None:
         """Do nothing: it is always full."""
 
     async def upload(self, plan: FlightPlan) -> None:

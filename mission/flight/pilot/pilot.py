@@ -149,8 +149,9 @@ class Pilot:
             if (entered or left) and await self._mission_finished():
                 return
             if left:
-                said = _because(self.watch.last_warning)
-                raise FlightError(f"the vehicle left the mission for {self.mode}{said}")
+                mode, said = self.watch.left_mission or (self.watch.mode, "")
+                because = _because(said or self.watch.last_warning)
+                raise FlightError(f"the vehicle left the mission for {mode.name}{because}")
             await asyncio.sleep(POLL_S)
 
     async def _start(self) -> None:

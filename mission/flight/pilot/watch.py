@@ -36,6 +36,9 @@ class Watch:
         # it is no longer carried out.
         self.first_warning = ""
         self.last_warning = ""
+        # For which mode it left the mission since then, and its last warning by that time: what
+        # it does and says after that follows from it.
+        self.left_mission: tuple[FlightMode, str] | None = None
 
     @property
     def silence_s(self) -> float:
@@ -45,6 +48,7 @@ class Watch:
     def order_given(self) -> None:
         """Warnings from now on may be about the order that is being given; older ones are not."""
         self.first_warning = self.last_warning = ""
+        self.left_mission = None
 
     async def run(self) -> None:
         """Follow telemetry until cancelled."""
@@ -81,6 +85,8 @@ class Watch:
 
     async def _watch_mode(self) -> None:
         async for mode in self._telemetry.subscribe_flight_mode():
+            if self.mode == FlightMode.MISSION != mode:
+                self.left_mission = mode, self.last_warning
             self._take("mode", mode)
 
     async def _watch_landed(self) -> None:

@@ -6,8 +6,10 @@
 
 enum Kind { INSERTION, SPLIT, MERGE };
 enum { OUT_OF_REACH = -1 }; /* in place of a gap */
-enum { PROBES = 3 }; /* devices compared before one is branched on */
-static const double CHILD_COST = 0.02;
+/* Devices compared before one is branched on. What an order of few devices is branched on decides how
+   large the tree gets: there the comparison is worth more than it costs. */
+enum { SHORT_ORDER = 6, MANY_PROBES = 12, PROBES = 2 };
+static const double CHILD_COST = 0.1;
 
 /* A device to insert, and the orders that this makes. */
 typedef struct {
@@ -18,8 +20,8 @@ typedef struct {
 
 /* Memory for the children of a node while they are solved. */
 typedef struct {
-    Node node[PROBES * (MOST_DEVICES + 1)];
-    Order order[PROBES * (MOST_DEVICES + 1)];
+    Node node[MANY_PROBES * (MOST_DEVICES + 1)];
+    Order order[MANY_PROBES * (MOST_DEVICES + 1)];
     Solver solver;
 } Children;
 

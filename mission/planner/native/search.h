@@ -13,9 +13,9 @@
 
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
-/* After so many nodes, and whenever there have been twice as many, a search looks at its progress. Those
-   that end do so within this many times the nodes that it foretells. */
-enum { FIRST_LOOK = 2500 };
+/* After so many nodes, divided by the devices, and whenever there have been twice as many, a search looks
+   at its progress. Those that end do so within this many times the nodes that it foretells. */
+enum { FIRST_LOOK = 40000 };
 static const double OVERRUN = 1.5;
 
 /* Memory for a search. */
@@ -116,7 +116,7 @@ static void compare_insertions(
 {
     Node *node = &all->node;
     Solver *solver = &all->children->solver;
-    Probe probes[PROBES];
+    Probe probes[MANY_PROBES];
     int64_t made = 0, done = 0;
     uint64_t tried = 0;
     open_solver(solver, (Aim){goal->eps, LOOSE}, node->size + 1, all->children->order);
@@ -154,7 +154,8 @@ static Contest branch(Search *all, const Problem *problem, const Goal *goal, dou
         by_split(node, at, radius, problem, goal, contest.next, all->children);
         compare(&contest, all);
     }
-    compare_insertions(&contest, PROBES, all, problem, goal, floor);
+    const int64_t probes = node->size < SHORT_ORDER ? MANY_PROBES : PROBES;
+    compare_insertions(&contest, probes, all, problem, goal, floor);
     if (stops_now(node) >= problem->limits.steps && !is_closed(&contest)) {
         by_merge(node, pick_edge(node, path), problem, goal, contest.next, all->children);
         compare(&contest, all);
@@ -207,7 +208,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     Tree *tree = &all->tree;
     Node *node = &all->node;
     Proof proof = {plan->value, 0}; /* the largest bound among all that was closed */
-    Progress progress = {FIRST_LOOK, INFINITY};
+    Progress progress = {FIRST_LOOK / problem->devices.count, INFINITY};
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
     node->mu = node->bound / problem->limits.length;

@@ -10,10 +10,14 @@ from dataclasses import dataclass
 
 from mission.sweep.outcome.curves import communities_of
 from mission.sweep.outcome.stats import Interval, interval
-from mission.sweep.outcome.view import percent
+from mission.sweep.outcome.view import percent, points
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 METHOD = "cov"
+POINTS = (
+    "points: mean difference within a seed, ± 95 % interval from three seeds on (Student's t); "
+    "relative: that mean as a share of the other's accuracy; each is rounded by itself"
+)
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
             *([gain.settings] if where else []),
             gain.community,
             percent(gain.interval, signed=True),
-            "-" if math.isnan(gain.relative) else f"{100 * gain.relative:+z.1f} %",
+            "-" if math.isnan(gain.relative) else f"{points(gain.relative, signed=True)} %",
             f"{gain.better} of {len(gain.differences)}",
             *([percent(interval(gain.after_equal_rounds), signed=True)] if rounds_differ else []),
         ]

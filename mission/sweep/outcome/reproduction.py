@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from mission.sweep.outcome.gains import METHOD, gain_table, paired_gains
+from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.luck import luck_rows
 from mission.sweep.outcome.view import ACCURACY, REST, final_rounds, outcome
 from mission.sweep.state import SweepState
@@ -22,8 +22,7 @@ def reproduction(state: SweepState) -> str:
             [*row, PAPER.get((gain.other, gain.community), "")]
             for row, gain in zip(rows, gains, strict=True)
         ]
-        note = "Points: mean difference within a seed, ± 95 % interval (Student's t)."
-        lines += ["", *_table([*heads, "paper"], rows), "", note]
+        lines += ["", *_table([*heads, "paper"], rows), "", f"P{POINTS[1:]}."]
     claimed = [g for g in gains if PAPER.get((g.other, g.community)) == CLAIM]
     if claimed:
         note = (

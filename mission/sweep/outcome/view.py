@@ -121,4 +121,10 @@ def percent(value: Interval, *, signed: bool = False) -> str:
     if math.isnan(value.mean):
         return "-"
     half = "" if math.isnan(value.half) else f" ± {100 * value.half:.1f}"
-    return f"{100 * value.mean:{'+' if signed else ''}z.1f}{half}"
+    return f"{points(value.mean, signed=signed)}{half}"
+
+
+def points(share: float, *, signed: bool = False) -> str:
+    """A share as percent or points, `+1.2` where `signed`; what rounds to 0 has no sign."""
+    shown = f"{100 * share:z.1f}"
+    return f"+{shown}" if signed and float(shown) > 0.0 else shown

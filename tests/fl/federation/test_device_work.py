@@ -109,6 +109,7 @@ class Spy:
 
     def __init__(self) -> None:
         self.seen: list[tuple[int, int, bytes]] = []
+        self.writeable = False  # anything that it was handed
 
     def init(self, model, devices):  # noqa: ARG002
         return {}
@@ -118,6 +119,8 @@ class Spy:
 
     def apply(self, state, model, updates):
         self.seen += [(u.device, u.staleness, u.start.tobytes()) for u in updates]
+        handed = [model, *(array for u in updates for array in (u.model, u.start))]
+        self.writeable |= any(array.flags.writeable for array in handed)
         return 0.5 * model, state
 
 
@@ -134,6 +137,7 @@ def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with(monkey
         models.append(play(federation, models[-1], **more)[0])
     starts = [state.models[0].tobytes() for state in models]
     assert spy.seen == [(0, 0, starts[0]), (0, 0, starts[1]), (0, 0, starts[2]), (3, 2, starts[0])]
+    assert not spy.writeable
 
 
 def test_keeping_what_arrives_is_a_bug() -> None:

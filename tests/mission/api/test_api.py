@@ -2,11 +2,13 @@
 
 import asyncio
 import inspect
+import math
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ SMALL = {
 TABLES = ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap")
 
 
+HERE = (400, 400)  # where the problem begins
 UNTYPED: Any = aerofed  # as a notebook calls it
 
 
@@ -71,12 +74,12 @@ def test_the_public_names() -> None:
     assert aerofed.__all__ == [
         "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "DeviceData",
         "Figure", "ImportanceStrategy", "InputError", "LearningConfig", "LocalResult",
-        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "Planner", "Radio",
-        "RoundInfo", "RoundLearning", "RoundPlan",
+        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "PlanError", "Planner",
+        "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
         "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
         "StaleStart", "Strategy", "StrategyContext", "Sweep", "Trainer", "TrainingDevice", "Update",
-        "UplinkRecord", "channel", "compare", "config", "finish", "first_problem", "fit_budget",
-        "load", "load_sweep", "plan", "resume", "run", "sweep",
+        "UplinkRecord", "UsersCodeError", "channel", "compare", "config", "finish", "first_problem",
+        "fit_budget", "load", "load_sweep", "plan", "resume", "run", "sweep",
     ]  # fmt: skip
 
 
@@ -198,6 +201,9 @@ def test_lists_and_tuples_are_arrays() -> None:
     way = [(400, 400), (300, 400), (200, 400)]
     made = aerofed.finish(problem(), way)
     assert made.path_m == pytest.approx(200.0)
+    # What rounding adds to a path that just fits is nobody's mistake.
+    nudged = [(400, 400 + 1e-7), (300, 400), (200 - 1e-7, 400)]
+    assert aerofed.finish(replace(problem(), path_budget_m=200.0), nudged).path_m > 200.0
     assert aerofed.fit_budget(way, 100).tolist()[-1] == pytest.approx([300.0, 400.0])
     plain = UNTYPED.RoundPlan(way, made.schedule.astype(int).tolist(), made.value)
     assert aerofed.plan(problem(), Gives(plain)) is plain
@@ -255,7 +261,11 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.channel(altitude_m=0.0), "channel: altitude_m = 0.0: must be above 0"),
         (lambda: aerofed.load("nowhere"), "nowhere: no such run folder"),
         (lambda: aerofed.load_sweep("nowhere"), "nowhere"),
-        (lambda: aerofed.resume("nowhere"), "nowhere: no such folder"),
+        (lambda: aerofed.resume("nowhere"), "^path = 'nowhere': no such folder"),
+        (lambda: aerofed.first_problem("paper"), "give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.run("paper"), "needs files: give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.sweep("paper"), "needs files: give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some/runs/nope: "),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
         (
@@ -301,6 +311,16 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: UNTYPED.RoundPlan([(0, 0)], [1], 1.0), r"^schedule has shape \(1,\): .* \(1, K\)"),
         (lambda: aerofed.fit_budget([(1, 2, 3)], 9.0), r"^waypoints_m has shape \(1, 3\): must be"),
         (lambda: aerofed.finish(problem(), [(0, 0)]), r"^waypoints_m has .*: must be \(\d, 2\)"),
+        (lambda: aerofed.fit_budget([(0, 0), (9, 0)], -5), "^path_budget_m = -5: must be a number"),
+        (lambda: aerofed.fit_budget([(0, 0), (9, 0)], math.nan), "^path_budget_m = nan: must be"),
+        (lambda: UNTYPED.fit_budget([(0, 0)], "9"), "^path_budget_m = '9': must be a number"),
+        (lambda: aerofed.fit_budget([(0, math.nan)], 5), r"^waypoints_m\[0\]\[1\] = nan: must be"),
+        (lambda: aerofed.finish(problem(), [HERE, (math.inf, 0), HERE]), r"m\[1\]\[0\] = inf: mu"),
+        (lambda: aerofed.finish(problem(), [(0, 0), HERE, HERE]), "lies 565.7 m from the problem"),
+        (lambda: aerofed.finish(problem(), [HERE, (4000, 400), HERE]), "the path is 7200 m long"),
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], "x"), "^value = 'x': must be a number"),
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], 1, None), "^upper_bound = null: must be a"),
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], 1, altitude_m="x"), "^altitude_m = 'x': must"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:

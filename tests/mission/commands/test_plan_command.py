@@ -2,11 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import small_runs
 
-from mission.base.errors import PlanError
+from mission.analysis.load import load_run
+from mission.base.errors import InputError, PlanError
 from mission.cli import call
 from mission.planner.evaluate import finish
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -68,12 +71,82 @@ def test_a_plan_that_serves_nobody_says_how_far_they_are(
     assert "reach" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("round_deadline_s=100", "of the 100 s that the round may take, the path leaves 100, and"),
+        ("round_energy_j=9000", "of the 9000 J that the round may take, the path leaves 9000, and"),
+    ],
+)
+def test_uploads_that_fit_into_no_round_are_not_blamed_on_the_channel(
+    capsys: pytest.CaptureFixture[str], limit: str, words: str
+) -> None:
+    slow = ("--set", "channel.upload_rate_bps=1000", "--set", "mission.steps=3")
+    assert call(["plan", *slow, "--set", f"mission.{limit}"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"round-1: no update can be sent: {words} the quickest upload takes" in said
+    assert "gets through" not in said
+
+
 def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     qgc, out = tmp_path / "first.plan", tmp_path / "plans.json"
     assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
     plan = json.loads(out.read_text())["round-1"]
     assert (len(plan["waypoints"]), plan["upper_bound"]) == (10, None)
     assert json.loads(qgc.read_text())["fileType"] == "Plan"
+
+
+STRATEGIES = {
+    "cov": (),
+    "no_cov": (),
+    "barycenter": (),
+    "rectangular": (),
+    "rectangular, hovering": ("--set", "mission.tour_hover_points=8"),
+}
+
+
+def planned(tmp_path: Path, strategy: str, *more: str) -> dict[str, Any]:
+    out = tmp_path / f"{strategy}.json"
+    chosen = ("--set", f"mission.strategy={strategy.split(',')[0]}", *more)
+    assert call(["plan", "--out", str(out), *chosen]) == 0
+    return json.loads(out.read_text())["round-1"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_the_plan_is_the_one_of_the_strategy_s_own_first_round(
+    tmp_path: Path, strategy: str
+) -> None:
+    more = (*small_runs.SMALL[:-1], "--set", "mission.flight=none", *STRATEGIES[strategy])
+    plan = planned(tmp_path, strategy, *more)
+    run = tmp_path / "run"
+    chosen = ("--set", f"mission.strategy={strategy.split(',')[0]}", *more, "--quiet")
+    assert call(["run", "--rounds", "1", "--out", str(run), *chosen]) == 0
+    flown = load_run(run).data
+    assert plan["value"] == flown.rounds[0].plan_objective
+    assert plan["waypoints"] == flown.plans[0].waypoints_m.tolist()
+
+
+def test_a_fixed_path_is_planned_with_its_hover_and_asks_no_planner(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    qgc = tmp_path / "first.plan"
+    plan = planned(tmp_path, "barycenter", "--qgc", str(qgc), "--set", "mission.hover_s=7")
+    assert len({tuple(point) for point in plan["waypoints"]}) == 1
+    items = json.loads(qgc.read_text())["mission"]["items"]
+    assert 7.0 in [item["params"][0] for item in items]
+    assert planned(tmp_path, "rectangular")["waypoints"][0] == [160.0, 160.0]
+    more = ["--set", "mission.strategy=rectangular", "--method", "sqp"]
+    assert call(["plan", *more]) == InputError.exit_code
+    words = "--method: mission.strategy = 'rectangular' has a fixed path and asks no planner"
+    assert words in capsys.readouterr().err
+
+
+def test_where_nothing_is_flown_nothing_is_planned(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["plan", "--set", "mission.strategy=ideal"]) == InputError.exit_code
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    assert "mission.strategy = 'ideal': flies nothing" in printed.err
 
 
 class NoWayAcross:
@@ -89,7 +162,7 @@ class NoWayAcross:
 def test_a_problem_that_fails_is_named_and_the_others_are_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.commands.planning.make_planner", lambda _: NoWayAcross())
+    monkeypatch.setattr("mission.planner.factory.make_planner", lambda _: NoWayAcross())
     source, out, pictures = (tmp_path / name for name in ("problems.json", "plans.json", "figures"))
     more = [{**PROBLEM, "id": "x", "steps": 2}, {**PROBLEM, "id": "y"}]
     source.write_text(json.dumps([PROBLEM, *more]))
@@ -106,7 +179,7 @@ def test_a_problem_that_fails_is_named_and_the_others_are_planned(
 def test_where_every_problem_fails_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.commands.planning.make_planner", lambda _: NoWayAcross())
+    monkeypatch.setattr("mission.scenario.scenario.make_planner", lambda _: NoWayAcross())
     out, qgc = tmp_path / "plans.json", tmp_path / "first.plan"
     tokens = ["plan", "--set", "mission.steps=2", "--out", str(out), "--qgc", str(qgc)]
     assert call(tokens) == PlanError.exit_code

@@ -2,13 +2,14 @@
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from copy import copy
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pytest
+from mavsdk.asyncio import System
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.telemetry import FlightMode
 from patience import HANG_S
@@ -26,6 +27,7 @@ from mission.flight.pilot.connection import connect
 from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
 from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.pilot.watch import Watch
 from mission.log.errors import LogError
 from mission.planner.stops import Stop
 from sitl.config import VehicleConfig
@@ -106,6 +108,29 @@ def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
             return pilot.watch.armable
 
     assert asyncio.run(run())
+
+
+class Modes:
+    """Telemetry in which the vehicle leaves its mission, and goes on to other modes."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    async def subscribe_flight_mode(self) -> AsyncIterator[FlightMode]:
+        for name in ("HOLD", "MISSION", "RETURN_TO_LAUNCH", "LAND", "HOLD"):
+            yield FlightMode[name]
+
+
+def test_the_mode_for_which_a_mission_is_left_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mission.flight.pilot.watch.TelemetryAsync", Modes)
+
+    async def run() -> tuple[FlightMode, str] | None:
+        watch = Watch(cast("System", None))
+        watch.last_warning = "Battery low"
+        await watch._watch_mode()
+        return watch.left_mission
+
+    assert asyncio.run(run()) == (FlightMode.RETURN_TO_LAUNCH, "Battery low")
 
 
 Worse = Callable[[Pilot], None]

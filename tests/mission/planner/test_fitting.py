@@ -8,7 +8,7 @@ from flightdyn.config import LimitsConfig
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.planner.check import check_plan
-from mission.planner.evaluate import finish
+from mission.planner.evaluate import plan_along
 from mission.planner.fitting import (
     at_best_altitude,
     drawn_together,
@@ -48,7 +48,7 @@ def path(given: RoundProblem, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_path_that_is_too_long_is_cut_where_its_limit_ends(seed: int) -> None:
     given = problem(seed, duration_s=20.0, airspace=AREAS)
-    whole = finish(given, path(given, seed))
+    whole = plan_along(given, path(given, seed))
     cut = fitted(given, path(given, seed))
     assert cut is not None
     check_plan(given, cut)
@@ -76,7 +76,7 @@ def test_what_is_not_wanted_is_not_foreseen(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_what_is_wanted_no_more_once_it_is_cut_is_not_given_back() -> None:
     given = problem(1, duration_s=12.0, airspace=AREAS)
-    whole = finish(given, path(given, 1))
+    whole = plan_along(given, path(given, 1))
     assert fitted(given, path(given, 1), wanted=lambda plan: plan.value >= whole.value) is None
     assert fitted(given, path(given, 1), wanted=lambda plan: plan.value > 0.0) is not None
 

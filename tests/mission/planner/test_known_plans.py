@@ -1,9 +1,9 @@
 """Plans and bounds as an earlier implementation of the same search made them.
 
 `known_plans.json` was written by the planner of commit 4001ba8, given the reward's present table,
-and where stops are scarce (three cases) by the first one that decides early which stops are one.
-The search is chaotic: a last digit that rounds otherwise makes another plan, so that equal values
-are the same arithmetic.
+and where stops are scarce (three cases) by the first one that decides early which stops are one. It
+branched otherwise, so that its plans and bounds check those of today's search, which has to prove as
+much. First plans and those of `SqpPlanner` are the same arithmetic.
 """
 
 import json
@@ -14,7 +14,6 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.native.library import MOST_DEVICES
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import SqpPlanner
 
@@ -42,12 +41,10 @@ def test_plans_and_bounds_are_those_that_are_known(case):
     plan = CertifiedPlanner(max_nodes=500).plan(given)
     enough_places = case["devices"] <= case["steps"] * case["per_step"]
     if case["steps"] > 4 and enough_places:
-        assert plan.value == pytest.approx(case["certified"], rel=1e-9)
-        if case["devices"] <= MOST_DEVICES:
-            assert plan.upper_bound == pytest.approx(case["upper_bound"], rel=1e-9)
-        else:  # potentials bound it better
-            assert plan.value <= plan.upper_bound < case["upper_bound"]
-        assert plan.nodes == case["nodes"]
+        assert case["certified"] <= plan.upper_bound * (1.0 + 1e-9)
+        assert plan.value <= case["upper_bound"] * (1.0 + 1e-9)
+        known_gap = 1.0 - case["certified"] / case["upper_bound"]
+        assert plan.gap <= max(0.01, known_gap) + 1e-9
     else:  # another search, or a bound that was not one: places were given up for good
         assert plan.value >= case["certified"] * (1.0 - 1e-9)
     if case["steps"] <= 4:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,10 @@ from mission.base.schema import every, top
 from mission.commands.planning import budget_report, plan_problems, served_radius
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
+from mission.planner.factory import make_planner
 from mission.planner.files import ProblemEntry, read_problems
+from mission.planner.problem import RoundProblem
+from mission.scenario.strategies import Sortie
 
 CHANNEL = {
     key: getattr(CHANNEL_PRESETS["suburban"], key)
@@ -177,13 +181,17 @@ def test_a_missing_file_and_one_that_is_no_text(tmp_path):
         read_problems(tmp_path / "b.json")
 
 
+def method(kind: Any) -> Callable[[RoundProblem], Sortie]:
+    planner = make_planner(PlannerConfig(kind=kind))
+    return lambda problem: Sortie(planner.plan(problem))
+
+
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_plans_are_written_with_their_pictures(tmp_path, kind):
     problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
     out, figures = tmp_path / "plans.json", tmp_path / "figures"
     plan_problems(
-        read_problems(problems), planner=PlannerConfig(kind=kind), out=out,
-        figure_dir=figures,
+        read_problems(problems), method=method(kind), out=out, figure_dir=figures,
     )  # fmt: skip
     plans = json.loads(out.read_text())
     assert list(plans) == ["a", "b/../c"]
@@ -209,11 +217,11 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
 
 def test_an_output_that_cannot_be_written(tmp_path):
     path = write(tmp_path, [GOOD])
-    problems, planner = read_problems(path), PlannerConfig(kind="sqp")
+    problems, planner = read_problems(path), method("sqp")
     with pytest.raises(InputError, match="cannot write"):
-        plan_problems(problems, planner=planner, out=tmp_path / "no" / "plans.json")
+        plan_problems(problems, method=planner, out=tmp_path / "no" / "plans.json")
     with pytest.raises(InputError, match="cannot write the figure"):
-        plan_problems(problems, planner=planner, figure_dir=path)
+        plan_problems(problems, method=planner, figure_dir=path)
 
 
 def test_the_link_budget_warns_where_nothing_gets_through():

@@ -13,7 +13,7 @@ from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import finish
+from mission.planner.evaluate import plan_along
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
@@ -75,7 +75,7 @@ def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
         path[1:] += rng.normal(0, 60, (5, 2))
         path = here.start_m + (path - here.start_m) * (1.0 - turn / 500)
         path[0] = here.start_m
-        other = finish(here, path)
+        other = plan_along(here, path)
         if given.fits(foresee_round(here, other)):
             tried += 1
             assert other.value <= made.upper_bound * (1.0 + 1e-9)
@@ -111,7 +111,7 @@ def test_metres_that_take_no_time_are_refused() -> None:
     here = problem(given=limits(3.0), steps=4, path_budget_m=1200.0)
     longest_m = limits(3.0).longest_m
     zigzag = here.start_m + np.array([[0, 0], [longest_m, 0], [longest_m + 0.4, 0], [longest_m, 0]])
-    made = finish(here, zigzag)
+    made = plan_along(here, zigzag)
     with pytest.raises(InfeasiblePlanError, match="longer than its limits allow"):
         check_plan(here, made)
 

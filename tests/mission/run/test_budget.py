@@ -75,7 +75,12 @@ def test_rounds_that_spend_nothing_end_by_their_number() -> None:
         ({"round_energy_j": 1e4, "total_energy_j": 3e4}, Amount(500, 30, 10200), 3,
          "of the energy of 30000 J (mission.total_energy_j) 600 J more than allowed were used"),
         ({"total_budget_m": 1700, "total_deadline_s": 900}, Amount(800, 50), 2,
-         "the path budget of 1700 m is spent, so the run ends before round 3"),
+         "of the path budget of 1700 m (mission.total_budget_m) 100 m are left, and a whole round "
+         "takes 800, so the run ends before round 3"),
+        ({"total_budget_m": 1600}, Amount(800), 2,
+         "the path budget of 1600 m (mission.total_budget_m) is spent, so the run ends before"),
+        ({"total_budget_m": 100}, Amount(100), 1,
+         "the path budget of 100 m (mission.total_budget_m) is spent, so the run ends before"),
         ({"total_deadline_s": 900, "rounds": 4}, Amount(800, 50), 4, ""),
     ],
 )  # fmt: skip

@@ -371,6 +371,16 @@ def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
     assert all(float(u["slot_t_s"]) > 0 for u in rows(out / "uplinks.csv"))
 
 
+@pytest.mark.slow
+def test_a_battery_is_changed_that_does_not_pay_for_another_round(tmp_path: Path) -> None:
+    out, small = tmp_path / "battery", "vehicle.aircraft.battery.capacity_mah=400"
+    # A round takes more than a quarter, so that the second leaves little more than the reserve.
+    assert fly(out, "--set", small, rounds=3) == 0
+    left = [float(row["battery_remaining"]) for row in rows(out / "rounds.csv")]
+    assert json.loads((out / "summary.json").read_text())["battery_changes"] == 1
+    assert left[2] > left[1] > 0.25
+
+
 # The process has what it has, and of that only pieces below 64 kB are left when figures are drawn.
 DRAWS_WITHOUT_MEMORY = """
 import resource, sys

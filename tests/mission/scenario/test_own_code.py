@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cutting import cut_after
 
+from mission import api as aerofed
 from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
 from mission.log.errors import LogError
@@ -24,7 +25,7 @@ SMALL = (
 
 MODULE = """
 import numpy as np
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from mission.planner.evaluate import finish
 from mission.planner.problem import RoundPlan
 from mission.scenario.strategies import Barycenter, Sortie
@@ -35,7 +36,8 @@ class Stay:
 
 class Jump:
     def plan(self, problem):
-        return finish(problem, np.tile(problem.start_m + 1.0, (problem.steps, 1)))
+        plan = Stay().plan(problem)
+        return replace(plan, waypoints_m=plan.waypoints_m + 1.0)
 
 @dataclass
 class Weighs:
@@ -82,6 +84,7 @@ class PlansNothing:
 def weakest(setting): return Weakest(setting.planner)
 def fails(setting): return Fails(np.ones(6))
 def wrong_shape(setting): return Weighs(np.ones(3))
+def seventh(setting): return Weighs(np.eye(12)[7])
 def negative(setting): return Weighs(-np.ones(6))
 def jumps(setting): return Weighs(np.ones(6))
 def leaves(setting): return Leaves(np.ones(6))
@@ -109,6 +112,12 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
     monkeypatch.delitem(sys.modules, "own_code", raising=False)
+
+
+@pytest.mark.usefixtures("own")
+def test_a_plan_has_the_strategy_s_own_importance() -> None:
+    problem = aerofed.first_problem("quickstart", {"mission.strategy": "own_code:seventh"})
+    assert problem.importance.tolist() == [0.0] * 7 + [1.0] + [0.0] * 4
 
 
 @pytest.mark.slow

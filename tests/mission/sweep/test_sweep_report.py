@@ -187,8 +187,8 @@ def test_the_tables_hold_what_is_worked_out_by_hand(page: str) -> None:
     assert row(page, "Every run", "ideal-seed2") == [
         "ideal-seed2", "2", "52.0", "-", "8", "0.0", "30/40", "0.0", "2.0",
     ]  # fmt: skip
-    assert "<b>92.3 %</b><span>best flown, b: no_cov</span>" not in page
-    assert "<b>44.0 %</b><span>best flown, a: cov</span>" in page
+    assert "<b>44.0 ± 5.0 %</b><span>highest mean (ideal apart), a: cov</span>" in page
+    assert "flown, a" not in page
 
 
 def test_bands_are_the_intervals_as_far_as_the_quantity_goes(page: str) -> None:
