@@ -2,8 +2,8 @@
 
 `known_plans.json` was written by the planner of commit 4001ba8, given the reward's present table,
 and where stops are scarce (three cases) by the first one that decides early which stops are one. It
-branched otherwise, so that its plans and bounds check those of today's search, which has to prove as
-much. First plans and those of `SqpPlanner` are the same arithmetic.
+branched otherwise, so that its plans and bounds check those of today's search, which has to prove
+as much. First plans and those of `SqpPlanner` are the same arithmetic.
 """
 
 import json
