@@ -5,7 +5,7 @@ theta_{m-1} is what comes down in round m: the paper's theta_m, which it numbers
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -265,12 +265,10 @@ def _learn(
             parts_of(community, made.result.model), parts_of(community, made.start), strict=True
         )
         sent, own = (
-            Update(
-                device, p, frozen(end[:]), made.result.steps, frozen(start[:]), age, made.correction
-            )
+            Update(device, p, frozen(end[:]), made.result.steps, frozen(start[:]), age)
             for end, start in ends
         )
-        updates.append(sent)
+        updates.append(replace(sent, correction=made.correction))
         statistics.append(own)
     after, algorithm_state = federation.algorithm.apply(algorithm_state, parameters, updates)
     if buffers.size:

@@ -47,14 +47,17 @@ def _correction(
 ) -> Vector | None:
     """What the algorithm adds to a device's gradients; that of a user's may be of any size."""
     found = federation.algorithm.correction(state.algorithm[index], device)
-    if found is not None and found.shape != state.models[index].shape:
+    parameters, _ = parts_of(federation.communities[index], state.models[index])
+    if found is None:
+        return None
+    if found.shape != parameters.shape:
         raise PluginError(
             "learning.algorithm",
             federation.learning.algorithm,
             f"correction() of device {device} is of shape {found.shape}, not the model's "
-            f"{state.models[index].shape}",
+            f"{parameters.shape}",
         )
-    return found
+    return frozen(found[:])
 
 
 def _train(

@@ -1,7 +1,9 @@
 """What is wrong with a command line, in words that a newcomer can follow."""
 
+import re
 from collections.abc import Sequence
 from inspect import Parameter
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -17,14 +19,14 @@ _NOUNS = {int: "a whole number", float: "a number"}
 
 
 def spread(tokens: Sequence[str]) -> list[str]:
-    """`--set A=1 B=2 FILE` as `--set A=1 --set B=2 FILE`: what has no `=` is no value of it."""
+    """`--set A=1 B=2 FILE` as `--set A=1 --set B=2 FILE`: only KEY=VALUE is a value of it."""
     result: list[str] = []
     more = False  # whether another value of --set may follow
     for token in tokens:
         if more and result[-1] != "--set":
-            more = "=" in token and not token.startswith("-")
+            more = bool(re.match(r"[\w.]+=", token)) and not Path(token).is_file()
             result += ["--set"] if more else []
-        more |= token == "--set"
+        more |= token.split("=")[0] == "--set"
         result.append(token)
     return result
 

@@ -122,8 +122,7 @@ class Frame:
             if is_open:
                 open_rings.append(ring)
             at_m, below = self._place(ring, name)
-            on_map = bool(((at_m >= self._low) & (at_m <= self._high)).all())
-            if (below and self.width < _ROOMY_PX) or not on_map:
+            if (below and self.width < _ROOMY_PX) or not self._on_map(at_m):
                 continue
             text = self.chart(table(round=[0], x=at_m[:1], y=at_m[1:]))
             layers.append(
@@ -148,7 +147,10 @@ class Frame:
         if self.width >= _ROOMY_PX:
             return []
         placed = ((name, self._place(ring, name)) for ring, name, _ in _named(rings, zones))
-        return [(name, at_m) for name, (at_m, below) in placed if below]
+        return [(name, at_m) for name, (at_m, below) in placed if below and self._on_map(at_m)]
+
+    def _on_map(self, at_m: Floats) -> bool:
+        return bool(((at_m >= self._low) & (at_m <= self._high)).all())
 
     def _place(self, ring: Floats, name: str) -> tuple[Floats, bool]:
         """Where an area's name stands: in its middle, or where that has no room below it."""

@@ -73,7 +73,7 @@ class RunTotals:
         key, unit, what = KEYS[spent]
         total, left = budget.total[spent], self.left(budget)[spent]
         ending = f"so the run ends before round {self.next_round}"
-        if 0.0 <= round(left) < 1.0:
+        if round(left) == 0:
             return f"the {what} of {total:g} {unit} ({key}) is spent, {ending}"
         if left < 0.0:
             rest = f"{math.ceil(-left)} {unit} more than allowed were used"

@@ -15,7 +15,7 @@ from mission.base.errors import FlightError, LinkLostError
 from mission.base.user_code import plugins_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
-from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.flyer import CHARGED, Flyer
 from mission.flight.flyers.open import Attached, Flyers
 from mission.flight.flyers.simulated import Tap
 from mission.flight.track import Flight
@@ -29,8 +29,6 @@ from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
-
-_MOST_NEEDED = 0.9  # of a charge: take-off and the way back to the round take of a full one, too
 
 
 @dataclass(kw_only=True)
@@ -150,7 +148,7 @@ class FlownExperiment(Experiment):
         A vehicle of others tells its charge, and not its power: what rounds took is known of all.
         """
         reserve = self.scenario.config.mission.battery_reserve
-        return min(reserve + self._most_drawn, _MOST_NEEDED) if reserve > 0.0 else 0.0
+        return min(reserve + self._most_drawn, CHARGED) if reserve > 0.0 else 0.0
 
     def _served(
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight

@@ -12,7 +12,7 @@ from typing import Any
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, environment
 
-FORMAT = 2
+FORMAT = 3
 ROUNDS = "rounds.json"
 SEAL = "sha256"
 _HEAD = {"format", "config_sha256", "data_dir", "libraries"}

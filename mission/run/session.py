@@ -132,8 +132,7 @@ def resume_session(
             return 0
         values = read_checkpoint(path)
         data_dir = data_dir_of(values)
-        options = {"report": True, "log_mavlink": False}
-        options = {name: bool(values.get(name, usual)) for name, usual in options.items()}
+        options = {name: bool(values[name]) for name in ("report", "log_mavlink")}
         console = replace(console, log_mavlink=options["log_mavlink"])
         if not options["report"]:
             page = None

@@ -70,6 +70,7 @@ def test_an_example_is_short(path: Path) -> None:
         {"channel.gate": "examples.rician:make"},
         {"communities.0.network": "examples.batch_norm:Net"},
         {"communities.0.network": "examples.batch_norm:Net", "communities.0.buffers": "local"},
+        {"communities.0.network": "examples.batch_norm:Net", "learning.algorithm": "scaffold"},
         {"communities.0.task": "examples.writers:load", "communities.0.partition": "owners"},
         {
             "communities.0.task": "examples.tabular:load",

@@ -20,7 +20,7 @@ from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import Say, located, until, until_ready
-from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
+from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
 from mission.flight.pilot.importer import raw_items
@@ -184,8 +184,10 @@ class ExternalFlyer(Flyer):
                 await until(lambda: not math.isnan(self.battery_remaining))
 
     async def _charged(self, needed: float) -> None:
-        """Wait for more than what a battery recovers by resting: half of all above the need."""
-        enough, timeout_s = (1.0 + needed) / 2.0, self._link.battery_timeout_s
+        """Wait for more than what a battery recovers by resting: half of all above the need, but no
+        more than a charged one is sure to read."""
+        enough = min((1.0 + needed) / 2.0, CHARGED)
+        timeout_s = self._link.battery_timeout_s
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.battery_remaining >= enough:

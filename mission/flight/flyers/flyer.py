@@ -17,6 +17,9 @@ from mission.scenario.limits import performance_of
 from sitl.autopilot.values.messages import MissionItem
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
+# Of a charge (0..1): what a battery just changed reads at least, and after take-off and the way to
+# the round. More is never asked for.
+CHARGED = 0.9
 
 
 class Flyer(ABC):

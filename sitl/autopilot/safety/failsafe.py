@@ -77,7 +77,7 @@ _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATE
 
 
 class Failsafes:
-    """Acts on a cause once a flight; whoever flies may override it afterwards.
+    """Acts on a cause when it appears; whoever flies may override it afterwards.
 
     One that appears on the ground is told there, and acted on as soon as the aircraft flies.
     """

@@ -112,14 +112,14 @@ class Spy:
         self.writeable = False  # anything that it was handed
 
     def init(self, model, devices):  # noqa: ARG002
-        return {}
+        return {"own": np.zeros_like(model)}
 
     def correction(self, state, device):  # noqa: ARG002
-        return None
+        return state["own"]
 
     def apply(self, state, model, updates):
         self.seen += [(u.device, u.staleness, u.start.tobytes()) for u in updates]
-        handed = [model, *(array for u in updates for array in (u.model, u.start))]
+        handed = [model, *(array for u in updates for array in (u.model, u.start, u.correction))]
         self.writeable |= any(array.flags.writeable for array in handed)
         return 0.5 * model, state
 

@@ -271,6 +271,8 @@ def test_wrong_arrays_are_not_called_damaged(changes, words: str, tmp_path: Path
         ("run --set nothing my.toml", "run --set nothing my.toml"),
         ("run --set", "run --set"),
         ("fly a=b.plan", "fly a=b.plan"),
+        ("run --set=a=1 b.0=2 my.toml", "run --set=a=1 --set b.0=2 my.toml"),
+        ("run --set a=1 runs/gap=1/my.toml", "run --set a=1 runs/gap=1/my.toml"),
     ],
 )
 def test_set_takes_what_has_an_equals_sign(given: str, read: str) -> None:

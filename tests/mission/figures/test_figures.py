@@ -250,16 +250,15 @@ def test_a_plan_shows_its_area_and_names_what_must_not_be_flown(tmp_path: Path) 
     assert [drawn.count(word) for word in ("fence", "no entry")] == [1, 1]
 
 
-def test_small_maps_of_rounds_name_their_areas_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("away_m", [0.0, 5000.0])
+def test_small_maps_of_rounds_name_the_areas_on_them(tmp_path: Path, away_m: float) -> None:
     fly(tmp_path, rounds=1)
-    ring = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]])
+    ring = away_m + np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]])
     name = "the pond of the village"
-    text = f"[[area.no_fly]]\nname = '{name}'\npolygon_m = {ring.tolist()}\n"
-    run = replace(
-        load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),),
-        attachments={"config.toml": text.encode()},
-    )  # fmt: skip
-    assert name in written(described(round_map(run, run.plans[:1], width=300.0)))
+    text = f"[[area.no_fly]]\nname = '{name}'\npolygon_m = {ring.tolist()}\nfrom_m = 500.0\n"
+    run = replace(load_run(tmp_path).data, attachments={"config.toml": text.encode()})
+    drawn = written(described(round_map(run, run.plans[:1], width=300.0)))
+    assert (f"{name} from 500 m" in drawn) == (away_m == 0.0)
 
 
 def test_the_map_of_several_rounds_says_that_importance_is_their_mean(tmp_path: Path) -> None:

@@ -228,7 +228,7 @@ def test_the_link_budget_warns_where_nothing_gets_through():
     good = budget_report(CHANNEL_PRESETS["suburban"])
     assert good.warning is None
     assert "served radius (PER 0.5): 185 m" in good.lines
-    assert any("worst error 0.02" in line for line in good.lines)
+    assert any("wrong by 0.02" in line for line in good.lines)
     bad = budget_report(CHANNEL_PRESETS["literal"])
     assert bad.warning is not None
     assert "PER straight overhead is 1.000" in bad.warning
