@@ -16,8 +16,7 @@ from mission.base.user_code import plugins_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import CHARGED, Flyer
-from mission.flight.flyers.open import Attached, Flyers
-from mission.flight.flyers.simulated import Tap
+from mission.flight.flyers.flyers import Attached, Flyers, Tap
 from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.performance import Foreseen

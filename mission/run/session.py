@@ -18,7 +18,8 @@ from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import plugins_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
-from mission.flight.flyers.open import Flyers, set_up
+from mission.flight.flyers.flyers import Flyers
+from mission.flight.flyers.open import set_up
 from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
 from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks

@@ -7,8 +7,8 @@ are the same here, and time is the vehicle's own.
 import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
-from dataclasses import replace
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.contact import Say, located, until, until_ready
+from mission.flight.flyers.contact import await_vehicle, located, until, until_ready
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
+from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
 from mission.flight.pilot.importer import raw_items
@@ -29,6 +30,7 @@ from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.scenario.scenario import Scenario
 from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver
 
@@ -311,9 +313,46 @@ async def open_external(
             )
 
 
+@dataclass(frozen=True)
+class ExternalFlyers(Flyers):
+    """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
+
+    no_resume = "flights of an external autopilot do not repeat"
+
+    @property
+    def position_source(self) -> str:
+        return telemetry_of(self.scenario.config.link)
+
+    def await_vehicle(self, *, say: Say) -> None:
+        await_vehicle(self.scenario.config.link, area=self.scenario.area, say=say)
+
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        scenario = self.scenario
+        return open_external(
+            scenario.config.link,
+            mission=scenario.config.mission,
+            area=scenario.area,
+            demand=demand_of(scenario),
+            observers=attached.observers,
+            say=attached.say,
+        )
+
+
 def telemetry_of(link: LinkConfig) -> str:
     """Where the positions of an external autopilot come from, for people."""
     return f"telemetry of {link.url}: truth and belief are what the autopilot says"
+
+
+def demand_of(scenario: Scenario) -> Demand:
+    """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
+    mission = scenario.config.mission
+    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
+    return Demand(
+        speed_mps=mission.speed_mps,
+        altitude_m=mission.heights_m[1],
+        distance_m=float(away_m.max(initial=0.0)),
+        acceptance_m=mission.acceptance_radius_m,
+    )
 
 
 async def limits_of(

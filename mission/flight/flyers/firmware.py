@@ -9,28 +9,32 @@ takes orders, whose answers take it some of its own time.
 import asyncio
 import math
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from flightdyn.plant import Plant
 from mission.base.area import Area
-from mission.base.errors import FlightError, LinkLostError
+from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
-from mission.flight.failures import of_a_vehicle
+from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.contact import Say, located
-from mission.flight.flyers.external import ExternalFlyer, limits_of
+from mission.flight.flyers.contact import located
+from mission.flight.flyers.external import ExternalFlyer, demand_of, limits_of
 from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder
+from mission.scenario.scenario import Scenario
 from sitl.autopilot.codec.message import Fields
 from sitl.autopilot.values.messages import MissionItem
+from sitl.firmware.choice import check_firmware
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
-from sitl.firmware.vehicle import FirmwareVehicle
+from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 
@@ -167,6 +171,54 @@ async def open_firmware(
     except FirmwareError as error:
         kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
         raise kind(f"{name}{when}: {error}") from None
+
+
+@dataclass(frozen=True)
+class FirmwareFlyers(Flyers):
+    """A real firmware on the simulated aircraft. A run flies it once."""
+
+    plant: Plant  # on the ground at home
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """With the configured aircraft.
+
+        Raises:
+            InputError: one of its settings is refused.
+        """
+        home, streams = scenario.area.home, scenario.streams
+        with of_settings():
+            return cls(scenario, plant_for(scenario.config.vehicle, home=home, streams=streams))
+
+    @property
+    def position_source(self) -> str:
+        name = NAMES[self.scenario.config.vehicle.autopilot]
+        return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
+
+    @property
+    def no_resume(self) -> str:
+        name = NAMES[self.scenario.config.vehicle.autopilot]
+        return f"flights of {name} do not repeat to the last bit"
+
+    def check(self) -> None:
+        """Refuse a binary that cannot be started or is another's, and ports that are taken."""
+        try:
+            check_firmware(self.scenario.config.vehicle)
+        except FirmwareSilentError as error:
+            raise InputError(str(error)) from None
+        super().check()
+
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        """Start the firmware, in a folder of its own below the run's."""
+        return open_firmware(
+            self.scenario.config,
+            self.plant,
+            attached.folder / FOLDER,
+            area=self.scenario.area,
+            demand=demand_of(self.scenario),
+            observers=attached.observers,
+            say=attached.say,
+        )
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:

@@ -2,10 +2,10 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Self
 
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
@@ -14,23 +14,25 @@ from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
+from mission.flight.fence_zones import fence_of
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
+from mission.flight.flyers.flyers import Attached, Flyers, Tap
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.log.values import Zone
 from mission.scenario.limits import guidance_of
+from mission.scenario.scenario import Scenario
 from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleObserver
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
-
-Tap: TypeAlias = Callable[[Link], Link]
 
 SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
 
@@ -152,3 +154,35 @@ async def open_simulated(
                         async with asyncio.timeout(HOLD_TIMEOUT_S):
                             await pilot.hold()
                 raise
+
+
+@dataclass(frozen=True)
+class BuiltInFlyers(Flyers):
+    """Our own autopilot on the simulated aircraft. A run flies it once."""
+
+    vehicle: Vehicle  # on the ground at home
+    position_source = SIMULATED_POSITIONS
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """With the configured vehicle.
+
+        Raises:
+            InputError: one of its settings is refused.
+        """
+        home, streams = scenario.area.home, scenario.streams
+        return cls(scenario, simulated_vehicle(scenario.config.vehicle, home=home, streams=streams))
+
+    def fence(self) -> tuple[Zone, ...]:
+        """With what the vehicle's parameters make: a circle about home."""
+        parameters = self.vehicle.autopilot.parameters
+        return (*super().fence(), *fence_of((), parameters, self.scenario.area))
+
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        return open_simulated(
+            self.scenario.config,
+            self.vehicle,
+            area=self.scenario.area,
+            observers=attached.observers,
+            tap=attached.tap,
+        )

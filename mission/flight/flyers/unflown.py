@@ -1,7 +1,7 @@
 """A flyer that flies nothing: every waypoint is met exactly, at the planned speed (the paper)."""
 
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.flyers import Attached, Flyers
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
@@ -117,3 +118,19 @@ async def open_unflown(
 ) -> AsyncIterator[UnflownFlyer]:
     """The flyer that flies nothing."""
     yield UnflownFlyer(area, mission, observers)
+
+
+@dataclass(frozen=True)
+class NoFlyers(Flyers):
+    """Nobody flies: a plan, if there is one, is met exactly."""
+
+    position_source = PLANNED_POSITIONS
+
+    def check(self) -> None:
+        """Refuse nothing: no link is needed."""
+
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        scenario = self.scenario
+        return open_unflown(
+            scenario.config.mission, area=scenario.area, observers=attached.observers
+        )

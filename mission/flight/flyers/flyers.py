@@ -1,0 +1,73 @@
+"""Who flies a run, as a run sees it: what it asks before anything flies, and the flyer it opens.
+
+Each kind stands beside its flyer: `simulated`, `firmware`, `external`, `unflown`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from mission.flight.fence_zones import airspace_zones
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.ports import check_link
+from mission.log.values import Zone
+from mission.scenario.scenario import Scenario
+from sitl.links import Link
+from sitl.observer import VehicleObserver
+
+Say: TypeAlias = Callable[[str], None]
+Tap: TypeAlias = Callable[[Link], Link]
+
+
+@dataclass(frozen=True)
+class Attached:
+    """What else has to do with a flight."""
+
+    observers: Sequence[VehicleObserver]
+    folder: Path  # of the run
+    say: Say  # hears what people should know of another autopilot than ours
+    tap: Tap | None = None  # on the link between pilot and built-in autopilot
+
+
+@dataclass(frozen=True)
+class Flyers(ABC):
+    """Opens the flyer of one run."""
+
+    scenario: Scenario
+
+    @property
+    @abstractmethod
+    def position_source(self) -> str:
+        """Where the run's positions come from, for people."""
+
+    @property
+    def no_resume(self) -> str:
+        """Why the run cannot be resumed, for people; empty where it can."""
+        return ""
+
+    def check(self) -> None:
+        """Refuse what cannot work, before anything is written.
+
+        Raises:
+            LinkLostError: a port is taken.
+            InputError: the firmware's binary is not there.
+        """
+        check_link(self.scenario.config.link)
+
+    def await_vehicle(self, *, say: Say) -> None:  # noqa: B027  most wait for nothing
+        """Wait for a vehicle that must be there already; `say` hears what is waited for.
+
+        Raises:
+            LinkLostError, FlightError, InputError: it is not, or not where the devices are.
+        """
+
+    def fence(self) -> tuple[Zone, ...]:
+        """What the vehicle keeps to, as far as it is known here: what the configuration draws."""
+        return airspace_zones(self.scenario.area)
+
+    @abstractmethod
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        """The flyer, for the length of a block."""

@@ -1,0 +1,48 @@
+"""A round's flight as mission items: those that are uploaded, and that its plan file holds."""
+
+import math
+from collections.abc import Sequence
+
+from flightdyn.state import GeodeticPoint
+from mission.flight.flight_plan import FlightPlan
+from sitl.autopilot.values.enums import Command, Frame
+from sitl.autopilot.values.messages import MissionItem
+
+DEG_E7 = 1e7  # places travel in whole ten-millionths of a degree
+_GROUND_SPEED = 1.0
+_UNCHANGED = -1.0
+
+
+def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[MissionItem]:
+    """The stops as items: the first stop, the speed of all legs, the other stops.
+
+    The first stop is where the vehicle already is; the speed stands after it because autopilots
+    apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_items`.
+    """
+    waypoints = [
+        MissionItem(
+            seq=seq,
+            command=Command.NAV_WAYPOINT,
+            frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+            params=(stop.hold_s, plan.acceptance_m, 0.0, math.nan),
+            x=round(position.lat_deg * DEG_E7) / DEG_E7,
+            y=round(position.lon_deg * DEG_E7) / DEG_E7,
+            z=plan.alt_rel_m,
+        )
+        for seq, stop, position in zip(stop_items(plan), plan.stops, positions, strict=True)
+    ]
+    speed = MissionItem(
+        seq=1,
+        command=Command.DO_CHANGE_SPEED,
+        frame=Frame.MISSION,
+        params=(_GROUND_SPEED, plan.speed_mps, _UNCHANGED, 0.0),
+        x=0.0,
+        y=0.0,
+        z=0.0,
+    )
+    return [waypoints[0], speed, *waypoints[1:]]
+
+
+def stop_items(plan: FlightPlan) -> list[int]:
+    """The number of every stop among the `mission_items`."""
+    return [0, *range(2, len(plan.stops) + 1)]

@@ -1,0 +1,115 @@
+"""Mission items as MAVSDK uploads them to each family of autopilots, and as they come back."""
+
+import math
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from mavsdk.plugins.mission_raw import MissionItem as RawItem
+
+from mission.flight.mission_items import DEG_E7
+from mission.flight.pilot.dialects import Dialect
+from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, Frame, MissionType
+from sitl.autopilot.values.messages import MissionItem
+
+
+def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
+    """Items as MAVSDK uploads them; the first is the one to begin with.
+
+    It takes a field that is left out for NaN, so every one is set.
+    """
+    return [_to_raw(item) for item in items]
+
+
+def from_raw(item: RawItem) -> MissionItem:
+    """An item that MAVSDK has read, with its place in degrees."""
+    scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
+    return MissionItem(
+        seq=item.seq,
+        command=item.command,
+        frame=item.frame,
+        params=(item.param1, item.param2, item.param3, item.param4),
+        x=item.x / scale,
+        y=item.y / scale,
+        z=item.z,
+        mission_type=MissionType(item.mission_type),
+        autocontinue=bool(item.autocontinue),
+    )
+
+
+def _to_raw(item: MissionItem) -> RawItem:
+    scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
+    placeless = item.mission_type == MissionType.MISSION and item.command not in PLACES
+    return RawItem(
+        seq=item.seq,
+        frame=Frame.MISSION if placeless else item.frame,
+        command=item.command,
+        current=int(item.seq == 0),
+        autocontinue=int(item.autocontinue),
+        param1=item.params[0],
+        param2=item.params[1],
+        param3=item.params[2],
+        param4=item.params[3],
+        x=round(item.x * scale),
+        y=round(item.y * scale),
+        z=item.z,
+        mission_type=item.mission_type.value,
+    )
+
+
+def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
+    """A mission as a family of autopilots takes it."""
+    taken = [copy(item) for item in items]
+    if dialect.home_first:
+        # The autopilot puts its own home there.
+        home = copy(taken[0])
+        home.command, home.frame = Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT_INT
+        home.autocontinue = 1
+        home.param1 = home.param2 = home.param3 = home.param4 = home.z = 0.0
+        taken.insert(0, home)
+    if dialect.finite:
+        for item in taken:
+            params = (item.param1, item.param2, item.param3, item.param4)
+            item.param1, item.param2, item.param3, item.param4 = (
+                0.0 if math.isnan(param) else param for param in params
+            )
+    if dialect.whole_holds:
+        for item in taken:
+            if item.command == Command.NAV_WAYPOINT:
+                item.param1 = float(math.ceil(item.param1))
+    return _numbered(taken, current=dialect.first_item)
+
+
+def _numbered(items: list[RawItem], *, current: int = 0) -> list[RawItem]:
+    for seq, item in enumerate(items):
+        item.seq = seq
+        item.current = int(seq == current)
+    return items
+
+
+def same_mission(sent: list[RawItem], back: list[RawItem], dialect: Dialect) -> bool:
+    """Whether the items that came back are those sent, as far as the dialect keeps them."""
+    first = dialect.first_item
+    return _essence(sent[first:], dialect) == _essence(back[first:], dialect)
+
+
+def _essence(items: list[RawItem], dialect: Dialect) -> list[tuple[int, ...]]:
+    """What must come back unchanged; heights travel in cm."""
+    return [
+        (
+            item.seq,
+            item.command,
+            item.x,
+            item.y,
+            round(item.z * 100),
+            _thousandths(item.param1) if item.command == Command.NAV_WAYPOINT else 0,
+            _thousandths(item.param2) if dialect.keeps_radius else 0,
+        )
+        for item in items
+    ]
+
+
+def _thousandths(param: float) -> int:
+    """Of a parameter as it travels: a 32-bit float; one that is left open may come back as 0."""
+    return 0 if math.isnan(param) else round(float(np.float32(param)) * 1000)
