@@ -19,12 +19,11 @@ from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.simulated import SimulatedFlyer, open_simulated
-from mission.flight.pilot.mission_items import mission_items
+from mission.flight.mission_items import mission_items
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
 from mission.log.write.writer import FlightLog
 from mission.planner.stops import Stop
-from sitl.autopilot.values.messages import MissionItem
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample
 from sitl.pace import Simulation
@@ -100,16 +99,7 @@ def order(vehicle: Vehicle, config: RunConfig, plan: FlightPlan) -> None:
     """Start the plan's mission without MAVSDK."""
     items = mission_items(plan, plan.positions(config.area.build()))
     flight = vehicle.autopilot.flight
-    flight.mission.replace(
-        [
-            MissionItem(
-                item.seq, item.command, item.frame,
-                (item.param1, item.param2, item.param3, item.param4),
-                item.x / 1e7, item.y / 1e7, item.z,
-            )
-            for item in items
-        ]
-    )  # fmt: skip
+    flight.mission.replace(items)
     refused = flight.fly_mission()
     assert refused is None, refused
 

@@ -11,9 +11,9 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.pilot.mission_items import DO_CHANGE_SPEED, mission_items
+from mission.flight.mission_items import mission_items
+from sitl.autopilot.values.enums import Command, Frame
 
-_FRAME_MISSION, _FRAME_RELATIVE = 2, 3
 _PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE
 
 
@@ -25,8 +25,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
     """
     items = []
     for item in mission_items(plan, plan.positions(area)):
-        place = item.command != DO_CHANGE_SPEED
-        params = [_or_null(v) for v in (item.param1, item.param2, item.param3, item.param4)]
+        place = item.command != Command.DO_CHANGE_SPEED
         where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
         items.append(
             {
@@ -34,8 +33,8 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
                 "autoContinue": True,
                 "command": item.command,
                 "doJumpId": item.seq + 1,
-                "frame": _FRAME_RELATIVE if place else _FRAME_MISSION,
-                "params": [*params, item.x / 1e7, item.y / 1e7, item.z],
+                "frame": Frame.GLOBAL_RELATIVE_ALT if place else Frame.MISSION,
+                "params": [*map(_or_null, item.params), item.x, item.y, item.z],
                 "type": "SimpleItem",
             }
         )

@@ -18,6 +18,7 @@ HELP = {"attr", "attrs", "cyclopts", "docstring_parser", "rich", "typing_extensi
 PLAN = HELP | {
     "annotated_types", "numpy", "pydantic", "pydantic_core", "tomli_w", "typing_inspection",
 }  # fmt: skip
+AIRCRAFT = {"filterpy", "jsbsim", "mavsdk", "pymavlink"}
 SCRIPT = """
 import sys
 before = set(sys.modules)
@@ -42,6 +43,18 @@ def test_no_more_is_imported_than_is_used(argument: str, libraries: set[str]) ->
     }
     if libraries == HELP:
         assert not modules & {"email", "importlib.metadata", "mission.config.models"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("override", ["mission.strategy=ideal", "mission.flight=none"])
+def test_a_run_without_flight_imports_nothing_of_an_aircraft(override: str, tmp_path: Path) -> None:
+    options = ["--set", override, "mission.rounds=1", "--out", str(tmp_path / "run"), "--quiet"]
+    command = [sys.executable, "-c", SCRIPT, "run", "quickstart", *options]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    modules = set(ended.stderr.split())
+    assert "mission.run.session" in modules
+    assert not modules & AIRCRAFT
+    assert "sitl.vehicle" not in modules
 
 
 def test_a_plan_draws_no_image(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,11 +22,10 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import await_vehicle, located, until, until_ready
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
+from mission.flight.mission_items import stop_items
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits, read_limits
-from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
@@ -97,7 +96,7 @@ class ExternalFlyer(Flyer):
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
         """Give the vehicle a fence; it stays there."""
         await self.ready()
-        await self.pilot.upload_fence(raw_items(items))
+        await self.pilot.upload_fence(items)
 
     async def take_off(self) -> None:
         """Climb from the ground to the hover above where the vehicle stands.

@@ -19,9 +19,8 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Tap
 from mission.flight.ground_stations import station_links
+from mission.flight.mission_items import stop_items
 from mission.flight.pilot.connection import connect
-from mission.flight.pilot.importer import raw_items
-from mission.flight.pilot.mission_items import stop_items
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import Flight, FlightRecorder, Passage
 from mission.log.values import Zone
@@ -77,7 +76,7 @@ class SimulatedFlyer(Flyer):
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
         """Give the vehicle a fence; simulated time stands still meanwhile."""
         await self.pilot.ready()
-        await self.pilot.upload_fence(raw_items(items))
+        await self.pilot.upload_fence(items)
 
     async def take_off(self) -> None:
         await self.pilot.ready()

@@ -6,18 +6,13 @@ from dataclasses import dataclass, replace
 
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mission_raw import MissionItem as RawItem
 
 from mission.base.errors import InputError
 from mission.flight.pilot.calls import reason
 from mission.flight.pilot.connection import CONNECT_TIMEOUT_S, ground_station, raw_core
-from mission.flight.pilot.mission_items import FRAME_MISSION
+from mission.flight.pilot.raw_items import from_raw
 from mission.flight.plan_file import PlanFile
-from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, MissionType
 from sitl.autopilot.values.messages import MissionItem
-
-_DEG_E7 = 1e7
 
 
 @dataclass(frozen=True)
@@ -55,51 +50,11 @@ async def _import(plan: PlanFile, *, heartbeat: bytes) -> Imported:
             raise InputError(
                 f"{plan.path}: damaged: MAVSDK cannot read it: {reason(error)}"
             ) from None
-    items = [_from_raw(item) for item in found.mission_items]
+    items = [from_raw(item) for item in found.mission_items]
     return Imported(
         _counted(items[1:] if plan.home_is_item else items),
-        _counted([_from_raw(item) for item in found.geofence_items]),
-        _counted([_from_raw(item) for item in found.rally_items]),
-    )
-
-
-def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
-    """Items as MAVSDK uploads them; the first is the one to begin with."""
-    return [_to_raw(item) for item in items]
-
-
-def _from_raw(item: RawItem) -> MissionItem:
-    scale = _DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    return MissionItem(
-        seq=item.seq,
-        command=item.command,
-        frame=item.frame,
-        params=(item.param1, item.param2, item.param3, item.param4),
-        x=item.x / scale,
-        y=item.y / scale,
-        z=item.z,
-        mission_type=MissionType(item.mission_type),
-        autocontinue=bool(item.autocontinue),
-    )
-
-
-def _to_raw(item: MissionItem) -> RawItem:
-    scale = _DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    placeless = item.mission_type == MissionType.MISSION and item.command not in PLACES
-    return RawItem(
-        seq=item.seq,
-        frame=FRAME_MISSION if placeless else item.frame,
-        command=item.command,
-        current=int(item.seq == 0),
-        autocontinue=int(item.autocontinue),
-        param1=item.params[0],
-        param2=item.params[1],
-        param3=item.params[2],
-        param4=item.params[3],
-        x=round(item.x * scale),
-        y=round(item.y * scale),
-        z=item.z,
-        mission_type=item.mission_type.value,
+        _counted([from_raw(item) for item in found.geofence_items]),
+        _counted([from_raw(item) for item in found.rally_items]),
     )
 
 

@@ -9,18 +9,20 @@ from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.info import InfoAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mission_raw import MissionItem
+from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import FlightPlan
+from mission.flight.mission_items import mission_items
 from mission.flight.pilot.calls import Answer, reason, settled
 from mission.flight.pilot.dialects import PX4, Dialect
-from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.parameters import Parameters
+from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.raw_messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
 from mission.flight.pilot.watch import Watch
+from sitl.autopilot.values.messages import MissionItem
 
 logger = logging.getLogger(__name__)
 
@@ -187,13 +189,15 @@ class Pilot:
         number = f"{said.flight_sw_major}.{said.flight_sw_minor}.{said.flight_sw_patch}"
         return f"{number} {said.flight_sw_git_hash}" if self.dialect.tells_commit else number
 
-    async def upload_fence(self, items: list[MissionItem]) -> None:
+    async def upload_fence(self, items: Sequence[MissionItem]) -> None:
         """Upload a geofence."""
-        await self._order("take the geofence", self._mission.upload_geofence(items))
+        await self._order("take the geofence", self._mission.upload_geofence(raw_items(items)))
 
-    async def upload_rally(self, items: list[MissionItem]) -> None:
+    async def upload_rally(self, items: Sequence[MissionItem]) -> None:
         """Upload the places beside home that a return may lead to."""
-        await self._order("take the rally points", self._mission.upload_rally_points(items))
+        await self._order(
+            "take the rally points", self._mission.upload_rally_points(raw_items(items))
+        )
 
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
@@ -214,9 +218,9 @@ class Pilot:
         Raises:
             FlightError: the vehicle refuses it.
         """
-        await self._upload(as_dialect(items, self.dialect))
+        await self._upload(as_dialect(raw_items(items), self.dialect))
 
-    async def _upload(self, items: list[MissionItem]) -> None:
+    async def _upload(self, items: list[RawItem]) -> None:
         self.watch.order_given()
         refusal: MavsdkError | None = None
         for attempt in range(1, UPLOAD_ATTEMPTS + 1):

@@ -15,7 +15,6 @@ from mission.config.models import RunConfig
 from mission.flight.flyers.contact import await_vehicle
 from mission.flight.flyers.external import ExternalFlyer, check_end, open_external, telemetry_of
 from mission.flight.flyers.simulated import SIMULATED_POSITIONS, SimulatedFlyer, open_simulated
-from mission.flight.pilot.importer import raw_items
 from mission.flight.pilot.limits import Demand, Limits
 from mission.flight.pilot.pilot import Pilot
 from mission.log.values import PlanRecord
@@ -52,9 +51,9 @@ class PlanCarrier(ABC):
         """Give the vehicle the plan's fence and rally points."""
         plan = self.ready.imported
         if plan.fence:
-            await pilot.upload_fence(raw_items(plan.fence))
+            await pilot.upload_fence(plan.fence)
         if plan.rally:
-            await pilot.upload_rally(raw_items(plan.rally))
+            await pilot.upload_rally(plan.rally)
 
 
 class SimulatedCarrier(PlanCarrier):
@@ -77,7 +76,7 @@ class SimulatedCarrier(PlanCarrier):
         await pilot.ready()
         await self._draw(pilot)
         log_path(flyer.t_ns, log, self.ready)
-        await pilot.upload_items(raw_items(plan.items))
+        await pilot.upload_items(plan.items)
         await pilot.arm()
         await pilot.carry_out()
         if self.ready.path.returns:
@@ -134,7 +133,7 @@ class ExternalCarrier(PlanCarrier):
         lands = items[-1].command == Command.NAV_LAND
         await flyer.ready()
         await self._draw(pilot)
-        await pilot.upload_items(raw_items(items))
+        await pilot.upload_items(items)
         if items[0].command == Command.NAV_TAKEOFF:
             await pilot.arm()
         else:  # not every autopilot leaves the ground for a waypoint

@@ -23,10 +23,11 @@ from mission.config.models import LinkConfig
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import located
 from mission.flight.flyers.external import left_holding
+from mission.flight.mission_items import mission_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
-from mission.flight.pilot.mission_items import as_dialect, mission_items, same_mission
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.watch import Watch
 from mission.log.errors import LogError
 from mission.planner.stops import Stop
@@ -263,7 +264,7 @@ def test_whatever_ends_a_flight_leaves_the_vehicle_holding(
 def test_a_mission_that_came_back_with_another_hover_is_another(dialect: Dialect) -> None:
     places = np.array([[400.0, 400.0], [500.0, 400.0]])
     plan = FlightPlan(tuple(Stop(xy, (), hold_s=100.0005) for xy in places), 20.0, 15.0, 5.0)
-    sent = as_dialect(mission_items(plan, plan.positions(AREA)), dialect)
+    sent = as_dialect(raw_items(mission_items(plan, plan.positions(AREA))), dialect)
     sent[-1].param2 = math.nan  # the vehicle's own radius
     back = [copy(item) for item in sent]
     for item in back:  # as it travels

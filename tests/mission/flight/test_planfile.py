@@ -12,8 +12,9 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.pilot.importer import Imported, import_plan, raw_items
-from mission.flight.pilot.mission_items import mission_items
+from mission.flight.mission_items import mission_items
+from mission.flight.pilot.importer import Imported, import_plan
+from mission.flight.pilot.raw_items import raw_items
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_file_writing import write_round_plan
 from mission.planner.stops import Stop
@@ -71,7 +72,7 @@ def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
     file = read_plan_file(path)
     assert file.home == HOME
     back = raw_items(imported(file).items)
-    uploaded = mission_items(plan, plan.positions(area))
+    uploaded = raw_items(mission_items(plan, plan.positions(area)))
     assert len(back) == len(uploaded) == 301
     for ours, theirs in zip(uploaded, back, strict=True):
         for name in ("seq", "command", "current", "x", "y", "z"):

@@ -17,8 +17,9 @@ from mission.base.errors import FlightError, InputError
 from mission.cli import call
 from mission.figures.maps import round_map
 from mission.flight.flight_plan import FlightPlan
+from mission.flight.mission_items import mission_items
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
-from mission.flight.pilot.mission_items import as_dialect, mission_items
+from mission.flight.pilot.raw_items import as_dialect, raw_items
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan
 from mission.planner.stops import stops_of
@@ -237,7 +238,7 @@ def test_an_autopilot_of_whole_seconds_hovers_long_enough() -> None:
     stops = stops_of(two_stops(), upload_s=np.array([1.5, 0.25, 2.0]))
     plan = FlightPlan(stops, 60.0, 20.0, 5.0)
     area = aerofed.config("quickstart").area.build()
-    items = mission_items(plan, plan.positions(area))
+    items = raw_items(mission_items(plan, plan.positions(area)))
     assert [i.param1 for i in as_dialect(items, PX4) if i.command == 16] == [3.5, 0.25]
     assert [i.param1 for i in as_dialect(items, ARDUPILOT) if i.command == 16] == [0.0, 4.0, 1.0]
 
