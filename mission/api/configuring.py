@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 # A name ("quickstart"), a TOML file, or a configuration.
 Source: TypeAlias = "str | Path | RunConfig"
 
+# What errors call an option, and what it is called in Python.
+_ARGUMENTS = {"--data-dir FOLDER": "data_dir=FOLDER", "(--out)": "(out=FOLDER)"}
+
 
 def config(
     source: Source = "quickstart", overrides: Mapping[str, object] | None = None
@@ -84,10 +87,10 @@ def as_path(path: object, what: str) -> Path:
 
 
 @contextmanager
-def python_words(
-    option: str = "--data-dir FOLDER", argument: str = "data_dir=FOLDER"
-) -> Iterator[None]:
+def python_words(other: Mapping[str, str] | None = None) -> Iterator[None]:
     """Have errors of the block name a Python argument, where they name the option that it is.
+
+    `other` holds options beside those that many functions have, each with its argument.
 
     Raises:
         AerofedError: the same one, in other words.
@@ -95,7 +98,9 @@ def python_words(
     try:
         yield
     except AerofedError as error:
-        text = str(error).replace(option, argument)
+        text = str(error)
+        for option, argument in {**_ARGUMENTS, **(other or {})}.items():
+            text = text.replace(option, argument)
         if text == str(error):
             raise
         raise error.in_words(text) from error.__cause__

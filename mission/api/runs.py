@@ -178,15 +178,14 @@ def run(
     resolved = config(source, overrides)
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
-    with output_folder(given, resolved.run_name) as path:
+    with python_words(), output_folder(given, resolved.run_name) as path:
 
         def fly(console: "RunConsole") -> int:
             from mission.run.session import fly_session
 
             return fly_session(resolved, path, data_dir=data, console=console)
 
-        with python_words():
-            return _flown(fly, path, quiet=quiet)
+        return _flown(fly, path, quiet=quiet)
 
 
 def resume(path: Path | str, *, quiet: bool = True) -> Run:
@@ -204,7 +203,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
         return resume_session(found, console=console)
 
-    with python_words(f"--resume {found}:", f"path = {str(path)!r}:"):
+    with python_words({f"--resume {found}:": f"path = {str(path)!r}:"}):
         return _flown(fly, found, quiet=quiet)
 
 

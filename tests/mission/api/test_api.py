@@ -1,6 +1,7 @@
 """The Python API: its names, what it returns, and that it flies within a running event loop."""
 
 import asyncio
+import fcntl
 import inspect
 import math
 import signal
@@ -20,6 +21,7 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission import api as aerofed
 from mission.base.errors import PlanError
 from mission.base.interrupts import in_a_thread, run_flight
+from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.log.records import UplinkRecord
 from mission.log.tables import read_table
@@ -265,6 +267,7 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.first_problem("paper"), "give their folder by data_dir=FOLDER"),
         (lambda: aerofed.run("paper"), "needs files: give their folder by data_dir=FOLDER"),
         (lambda: aerofed.sweep("paper"), "needs files: give their folder by data_dir=FOLDER"),
+        (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* another \(out=FOLDER\)$"),
         (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some/runs/nope: "),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
@@ -327,6 +330,25 @@ def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:
     assert callable(wrong)
     with pytest.raises(aerofed.InputError, match=words):
         wrong()
+
+
+@pytest.mark.parametrize("fly", [aerofed.run, aerofed.sweep])
+def test_a_folder_in_use_names_the_argument(tmp_path: Path, fly: Callable[..., object]) -> None:
+    lock = tmp_path / ".lock" if fly is aerofed.sweep else RunFolder(tmp_path).checkpoint / ".lock"
+    lock.parent.mkdir(exist_ok=True)
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(aerofed.InputError, match=r"or give another \(out=FOLDER\)$"):
+            fly(out=tmp_path)
+
+
+def test_a_file_where_runs_belong_names_the_argument(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs").touch()
+    with pytest.raises(aerofed.InputError, match=r"^runs: .* another \(out=FOLDER\)$"):
+        aerofed.run()
 
 
 def test_a_problem_that_makes_no_sense() -> None:
