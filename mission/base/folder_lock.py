@@ -3,39 +3,59 @@
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mission.base.errors import InputError
 
 
 @contextmanager
+def without_traces(folder: Path) -> Iterator[None]:
+    """Where the block fails, take a folder and its parents away again: those that it has made and
+    left empty.
+    """
+    new = [one for one in (folder, *folder.parents) if not os.access(one, os.F_OK)]
+    try:
+        yield
+    except BaseException:
+        for one in new:
+            with suppress(OSError):  # not empty, as mostly, or never made
+                one.rmdir()
+        raise
+
+
+@contextmanager
 def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Iterator[None]:
     """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
 
-    The lock's folder is made where it is missing. The lock ends with the process, however that
-    ends; whoever holds it may remove the folder. `chosen`: another folder would do as well.
+    The lock's folder is made where it is missing; who is refused leaves none. The lock ends with
+    the process, however that ends; whoever holds it may remove the folder. `chosen`: another
+    folder would do as well.
 
     Raises:
         InputError: another one is at work there, or the file cannot be written or locked.
     """
-    try:
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        file = lock.open("a")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write: {error.strerror}") from None
-    with file:
+    with without_traces(lock.parent):
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # A file that was removed keeps nobody out who makes a new one.
-            if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
-                raise BlockingIOError
-        except (BlockingIOError, FileNotFoundError):
-            another = ", or give another (--out)" if chosen else ""
-            raise InputError(
-                f"{folder}: another {who} is at work in this folder; "
-                f"wait until it has ended{another}"
-            ) from None
-        except OSError as error:  # a file system without locks
-            raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None
-        yield
+            new = not lock.exists()
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            file = lock.open("a")
+        except OSError as error:
+            raise InputError(f"{folder}: cannot write: {error.strerror}") from None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # A file that was removed keeps nobody out who makes a new one.
+                if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
+                    raise BlockingIOError
+            except (BlockingIOError, FileNotFoundError):
+                another = ", or give another (--out)" if chosen else ""
+                raise InputError(
+                    f"{folder}: another {who} is at work in this folder; "
+                    f"wait until it has ended{another}"
+                ) from None
+            except OSError as error:  # a file system without locks
+                if new:
+                    lock.unlink(missing_ok=True)
+                raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None
+            yield

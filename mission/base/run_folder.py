@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Self, TypedDict
 
 from mission.base.errors import InputError
-from mission.base.folder_lock import alone_in
+from mission.base.folder_lock import alone_in, without_traces
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
@@ -60,13 +60,16 @@ class RunFolder:
     def taken(cls, path: Path) -> Iterator[Self]:
         """Make the folder, or take an empty one, and keep others out of it while the block runs.
 
+        Where the block fails and left nothing in a folder that is new, the folder goes again.
+
         Raises:
             InputError: see `create` and `lock`.
         """
-        folder = cls.create(path)
-        with folder.lock(chosen=True):
-            cls.check(path)  # before we were alone, another run may have ended in it
-            yield folder
+        with without_traces(path):
+            folder = cls.create(path)
+            with folder.lock(chosen=True):
+                cls.check(path)  # before we were alone, another run may have ended in it
+                yield folder
 
     @classmethod
     def create(cls, path: Path) -> Self:
@@ -110,15 +113,15 @@ class RunFolder:
 
     @contextmanager
     def unless_refused(self) -> Iterator[None]:
-        """Take the folder, in which we are alone, away again where the block fails and nothing
-        is in it but the lock.
+        """Empty the folder, in which we are alone, where the block fails and nothing is in it but
+        the lock.
         """
         try:
             yield
         except BaseException:
             with suppress(OSError):
                 if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
-                    shutil.rmtree(self.path)
+                    shutil.rmtree(self.checkpoint)
             raise
 
     def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:
@@ -189,7 +192,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
     """The folder that was given, or `runs/name`, or `runs/name-2`, ... : the first that is free.
 
     That one is made at once, so that two that begin together do not take the same. It is taken
-    away again where the block fails before anything was in it.
+    away again where the block fails and leaves nothing in it.
 
     Raises:
         InputError: it cannot be made.
@@ -203,6 +206,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
         try:
             RUNS.mkdir(exist_ok=True)
             path.mkdir()
+            made = os.open(path, os.O_RDONLY)  # while it is open, no other gets its number
         except FileExistsError:
             if not RUNS.is_dir():  # a file, or a link to what is not there
                 raise InputError(
@@ -212,15 +216,15 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
         except OSError as error:
             raise _unwritable(path, error) from None
         break
-    made = path.stat().st_ctime_ns
     try:
         yield path
     except BaseException:
         with suppress(OSError):
-            if path.stat().st_ctime_ns == made:  # else somebody has been in it, or it is another
+            if os.path.samestat(os.fstat(made), path.stat()):
                 path.rmdir()
         raise
     finally:
+        os.close(made)
         if not there:
             with suppress(OSError):  # not empty, as mostly
                 RUNS.rmdir()

@@ -1,6 +1,8 @@
 """Which folder a run takes where none is named, and what is said where it cannot."""
 
+import errno
 import fcntl
+import os
 import shutil
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -10,6 +12,7 @@ from typing import IO
 import pytest
 
 from mission.base.errors import InputError
+from mission.base.folder_lock import alone_in
 from mission.base.run_folder import RunFolder, output_folder
 
 
@@ -76,6 +79,56 @@ def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out
         f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended"
         + way_out
     )
+
+
+def refuse_locks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file system without locks does."""
+
+    def flock(file: IO[str], how: int) -> None:  # noqa: ARG001
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+
+
+@pytest.mark.parametrize("given", [None, Path("mine"), Path("new/deep/mine")])
+def test_a_run_that_cannot_lock_its_folder_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: Path | None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    refuse_locks(monkeypatch)
+    with (
+        pytest.raises(InputError, match=r"^\S+: cannot lock .lock: No locks available$"),
+        output_folder(given, "one") as path,
+        RunFolder.taken(path),
+    ):
+        pass
+    assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]
+
+
+def test_a_lock_that_was_there_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock = tmp_path / ".lock"
+    lock.touch()
+    refuse_locks(monkeypatch)
+    with pytest.raises(InputError, match="cannot lock"), alone_in(tmp_path, lock, who="run"):
+        pass
+    assert lock.exists()
+
+
+@pytest.mark.parametrize("there", [Path(), Path("mine"), Path("mine/run")])
+def test_a_refused_run_leaves_what_was_there_and_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    there.mkdir(exist_ok=True, parents=True)
+    before = sorted(tmp_path.rglob("*"))
+    with (
+        pytest.raises(InputError, match="refused"),
+        RunFolder.taken(Path("mine/run")) as folder,
+        folder.unless_refused(),
+    ):
+        raise InputError("refused")
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_lock_whose_folder_was_removed_keeps_nobody_out(
