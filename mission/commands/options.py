@@ -29,6 +29,7 @@ _OPTIONS = {
     "planner.kind": "--method",
     "planner.gap": "--gap",
     "link.gcs": "--gcs",
+    "link.kind": "--vehicle",
     "link.url": "--vehicle",
     "vehicle.aircraft.wind.speed_mps": "--wind",
     "area.home_lat_deg": "--home: latitude",
@@ -50,7 +51,7 @@ def load(
     count where `--set` gives no other.
 
     Raises:
-        InputError: a key is set twice; or see `load_config`.
+        InputError: a key is set twice, or by an option of its own too; or see `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
     from mission.config.loading import builtin_config, load_config
@@ -62,7 +63,11 @@ def load(
             raise InputError(f"--set {key}: given twice; leave one of them out")
         overrides[key] = value
     mine = {key: value for key, value in (options or {}).items() if value is not None}
-    named = {key: _OPTIONS[key] for key in mine if key in _OPTIONS}
+    named = {key: _OPTIONS[key] for key in mine}
+    for key in overrides:
+        if key in named:
+            option = named[key].partition(":")[0]
+            raise InputError(f"--set {key}: {option} sets it too; leave one of them out")
     source = config or builtin_config("quickstart.toml")
     return load_config(source, {**(usual or {}), **overrides, **mine}, options=named)
 

@@ -293,6 +293,27 @@ def test_a_key_set_twice_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == said
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "key"),
+    [
+        ("plan --gap 0.1", "--gap", "planner.gap=0.2"),
+        ("plan --method sqp", "--method", "planner.kind=paper"),
+        ("run --seed 3", "--seed", "seed=3"),
+        ("run --rounds 1", "--rounds", "mission.rounds=2"),
+        ("run --vehicle udpin://0.0.0.0:14540", "--vehicle", "link.kind=external"),
+        ("sitl --home 47.4,8.5,488", "--home", "area.home_lon_deg=8.5"),
+        ("world --px4 --wind 3", "--wind", "vehicle.aircraft.wind.speed_mps=4"),
+    ],
+)
+def test_a_key_that_an_option_sets_too_is_refused(
+    capsys: pytest.CaptureFixture[str], command: str, option: str, key: str
+) -> None:
+    assert call([*command.split(), "--set", key]) == 2
+    name = key.partition("=")[0]
+    said = f"aerofed: --set {name}: {option} sets it too; leave one of them out\n"
+    assert capsys.readouterr().err == said
+
+
 @pytest.mark.parametrize("command", ["run", "sweep", "log info", "data fetch"])
 def test_help_wraps_at_the_terminal_and_tells_only_defaults_that_say_something(
     capsys: pytest.CaptureFixture[str], command: str
