@@ -68,7 +68,7 @@ def plan_problems(
         except PlanError as error:
             failures.append(f"problem {entry.id!r}: {error}")
         else:
-            plans[entry.id] = NamedPlan(entry.id, sortie.plan, seconds)
+            plans[entry.id] = NamedPlan(entry.id, sortie.plan, seconds, sortie.hold_s)
             sorties.append(sortie)
     failure = PlanError("\n".join(failures)) if failures else None
     if failure is not None and not plans:

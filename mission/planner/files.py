@@ -2,7 +2,8 @@
 
 A problem file is a list of objects; the keys are those of `ProblemEntry`. A plan file maps each
 problem's id to its waypoints (N, 2), the route that is flown (P, 2), schedule (N, K) of 0 and 1,
-value, upper bound and gap (null where the method proves none), nodes and seconds.
+seconds of hover where its strategy hovers, value, upper bound and gap (null where the method
+proves none), nodes and seconds.
 """
 
 import json
@@ -84,6 +85,7 @@ class NamedPlan:
     id: str
     plan: RoundPlan
     time_s: float
+    hold_s: float = 0.0  # of hover that its strategy asks for, as in `stops_of`
 
 
 def read_problems(path: Path) -> tuple[NamedProblem, ...]:
@@ -189,6 +191,7 @@ def _plan(entry: NamedPlan) -> dict[str, object]:
         "waypoints": plan.waypoints_m.tolist(),
         "route": plan.route_m.tolist(),
         "schedule": plan.schedule.astype(int).tolist(),
+        **({"hold_s": entry.hold_s} if entry.hold_s else {}),
         **flight,
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,

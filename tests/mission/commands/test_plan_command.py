@@ -93,6 +93,7 @@ def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
     assert call(["plan", "--qgc", str(qgc), "--out", str(out), "--method", "paper"]) == 0
     plan = json.loads(out.read_text())["round-1"]
     assert (len(plan["waypoints"]), plan["upper_bound"]) == (10, None)
+    assert "hold_s" not in plan
     assert json.loads(qgc.read_text())["fileType"] == "Plan"
 
 
@@ -132,6 +133,7 @@ def test_a_fixed_path_is_planned_with_its_hover_and_asks_no_planner(
 ) -> None:
     qgc = tmp_path / "first.plan"
     plan = planned(tmp_path, "barycenter", "--qgc", str(qgc), "--set", "mission.hover_s=7")
+    assert plan["hold_s"] == 7.0
     assert len({tuple(point) for point in plan["waypoints"]}) == 1
     items = json.loads(qgc.read_text())["mission"]["items"]
     assert 7.0 in [item["params"][0] for item in items]
