@@ -52,13 +52,17 @@ class Mission:
     def reached(self, seq: int) -> None:
         """Item `seq` has been reached or carried out."""
         self._note_speed(self.items[seq])
-        # Laps without any navigation need not be walked through.
-        ahead = islice(flown_order(self.items, seq + 1, dict(self._jumps_left)), len(self.items))
-        self.current = next(
-            (item.seq for item in ahead if item.command in NAVIGATION), len(self.items) - 1
-        )
         # After the last one it is the last again, for whoever holds before the aircraft rests.
-        self._next = next((i.seq for i in flown_order(self.items, seq + 1, self._jumps_left)), seq)
+        self._next, self.current = seq, len(self.items) - 1
+        left = self._jumps_left
+        # Laps without any navigation need not be walked through.
+        ahead = islice(flown_order(self.items, seq + 1, left), len(self.items))
+        for steps, item in enumerate(ahead):
+            if steps == 0:  # jumps farther on have not been taken yet
+                self._next, self._jumps_left = item.seq, dict(left)
+            if item.command in NAVIGATION:
+                self.current = item.seq
+                break
 
     def finish(self) -> None:
         """The last item has been reached and the aircraft has come to rest."""
