@@ -256,14 +256,14 @@ class LinkConfig(_Model):
         60.0,
         gt=0,
         le=86_400,
-        description="external: wall seconds to wait for the first sign of the autopilot",
+        description="external, firmware: wall seconds to wait for the first sign of the autopilot",
     )
     ready_timeout_s: float = Field(
         300.0,
         gt=0,
         le=86_400,
-        description="external: wall seconds to wait until the autopilot knows where it is and "
-        "can be armed",
+        description="external, firmware: wall seconds to wait until the autopilot knows where it "
+        "is and can be armed",
     )
     set_parameters: bool = Field(
         False,

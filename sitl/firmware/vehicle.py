@@ -143,12 +143,13 @@ class FirmwareVehicle:
                 f"the aircraft is lost: it hit the ground at {self.plant.impact_mps:.1f} m/s"
             )
         if died:
-            return FirmwareSilentError(self._with_last_words(died))
+            return FirmwareSilentError(self.with_last_words(died))
         if error is not None:
-            return type(error)(self._with_last_words(str(error)))
+            return type(error)(self.with_last_words(str(error)))
         return None
 
-    def _with_last_words(self, text: str) -> str:
+    def with_last_words(self, text: str) -> str:
+        """What went wrong, with the last lines of the firmware's console, and where all are."""
         said = self.process.last_words()
         ended = f"ended with: {said}" if said else "is empty"
         return f"{text}; its console ({self.process.console}) {ended}"

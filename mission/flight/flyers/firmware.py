@@ -25,6 +25,7 @@ from mission.flight.flyers.external import ExternalFlyer, demand_of, limits_of
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.ground_stations import station_links
+from mission.flight.pilot.connection import NoVehicleError
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
@@ -168,6 +169,10 @@ async def open_firmware(
                     vehicle.clock.rest()
                     when = ""
                     yield flyer
+    except NoVehicleError:
+        waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
+        said = vehicle.with_last_words(f"{waited} (link.connect_timeout_s)")
+        raise LinkLostError(f"{name}{when}: {said}") from None
     except FirmwareError as error:
         kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
         raise kind(f"{name}{when}: {error}") from None

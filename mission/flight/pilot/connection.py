@@ -20,6 +20,10 @@ from sitl.links import RawLink
 CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
 
 
+class NoVehicleError(LinkLostError):
+    """Nobody answered in time."""
+
+
 def ground_station() -> Mavsdk:
     """MAVSDK as a ground station, its messages in our log; an asynchronous context manager."""
     log_subscribe(log_mavsdk)
@@ -48,8 +52,8 @@ async def connect(
     process.
 
     Raises:
-        LinkLostError: the connection cannot be opened, or no autopilot answers on it within
-            `timeout_s` of wall time.
+        LinkLostError: the connection cannot be opened.
+        NoVehicleError: no autopilot answers on it within `timeout_s` of wall time.
     """
     async with ground_station() as mavsdk:
         try:
@@ -63,7 +67,7 @@ async def connect(
         try:
             system = await mavsdk.first_autopilot(timeout_s=timeout_s)
             if system is None:
-                raise LinkLostError(f"no vehicle answered on {url} in {timeout_s:g} s")
+                raise NoVehicleError(f"no vehicle answered on {url} in {timeout_s:g} s")
             kind = await system.autopilot_type()
             dialect = ARDUPILOT if kind == Autopilot.ARDUPILOT else PX4
             pilot = Pilot(system, dialect=dialect, stall_timeout_s=stall_timeout_s)

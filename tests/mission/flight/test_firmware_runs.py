@@ -7,13 +7,17 @@ import csv
 import json
 import os
 import sys
+import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import small_runs
 
 from mission.cli import call
+from sitl.firmware.launch import Launch
+from sitl.firmware.process import FirmwareProcess
 
 SMALL = (*small_runs.SMALL, "--set", "mission.steps=6")
 REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
@@ -152,14 +156,33 @@ def test_a_start_script_that_does_not_quote_its_folder_works_in_one_with_a_space
     assert "console.log) ended with: param set" in capsys.readouterr().err
 
 
-def test_a_program_that_never_speaks_ends_the_run_in_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("says", "told"), [("", "is empty"), ("no simulator", "ended with: no simulator")]
+)
+def test_a_program_that_never_answers_ends_the_run_in_time(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    says: str,
+    told: str,
 ) -> None:
-    binary = stand_in(tmp_path, "exec sleep 900")
+    start = Launch.start
+
+    def started(*args: Any, **options: Any) -> FirmwareProcess:
+        process = start(*args, **options)
+        while process.last_words() != says:
+            time.sleep(0.01)
+        return process
+
+    monkeypatch.setattr(Launch, "start", started)
+    binary = stand_in(tmp_path, f"{'echo ' * bool(says)}{says}\nexec sleep 900")
     short = ("--set", "link.connect_timeout_s=1")
     assert fly(tmp_path / "out", "px4", binary, *short) == 5
     error = capsys.readouterr().err
-    assert "no vehicle answered" in error
+    assert error.startswith(
+        "aerofed: PX4 at its start: it has not answered in 1 s (link.connect_timeout_s); its "
+        f"console ({tmp_path}/out/firmware/console.log) {told}; nothing was flown; "
+    )
     assert "cannot be resumed" in error
 
 
