@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 from fl.federation.rounds import RoundLearning
+from mission.base.errors import UsersCodeError
 from mission.base.user_code import make_from, users_code
 from mission.config.models import RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
@@ -45,9 +46,24 @@ class Callback(Protocol):
 
 @dataclass(frozen=True)
 class Callbacks:
-    """All of a run's callbacks, with their names. One that fails ends the run with its name."""
+    """All of a run's callbacks, with their names. One that fails ends the run with its name.
+
+    A context manager: with its block they are closed, where they are not yet.
+    """
 
     each: tuple[tuple[str, Callback], ...] = ()
+    _closing: ExitStack = field(default_factory=ExitStack)  # of those that are not closed yet
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close them. What went wrong before counts for more than who fails at that."""
+        try:
+            self.close()
+        except UsersCodeError:
+            if kind is None:
+                raise
 
     def round_finished(self, report: RoundReport) -> None:
         """Tell all of them.
@@ -61,14 +77,12 @@ class Callbacks:
                 callback.round_finished(deepcopy(report))  # what it does to its own is its own
 
     def close(self) -> None:
-        """Close all of them, also where one fails at it.
+        """Close all of them, also where one fails at it; twice is fine.
 
         Raises:
             UsersCodeError: one of them failed.
         """
-        with ExitStack() as stack:
-            for name, callback in self.each:
-                stack.callback(_close, name, callback)
+        self._closing.close()
 
 
 def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Callbacks:
@@ -79,14 +93,13 @@ def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Cal
             are closed.
     """
     made: list[tuple[str, Callback]] = []
-    with ExitStack() as unless_all:
+    with ExitStack() as closing:
         for name in names or ():
             members = ("round_finished", "close")
             callback = make_from(name, context, key=KEY, members=members)
-            unless_all.callback(_close, name, callback)
+            closing.callback(_close, name, callback)
             made.append((name, callback))
-        unless_all.pop_all()
-    return Callbacks(tuple(made))
+        return Callbacks(tuple(made), closing.pop_all())
 
 
 def _close(name: str, callback: Callback) -> None:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,7 @@ def fly_session(
                 live = opened.enter_context(live_views(console))
                 with plugins_of_learning():
                     state = learning.init(scenario.federation)
-                    callbacks = _callbacks(folder, config)
+                    callbacks = opened.enter_context(_callbacks(folder, config))
             text = config.to_toml()
             checkpoint = CheckpointFolder(
                 folder.checkpoint,
@@ -154,7 +154,7 @@ def resume_session(
             flyers.check()
             found = checkpoint.load(scenario.federation, values)
             live = opened.enter_context(live_views(console))
-            callbacks = _callbacks(folder, config)
+            callbacks = opened.enter_context(_callbacks(folder, config))
             InterruptedFiles(folder).take()
         ready = _Ready(
             scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
@@ -235,7 +235,7 @@ def _experiment(
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
     with (
-        closing(ready.callbacks),
+        ready.callbacks,  # whose failure at the end belongs into the summary
         recording(
             ready.scenario,
             ready.folder,

@@ -299,3 +299,25 @@ def test_callbacks_before_one_that_cannot_be_made_are_closed(
     with pytest.raises(aerofed.AerofedError, match="half_made:second"):
         make_callbacks(config.callbacks, CallbackContext(tmp_path, config))
     assert importlib.import_module("half_made").closed == [True]
+
+
+@pytest.mark.parametrize("name", ["config.toml", "checkpoint/rounds.json", "devices.csv"])
+@pytest.mark.parametrize("closes", ["well", "badly"])
+def test_callbacks_are_closed_once_where_the_run_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, closes: str
+) -> None:
+    module = f"closed_{closes}_{Path(name).stem}"
+    (tmp_path / f"{module}.py").write_text(
+        "closed = []\n"
+        "class InTheWay:\n"
+        f"    def __init__(self, context): (context.folder / {name!r}).mkdir()\n"
+        "    def round_finished(self, report): ...\n"
+        "    def close(self):\n"
+        "        closed.append(True)\n"
+        f"        assert {closes!r} == 'well'\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    more = {**SMALL, "callbacks": [f"{module}:InTheWay"]}
+    with pytest.raises(aerofed.InputError, match=f"{name}: cannot write: Is a directory"):
+        aerofed.run("quickstart", more, out=tmp_path / "out")
+    assert importlib.import_module(module).closed == [True]

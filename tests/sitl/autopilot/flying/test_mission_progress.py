@@ -5,6 +5,7 @@ import pytest
 
 from sitl.autopilot.flying import mission as flown
 from sitl.autopilot.flying.mission import Mission
+from sitl.autopilot.flying.route import flown_order
 from sitl.autopilot.values.enums import Command, Frame
 from sitl.autopilot.values.messages import MissionItem
 
@@ -45,11 +46,10 @@ def test_what_comes_next_is_what_the_written_out_mission_says(
 ) -> None:
     items = some_mission(np.random.default_rng(seed))
     walks: list[int] = []
-    walk = flown.flown_order
 
     def counted(items, first, left):
         walks.append(first)
-        return walk(items, first, left)
+        return flown_order(items, first, left)
 
     monkeypatch.setattr(flown, "flown_order", counted)
     mission = Mission()
@@ -61,7 +61,9 @@ def test_what_comes_next_is_what_the_written_out_mission_says(
         following, left, _ = mission.next_start
         assert following == (ahead[0].seq if ahead else item.seq)
         if ahead:
-            assert [i.seq for i in walk(items, following, dict(left))] == [i.seq for i in ahead]
+            assert [i.seq for i in flown_order(items, following, dict(left))] == [
+                i.seq for i in ahead
+            ]
         lap = ahead[: len(items)]
         places = [i.seq for i in lap if i.command == Command.NAV_WAYPOINT]
         assert mission.current == (places[0] if places else len(items) - 1)
