@@ -142,7 +142,7 @@ class Frames:
 
 
 KNOWN = [
-    *sorted(Desk(ready=False).vehicle.autopilot._commands.known),
+    *sorted(Desk(ready=False).vehicle.autopilot.commands.known),
     16, 17, 19, 20, 21, 22, 93, 112, 115, 177, 178, 5000, 5001, 5002, 5003, 5004, 5100,
 ]  # fmt: skip
 

@@ -21,7 +21,7 @@ LISTS = {
     mav.MAV_MISSION_TYPE_FENCE: [5001, 5002, 5003, 5004],
     mav.MAV_MISSION_TYPE_RALLY: [5100],
 }
-COMMANDS = sorted(Desk(ready=False).vehicle.autopilot._commands.known)
+COMMANDS = sorted(Desk(ready=False).vehicle.autopilot.commands.known)
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def degrees_e7(desk: Desk, north: float, east: float) -> tuple[int, int]:
 
 def test_everything_unknown_is_answered_unsupported() -> None:
     desk = Desk()
-    known = desk.vehicle.autopilot._commands.known
+    known = desk.vehicle.autopilot.commands.known
     for number in (*range(1, 700), 2000, 2500, 3000, 31000, 42000, 65000):
         if number not in known:
             assert desk.command(number) == UNSUPPORTED, number
@@ -342,7 +342,7 @@ def test_messages_on_request_and_at_intervals() -> None:
 @pytest.mark.parametrize("number", [math.inf, -math.inf, NAN, 3e38, -3e38])
 def test_a_parameter_that_no_integer_holds_is_answered_like_any_other(number: float) -> None:
     desk = Desk()
-    known = sorted(desk.vehicle.autopilot._commands.known)
+    known = sorted(desk.vehicle.autopilot.commands.known)
     for command in known:
         for others in (0.0, 1.0, float(mav.MAVLINK_MSG_ID_ATTITUDE)):
             for index in range(7):
