@@ -19,23 +19,18 @@ from scipy.linalg.lapack import dgesv
 
 from flightdyn.config import SensorsConfig
 from flightdyn.frames import (
-    Triple,
     frozen,
     quaternion_multiply,
     rotation_matrix,
     rotation_quaternion,
-    wrap_pi,
 )
-from flightdyn.inertial import EARTH_RADIUS_M, Earth, NavState
-from flightdyn.native.library import Increments, Innovations, Strapdown, Transition
+from flightdyn.inertial import Earth, NavState
+from flightdyn.native.library import Increments, Strapdown, Transition
 from flightdyn.navigation.airspeed import DragAirspeed
 from flightdyn.navigation.error_model import (
     ATT,
     BA,
-    BARO,
     BG,
-    BMAG,
-    HEADING,
     POS,
     STATES,
     VEL,
@@ -43,15 +38,12 @@ from flightdyn.navigation.error_model import (
     gnss_correlation,
     initial_covariance,
     level,
-    magnetometer_row,
-    measurement_matrix,
-    measurement_noise,
     process_noise,
     transition,
 )
+from flightdyn.navigation.measurements import Biases, Kind, Measurements
 from flightdyn.physics.airframe.parameters import QUAD_X
-from flightdyn.physics.atmosphere import altitude_m, pressure_slope
-from flightdyn.physics.sensors import BaroSample, MagSample
+from flightdyn.physics.atmosphere import pressure_slope
 from flightdyn.state import GnssFix, Innovation, Vector
 
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.
@@ -61,21 +53,6 @@ _UNAIDED_NS = 1_000_000_000  # without a velocity of GNSS for so long, nothing i
 _ADRIFT_NS = 10_000_000_000  # and for so long, the velocity by drag is better than the inertial one
 _AIR_STD_MPS = 2.0  # of it: its errors last, and are not those of one sample
 _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
-
-# 99.99 % points of chi-square: 3, 3 and 1 degrees of freedom.
-GATE_3 = 21.1
-GATE_1 = 15.1
-_NUMBER = {"gnss position": 0, "gnss velocity": 1, "baro": 2, "heading": 3}  # in C
-
-
-class Biases(NamedTuple):
-    """What the filter takes off the sensors."""
-
-    gyro: Triple = (0.0, 0.0, 0.0)
-    accel: Triple = (0.0, 0.0, 0.0)
-    gnss: Triple = (0.0, 0.0, 0.0)
-    mag: Triple = (0.0, 0.0, 0.0)
-    baro: float = 0.0
 
 
 _ONES = [np.eye(rows) for rows in range(9)]
@@ -119,12 +96,13 @@ class Estimator:
         self._step_ns = round(step_s * 1e9)
         self._step_s = step_s
         self._per_step = increments
-        self._increment_ns = self._step_ns // increments
         self._delay_ns = round(config.gnss.delay_s * 1e9)
-        mag = config.mag
-        self._declination = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
-        self._ground_m = altitude_m(align.pressure_pa)
-        pa_per_m = pressure_slope(align.pressure_pa)
+        increment_ns = self._step_ns // increments
+        self._pa_per_m = pa_per_m = pressure_slope(align.pressure_pa)
+        # Whoever reads barometer and magnetometer adds their samples of now.
+        self.measurements = Measurements(
+            config, align, pa_per_m=pa_per_m, increment_ns=increment_ns
+        )
         # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
         self._biases = Biases(
             gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
@@ -133,10 +111,10 @@ class Estimator:
             t_ns,
             (float(fix.pos_ned_m[0]), float(fix.pos_ned_m[1]), 0.0),
             (0.0, 0.0, 0.0),
-            level(align, declination_rad=self._declination),
+            level(align, declination_rad=self.measurements.declination_rad),
         )
         # Those since the horizon, by which whoever reads the IMU carries the state of now on.
-        most = math.ceil((_CORRECT_NS + self._step_ns + self._delay_ns) / self._increment_ns)
+        most = math.ceil((_CORRECT_NS + self._step_ns + self._delay_ns) / increment_ns)
         self.increments = Increments(most)
         self._from_horizon = Strapdown(earth, most=most)
         self.to_now = Strapdown(earth, most=most)
@@ -145,11 +123,6 @@ class Estimator:
         self.t_ns = t_ns  # of the last update
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
-        self._baro: deque[BaroSample] = deque()
-        # After each of the increments from the last correction to the horizon.
-        self._downs: list[float] = []
-        self._mag: deque[MagSample] = deque()
-        self._fixes: deque[GnssFix] = deque()
         self._corrected_ns = t_ns
         self._look_ahead()
         self._refused: Counter[str] = Counter()  # in a row
@@ -161,11 +134,6 @@ class Estimator:
         self._kf.inv = _inverse
         self._kf.x = np.zeros((STATES, 1))
         self._models: dict[int, _Model] = {}
-        self._pa_per_m = pa_per_m
-        self._H = measurement_matrix(config)
-        self._R = measurement_noise(config, pa_per_m=pa_per_m)
-        self._innovations = Innovations(self._H, self._R)
-        self._baro_var = float(self._R[BARO, BARO])
         self._kf.P = initial_covariance(
             config, align, attitude=self.horizon.q, gravity_mps2=earth.gravity_mps2
         )
@@ -193,7 +161,7 @@ class Estimator:
         """Correct what the increments have led to by now; a GNSS solution if one arrived."""
         self.t_ns = t_ns
         if fix is not None:
-            self._fixes.append(fix)
+            self.measurements.add_fix(fix)
         elif t_ns < self.due_ns:
             return
         increments = self.increments
@@ -206,7 +174,8 @@ class Estimator:
     def _look_ahead(self) -> None:
         """Note when the horizon comes to where it may be corrected: `update` is due by then."""
         here, step_ns = self.horizon.t_ns, self._step_ns
-        steps = 1 if self._fixes else math.ceil((self._corrected_ns + _CORRECT_NS - here) / step_ns)
+        wait_ns = self._corrected_ns + _CORRECT_NS - here
+        steps = 1 if self.measurements.fix_waits else math.ceil(wait_ns / step_ns)
         self.due_ns = here + max(1, steps) * step_ns + self._delay_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
@@ -228,14 +197,6 @@ class Estimator:
             found.append(item)
         return tuple(reversed(found))
 
-    def observe_baro(self, sample: BaroSample) -> None:
-        """A barometer sample of now; used when the horizon comes to it."""
-        self._baro.append(sample)
-
-    def observe_mag(self, sample: MagSample) -> None:
-        """A magnetometer sample of now; used when the horizon comes to it."""
-        self._mag.append(sample)
-
     def _advance(self) -> None:
         """Carry the horizon over one filter step."""
         b, dt, count = self._biases, self._step_s, self._per_step
@@ -246,7 +207,7 @@ class Estimator:
         gn, ge, gd = self._gained
         self._gained = (gn + n, ge + e, gd + d)
         self._steps += 1
-        self._downs += carried.downs(count)
+        self.measurements.downs += carried.downs(count)
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force = (n / dt, e / dt, d / dt)
         self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
@@ -278,95 +239,35 @@ class Estimator:
     def _correct(self) -> bool:
         """Fuse what was measured up to the horizon, with the receiver or without it in time."""
         t_ns = self.horizon.t_ns
-        fix: GnssFix | None = None
-        while self._fixes and self._fixes[0].t_ns <= t_ns:
-            fix = self._fixes.popleft()
+        fix = self.measurements.take_fix(t_ns)
         if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
             return False
         self._corrected_ns = t_ns
         self._predict()
-        z, R = self._innovations.residual, self._R
-        rows: list[tuple[str, slice, float]] = []
-        if fix is not None:
-            self._residual_gnss(z, fix)
-            rows.append(("gnss position", slice(0, 3), GATE_3))
-            rows.append(("gnss velocity", slice(3, 6), GATE_3))
-        if self._baro and self._baro[0].t_ns <= t_ns:
-            R[BARO, BARO] = self._residual_baro(z)
-            rows.append(("baro", slice(BARO, BARO + 1), GATE_1))
-        mag: MagSample | None = None
-        while self._mag and self._mag[0].t_ns <= t_ns:
-            mag = self._mag.popleft()
-        # A heading of another instant would be wrong by what the aircraft turned since.
-        if mag is not None and mag.t_ns == t_ns:
-            z[HEADING] = self._residual_heading(mag)
-            rows.append(("heading", slice(HEADING, HEADING + 1), GATE_1))
+        kinds = self.measurements.compare(fix, self.horizon, self._biases)
         extra: list[int] = []
         if fix is None and self._unaided_ns > _ADRIFT_NS:
             # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
             extra = [3, 4]
-            z[3:5] = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
-        return self._fuse(z, rows, extra)
+            drift = np.subtract(self._air.over_ground_ne_mps, self.horizon.v[:2])
+            self.measurements.residual[3:5] = drift
+        return self._fuse(kinds, extra)
 
     @property
     def _unaided_ns(self) -> int:
         """How long no velocity of GNSS has been believed."""
         return self.horizon.t_ns - self.fused_ns["gnss velocity"]
 
-    def _residual_gnss(self, z: Vector, fix: GnssFix) -> None:
-        (pn, pe, pd), (vn, ve, vd) = self.horizon.p, self.horizon.v
-        bn, be, bd = self._biases.gnss
-        age = (self.horizon.t_ns - fix.t_ns) * 1e-9  # below one filter step
-        n, e, d = fix.pos_ned_m.tolist()
-        un, ue, ud = fix.vel_ned_mps.tolist()
-        z[:6] = (
-            n + vn * age - pn - bn,
-            e + ve * age - pe - be,
-            d + vd * age - pd - bd,
-            un - vn,
-            ue - ve,
-            ud - vd,
-        )
-
-    def _residual_baro(self, z: Vector) -> float:
-        """Mean residual of the waiting samples, each against the height of its own instant.
-
-        Returns the variance of the mean.
-        """
-        north, east, down = self.horizon.p
-        t_ns = self.horizon.t_ns
-        total, count = 0.0, 0
-        while self._baro and self._baro[0].t_ns <= t_ns:
-            sample = self._baro.popleft()
-            back, between = divmod(t_ns - sample.t_ns, self._increment_ns)
-            # `down` where it fell between increments, or before the last correction.
-            then = down if between or back >= len(self._downs) else self._downs[-1 - back]
-            total += altitude_m(sample.pressure_pa) - self._ground_m + then
-            count += 1
-        self._downs.clear()
-        # The air follows the curved Earth, positions the plane that touches it at home.
-        curve = (north * north + east * east) / (2 * EARTH_RADIUS_M)
-        z[BARO] = total / count - curve - self._biases.baro
-        return self._baro_var / count
-
-    def _residual_heading(self, sample: MagSample) -> float:
-        (x, y, z), b = sample.field_frd_gauss, self._biases.mag
-        x, y, z = x - b[0], y - b[1], z - b[2]
-        r = rotation_matrix(self.horizon.q)
-        self._H[HEADING, BMAG] = magnetometer_row(self._config.mag, r)
-        north = r[0] * x + r[1] * y + r[2] * z
-        east = r[3] * x + r[4] * y + r[5] * z
-        return wrap_pi(self._declination - math.atan2(east, north))
-
-    def _fuse(self, z: Vector, rows: list[tuple[str, slice, float]], extra: list[int]) -> bool:
+    def _fuse(self, kinds: Sequence[Kind], extra: Sequence[int]) -> bool:
         """Use the measurements whose innovations are believable, and `extra`, all at once."""
-        kf, H, R = self._kf, self._H, self._R
-        stds, squares = self._innovations.measure(kf.P)
+        kf, measured = self._kf, self.measurements
+        z, H, R = measured.residual, measured.H, measured.R
+        stds, squares = measured.expected.measure(kf.P)
         use = list(extra)
         t_ns, values = self.horizon.t_ns, z.tolist()
-        for kind, part, gate in rows:
+        for kind, number, part, gate in kinds:
             innovation = Innovation(
-                t_ns, kind, tuple(values[part]), tuple(stds[part]), squares[_NUMBER[kind]], gate
+                t_ns, kind, tuple(values[part]), tuple(stds[part]), squares[number], gate
             )
             self.innovations.append(innovation)
             self._refused[kind] = 0 if innovation.accepted else self._refused[kind] + 1

@@ -10,7 +10,8 @@ from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.library import Guide, Loop
 from flightdyn.navigation.error_model import Alignment
-from flightdyn.navigation.estimator import Biases, Estimator
+from flightdyn.navigation.estimator import Estimator
+from flightdyn.navigation.measurements import Biases
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
@@ -115,9 +116,9 @@ class InertialNavigation:
             return
         pressure, field = self.sensors.slow()
         if pressure is not None:
-            self.estimator.observe_baro(pressure)
+            self.estimator.measurements.add_baro(pressure)
         if field is not None:
-            self.estimator.observe_mag(field)
+            self.estimator.measurements.add_mag(field)
 
     def update(self) -> None:
         """Bring the filter up to this guidance step."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -16,10 +17,12 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:
-    from mission.planner.files import NamedPlan
+    from mission.config.models import RunConfig
+    from mission.planner.config import PlannerConfig
+    from mission.planner.files import NamedPlan, NamedProblem
     from mission.planner.problem import RoundPlan, RoundProblem
     from mission.scenario.scenario import Scenario
-    from mission.scenario.strategies import Sortie
+    from mission.scenario.strategies import Sortie, Strategy
 
 
 def plan(
@@ -62,10 +65,49 @@ def plan(
         Print the plans as JSON, as --out writes them.
     """
     from mission.commands.planning import plan_problems
-    from mission.planner.factory import make_planner
-    from mission.planner.files import NamedProblem, plans_as_json, read_problems
-    from mission.scenario.strategies import FIXED_PATHS, Optimised, Strategy
+    from mission.planner.files import plans_as_json
+    from mission.scenario.strategies import FIXED_PATHS
 
+    _check_targets(out, qgc, figure)
+    resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})
+    if problem is None:
+        task = _first_round(resolved, data_dir)
+    elif qgc is not None:
+        raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
+    elif stray := [text for text in set_ if not text.startswith("planner.")]:
+        raise InputError(f"--set {stray[0]}: of a problem file only planner.* can be set")
+    else:
+        task = _problems_of_file(problem, resolved)
+    if isinstance(task.strategy, FIXED_PATHS) and (method is not None or gap is not None):
+        raise InputError(
+            f"--{'gap' if method is None else 'method'}: mission.strategy = "
+            f"{resolved.mission.strategy!r} has a fixed path and asks no planner; leave it out"
+        )
+    scenario = task.scenario
+    planned = plan_problems(
+        task.problems,
+        method=lambda one: task.strategy.sortie(0, one),
+        out=out,
+        figure_dir=figure,
+        about=task.about,
+        communities=() if scenario is None else scenario.community_of,
+        area=None if scenario is None else scenario.config.area,
+    )
+    if qgc is not None and scenario is not None:
+        _write_qgc(qgc, task.problems[0].problem, planned.sorties[0], scenario)
+    if as_json:
+        print_json(plans_as_json(planned.plans))
+    elif not planned.plans:
+        Terminal(**PLAIN).print(f"no problems in {problem}")
+    else:
+        _show(planned.plans, task.problems, resolved.planner)
+    if planned.failure is not None:
+        raise planned.failure
+    return 0
+
+
+def _check_targets(out: Path | None, qgc: Path | None, figure: Path | None) -> None:
+    """Refuse at once what could not be written at the end."""
     for path in (out, qgc):
         if path is not None and path.exists():
             raise InputError(f"{path}: exists already; give another name")
@@ -73,64 +115,44 @@ def plan(
             raise InputError(f"{path}: cannot write: no folder {path.parent}")
     if figure is not None and figure.exists() and not figure.is_dir():
         raise InputError(f"{figure}: not a folder")
-    resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})
-    scenario = None
-    problems: Sequence[NamedProblem]
-    strategy: Strategy
-    if problem is None:
-        from mission.scenario.scenario import build_scenario
 
-        scenario = build_scenario(resolved, data_dir=data_dir)
-        if scenario.strategy is None:
-            raise InputError(
-                "mission.strategy = 'ideal': flies nothing, so there is no path to plan; give "
-                "another, such as --set mission.strategy=cov"
-            )
-        strategy = scenario.strategy
-        problems = (NamedProblem("round-1", scenario.first_problem()),)
-    elif qgc is not None:
-        raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
-    elif stray := [text for text in set_ if not text.startswith("planner.")]:
-        raise InputError(f"--set {stray[0]}: of a problem file only planner.* can be set")
-    else:
-        problems = read_problems(problem)
-        strategy = Optimised(make_planner(resolved.planner), fairness=True)
-    about = str(problem or resolved.name)
-    if not isinstance(strategy, FIXED_PATHS):
-        about += f" · planner {resolved.planner.kind}"
-    elif method is not None or gap is not None:
+
+@dataclass(frozen=True)
+class _Task:
+    """What is to be planned, and by whom."""
+
+    problems: "Sequence[NamedProblem]"
+    strategy: "Strategy"
+    about: str  # for people: whose plans they are
+    scenario: "Scenario | None" = None  # None: the problems are of a file
+
+
+def _first_round(config: "RunConfig", data_dir: Path | None) -> _Task:
+    from mission.planner.files import NamedProblem
+    from mission.scenario.scenario import build_scenario
+    from mission.scenario.strategies import FIXED_PATHS
+
+    scenario = build_scenario(config, data_dir=data_dir)
+    if scenario.strategy is None:
         raise InputError(
-            f"--{'gap' if method is None else 'method'}: mission.strategy = "
-            f"{resolved.mission.strategy!r} has a fixed path and asks no planner; leave it out"
+            "mission.strategy = 'ideal': flies nothing, so there is no path to plan; give "
+            "another, such as --set mission.strategy=cov"
         )
-    if problem is None:
-        about += f" · strategy {resolved.mission.strategy} · seed {resolved.seed}"
-    planned = plan_problems(
-        problems,
-        method=lambda task: strategy.sortie(0, task),
-        out=out,
-        figure_dir=figure,
-        about=about,
-        communities=() if scenario is None else scenario.community_of,
-        area=None if scenario is None else scenario.config.area,
-    )
-    if qgc is not None and scenario is not None:
-        _write_qgc(qgc, problems[0].problem, planned.sorties[0], scenario)
-    if as_json:
-        print_json(plans_as_json(planned.plans))
-    elif not planned.plans:
-        Terminal(**PLAIN).print(f"no problems in {problem}")
-    else:
-        _print(planned.plans)
-        if loose := resolved.planner.loosely_proven([named.plan.gap for named in planned.plans]):
-            Terminal(**PLAIN).print(loose)
-        by_id = {entry.id: entry.problem for entry in problems}
-        for named in planned.plans:
-            if not named.plan.schedule.any():
-                Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
-    if planned.failure is not None:
-        raise planned.failure
-    return 0
+    fixed = isinstance(scenario.strategy, FIXED_PATHS)
+    planner = "" if fixed else f" · planner {config.planner.kind}"
+    about = f"{config.name}{planner} · strategy {config.mission.strategy} · seed {config.seed}"
+    problems = (NamedProblem("round-1", scenario.first_problem()),)
+    return _Task(problems, scenario.strategy, about, scenario)
+
+
+def _problems_of_file(path: Path, config: "RunConfig") -> _Task:
+    from mission.planner.factory import make_planner
+    from mission.planner.files import read_problems
+    from mission.scenario.strategies import Optimised
+
+    problems = read_problems(path)
+    strategy = Optimised(make_planner(config.planner), fairness=True)
+    return _Task(problems, strategy, f"{path} · planner {config.planner.kind}")
 
 
 def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Json = False) -> int:
@@ -233,7 +255,20 @@ def _no_upload_fits(problem: "RoundProblem", made: "RoundPlan") -> str:
 _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}
 
 
-def _print(plans: "tuple[NamedPlan, ...]") -> None:
+def _show(
+    plans: "Sequence[NamedPlan]", problems: "Sequence[NamedProblem]", planner: "PlannerConfig"
+) -> None:
+    """The plans as a table, and a line for what somebody may wonder at."""
+    _print(plans)
+    if loose := planner.loosely_proven([named.plan.gap for named in plans]):
+        Terminal(**PLAIN).print(loose)
+    by_id = {entry.id: entry.problem for entry in problems}
+    for named in plans:
+        if not named.plan.schedule.any():
+            Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
+
+
+def _print(plans: "Sequence[NamedPlan]") -> None:
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column("problem", overflow="fold")
     rows = [_row(named) for named in plans]

@@ -55,9 +55,36 @@ def plan_problems(
     for picture in there:
         if picture.exists():
             raise InputError(f"{picture}: exists already; give another folder")
-    plans: dict[str, NamedPlan] = {}
-    sorties = []
-    failures = []
+    planned = _plan_each(problems, method)
+    if planned.failure is not None and not planned.plans:
+        raise planned.failure
+    if out is not None:
+        write_plans(out, planned.plans)
+    if figure_dir is not None:
+        from mission.figures.plan import plan_picture
+        from mission.figures.render import save_all
+
+        tasks = {entry.id: entry.problem for entry in problems}
+        pictures = {
+            files[made.id]: plan_picture(
+                tasks[made.id],
+                made.plan,
+                title=made.id,
+                about=about,
+                communities=communities,
+                size_m=None if area is None else area.size_m,
+                no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
+            )
+            for made in planned.plans
+        }
+        save_all(pictures, figure_dir)
+    return planned
+
+
+def _plan_each(
+    problems: Sequence[NamedProblem], method: Callable[[RoundProblem], Sortie]
+) -> Planned:
+    plans, sorties, failures = [], [], []
     for entry in problems:
         started = time.perf_counter()
         try:
@@ -68,33 +95,10 @@ def plan_problems(
         except PlanError as error:
             failures.append(f"problem {entry.id!r}: {error}")
         else:
-            plans[entry.id] = NamedPlan(entry.id, sortie.plan, seconds, sortie.hold_s)
+            plans.append(NamedPlan(entry.id, sortie.plan, seconds, sortie.hold_s))
             sorties.append(sortie)
     failure = PlanError("\n".join(failures)) if failures else None
-    if failure is not None and not plans:
-        raise failure
-    made = tuple(plans.values())
-    if out is not None:
-        write_plans(out, made)
-    if figure_dir is not None:
-        from mission.figures.plan import plan_picture
-        from mission.figures.render import save_all
-
-        pictures = {
-            files[entry.id]: plan_picture(
-                entry.problem,
-                plans[entry.id].plan,
-                title=entry.id,
-                about=about,
-                communities=communities,
-                size_m=None if area is None else area.size_m,
-                no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
-            )
-            for entry in problems
-            if entry.id in plans
-        }
-        save_all(pictures, figure_dir)
-    return Planned(made, tuple(sorties), failure)
+    return Planned(tuple(plans), tuple(sorties), failure)
 
 
 def _timed(problem: RoundProblem, sortie: Sortie) -> Sortie:

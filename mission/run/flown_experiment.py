@@ -24,7 +24,7 @@ from mission.planner.problem import RoundProblem
 from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
-from mission.run.gate import slots, turns, uplinks
+from mission.run.gate import UplinkGate, slots, turns
 from mission.scenario.limits import Amount, round_limits
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
@@ -153,17 +153,18 @@ class FlownExperiment(Experiment):
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
     ) -> tuple[UplinkRecord, ...]:
         number, scenario = self.totals.next_round, self.scenario
-        gate = scenario.config.channel.gate
-        return uplinks(
+        gate = UplinkGate(
+            scenario.area,
+            scenario.community_of,
+            scenario.radio,
+            "instantaneous" if scenario.config.channel.gate == "instantaneous" else "average",
+        )
+        return gate.uplinks(
             number,
             problem,
             sortie.plan,
             turns(problem, sortie.plan, slots(plan, flight), flight),
-            area=scenario.area,
-            community_of=scenario.community_of,
-            gate="instantaneous" if gate == "instantaneous" else "average",
             rng=scenario.streams.generator(f"uplink/{number}"),
-            radio=scenario.radio,
             work=self.work if scenario.device_times else None,
         )
 

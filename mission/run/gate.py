@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -66,65 +66,98 @@ def _after(arrival: Passage, seconds: float, flight: Flight) -> Passage | None:
     return flight.at(instant) if instant <= flight.t_ns[-1] else None
 
 
-def uplinks(
-    round_number: int,
-    problem: RoundProblem,
-    plan: RoundPlan,
-    passages: Mapping[int, Passage],
-    *,
-    area: Area,
-    community_of: Sequence[str],
-    gate: Gate,
-    rng: np.random.Generator,
-    radio: Channel | CustomRadio | None = None,
-    work: DeviceWork | None = None,
-) -> tuple[UplinkRecord, ...]:
-    """One record per scheduled device, in order of step and device; `passages` by device.
+@dataclass(frozen=True)
+class UplinkGate:
+    """Lets updates through, or not; the same in all rounds of a run."""
 
-    Updates are drawn at the true positions; `rng` is this round's own stream. `radio`, by default
-    the channel that the round was planned with, gives the rates where the aircraft was. `work` is
-    what the devices are at, where they take time: some are late then, and send nothing.
-    """
-    served = [
-        (int(step), int(device), passages.get(int(device)))
-        for step, device in np.argwhere(plan.schedule)
-    ]
-    late, arrivals = _arrivals(problem, served, area, rng, gate=gate, radio=radio, work=work)
-    channel = problem.channel
+    area: Area
+    community_of: Sequence[str]  # (K,)
+    radio: Channel | CustomRadio  # gives the rates where the aircraft was
+    gate: Gate = "average"
 
-    records = []
-    for step, device, passage in served:
-        where, ground = plan.waypoints_m[step], problem.devices_m[device]
-        t_s = est_per = math.nan
-        est = true = (math.nan, math.nan, math.nan)
-        if passage is not None:
-            t_s = passage.t_ns / 1e9
-            est, true = _place(area, passage.est_ned_m), _place(area, passage.true_ned_m)
-            est_per = 1.0 if late[device] else _per(radio or channel, ground, est)
-        record = UplinkRecord(
-            round=round_number,
-            device=device,
-            community=community_of[device],
-            step=step,
-            slot_t_s=t_s,
-            plan_x_m=float(where[0]),
-            plan_y_m=float(where[1]),
-            est_x_m=est[0],
-            est_y_m=est[1],
-            est_alt_m=est[2],
-            true_x_m=true[0],
-            true_y_m=true[1],
-            true_alt_m=true[2],
-            plan_per=_per(channel, ground, (*where, channel.altitude_m)),
-            est_per=est_per,
-            true_per=float(arrivals.per[device]),
-            importance=float(problem.importance[device]),
-            delivered=bool(arrivals.delivered[device]),
+    def uplinks(
+        self,
+        round_number: int,
+        problem: RoundProblem,
+        plan: RoundPlan,
+        passages: Mapping[int, Passage],
+        *,
+        rng: np.random.Generator,
+        work: DeviceWork | None = None,
+    ) -> tuple[UplinkRecord, ...]:
+        """One record per scheduled device, in order of step and device; `passages` by device.
+
+        Updates are drawn at the true positions; `rng` is this round's own stream. `work` is what
+        the devices are at, where they take time: some are late then, and send nothing.
+        """
+        late, arrivals = self._arrivals(problem, passages, rng, work)
+        channel = problem.channel
+
+        records = []
+        for step, device in np.argwhere(plan.schedule).tolist():
+            passage = passages.get(device)
+            where, ground = plan.waypoints_m[step], problem.devices_m[device]
+            t_s = est_per = math.nan
+            est = true = (math.nan, math.nan, math.nan)
+            if passage is not None:
+                t_s = passage.t_ns / 1e9
+                est, true = self._place(passage.est_ned_m), self._place(passage.true_ned_m)
+                est_per = 1.0 if late[device] else _per(self.radio, ground, est)
+            record = UplinkRecord(
+                round=round_number,
+                device=device,
+                community=self.community_of[device],
+                step=step,
+                slot_t_s=t_s,
+                plan_x_m=float(where[0]),
+                plan_y_m=float(where[1]),
+                est_x_m=est[0],
+                est_y_m=est[1],
+                est_alt_m=est[2],
+                true_x_m=true[0],
+                true_y_m=true[1],
+                true_alt_m=true[2],
+                plan_per=_per(channel, ground, (*where, channel.altitude_m)),
+                est_per=est_per,
+                true_per=float(arrivals.per[device]),
+                importance=float(problem.importance[device]),
+                delivered=bool(arrivals.delivered[device]),
+            )
+            if work is not None:
+                record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
+            records.append(record)
+        return tuple(records)
+
+    def _arrivals(
+        self,
+        problem: RoundProblem,
+        passages: Mapping[int, Passage],
+        rng: np.random.Generator,
+        work: DeviceWork | None,
+    ) -> tuple[Bools, Arrivals]:
+        """Who of the devices that had their turn is late, (K,), and who gets through."""
+        count = len(problem.devices_m)
+        horizontal, height = np.zeros(count), np.zeros(count)
+        late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        for device, passage in passages.items():
+            x, y, height[device] = self._place(passage.true_ned_m)
+            horizontal[device] = math.dist((x, y), problem.devices_m[device])
+            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
+            sends[device] = not late[device]
+        found = deliver(
+            problem.channel,
+            horizontal,
+            height_m=height,
+            transmitted=sends,
+            rng=rng,
+            radio=self.radio,
+            gate=self.gate,
         )
-        if work is not None:
-            record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
-        records.append(record)
-    return tuple(records)
+        return late, found
+
+    def _place(self, pos_ned_m: Floats) -> tuple[float, float, float]:
+        x, y = self.area.from_ned(pos_ned_m)
+        return float(x), float(y), -float(pos_ned_m[2])
 
 
 def _timed(
@@ -137,36 +170,6 @@ def _timed(
         staleness=record.round - int(work.begun[record.device]),
         upload_s=upload_s,
     )
-
-
-def _arrivals(
-    problem: RoundProblem,
-    served: Sequence[tuple[int, int, Passage | None]],
-    area: Area,
-    rng: np.random.Generator,
-    *,
-    gate: Gate,
-    radio: Channel | CustomRadio | None,
-    work: DeviceWork | None,
-) -> tuple[Bools, Arrivals]:
-    """Who of the served (step, device, passage) is late, (K,), and who gets through."""
-    count = len(problem.devices_m)
-    horizontal, height = np.zeros(count), np.zeros(count)
-    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for _, device, passage in served:
-        if passage is not None:
-            x, y, height[device] = _place(area, passage.true_ned_m)
-            horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
-            sends[device] = not late[device]
-    where = problem.channel, horizontal
-    found = deliver(*where, height_m=height, transmitted=sends, rng=rng, radio=radio, gate=gate)
-    return late, found
-
-
-def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:
-    x, y = area.from_ned(pos_ned_m)
-    return float(x), float(y), -float(pos_ned_m[2])
 
 
 def _per(radio: Channel | CustomRadio, device_m: Floats, at: tuple[float, float, float]) -> float:

@@ -9,7 +9,6 @@ from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.flight_commands import FlightCommands
-from sitl.autopilot.flying.permissions import Permissions
 from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
@@ -25,7 +24,8 @@ from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.protocol.transfer import MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter
-from sitl.autopilot.safety.failsafe import Cause, Failsafes
+from sitl.autopilot.safety.clearance import Clearance
+from sitl.autopilot.safety.failsafe import Failsafes
 from sitl.autopilot.safety.guard import Guard
 from sitl.autopilot.safety.injection import Injector
 from sitl.autopilot.safety.monitor import Monitor
@@ -71,75 +71,68 @@ class Autopilot:
         logs: LogFolder | None = None,
         standalone: bool = False,
     ) -> None:
+        self.parameters = parameters
         self._outbox: m.Outbox = []
-        self._report = Reporter(self._outbox, sink)
-        self._health_contained = self._report.contain("the state of health")
-        self._telemetry_contained = self._report.contain("telemetry")
-        self._failsafes_contained = self._report.contain("the failsafes")
+        self._report = report = Reporter(self._outbox, sink)
         self._wire = Wire(system, COMPONENT)
         self._streams = Streams(SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ)
-        self.parameters = parameters
+        self._storage = storage
+        self._standalone = standalone
+        self.reboot_ordered = False  # whoever owns the autopilot makes a new one
+
+        self._clearance = clearance = Clearance(aircraft, parameters)
         self.flight = Flight(
             aircraft,
             parameters,
             home=aircraft.frame.origin,
-            permissions=Permissions(
-                position_ok=lambda: self.guard.position_ok(),
-                forbidden=lambda places: self.guard.breach(places),
-                arming_denied=self._arming_denied,
-            ),
-            reporter=self._report,
+            permissions=clearance,
+            reporter=report,
         )
-        self.monitor = Monitor(
-            aircraft, self.flight, reporter=self._report, fenced=lambda: self.guard.fenced()
+        self._pilots = Pilots(Cockpit(aircraft, self.flight, parameters), report)
+        self.monitor = Monitor(aircraft, self.flight, clearance=clearance, reporter=report)
+        self.failsafes = Failsafes(
+            self.flight, parameters, by_sticks=self._pilots.give_to_sticks, reporter=report
         )
-        self.failsafes = Failsafes(self.flight, parameters, reporter=self._report)
         self.guard = Guard(
-            aircraft,
-            self.flight,
-            parameters,
-            monitor=self.monitor,
-            failsafes=self.failsafes,
+            aircraft, self.flight, parameters, clearance=clearance, failsafes=self.failsafes
         )
+
         self._transfer = MissionTransfer(self._outbox, check=self._check_item, store=self._store)
-        self._parameter_server = ParameterServer(self._outbox, parameters)
-        self._log_server = LogServer(
-            self._outbox, logs or NoLogs(), reporter=self._report, armed=lambda: aircraft.armed
-        )
-        self._ftp = FtpServer(self._outbox, logs or NoLogs(), parameters)
-        cockpit = Cockpit(aircraft, self.flight, parameters, self.failsafes)
-        self._pilots = Pilots(cockpit, self._report)
+        files = logs or NoLogs()
         self._servers = (
             self._transfer,
-            self._parameter_server,
-            self._log_server,
-            self._ftp,
+            ParameterServer(self._outbox, parameters),
+            LogServer(self._outbox, files, reporter=report, armed=lambda: aircraft.armed),
+            FtpServer(self._outbox, files, parameters),
             self._pilots,
-            Absent(self._outbox, self._report),
+            Absent(self._outbox, report),
         )
-        self._polled = [
-            (server, self._report.contain(type(server).__name__)) for server in self._servers
-        ]
         self._flight_commands = FlightCommands(aircraft, self.flight, pilots=self._pilots.modes())
         self._message_commands = MessageCommands(self._outbox, self._streams)
-        self._commands = CommandServer(self._outbox, self._report)
-        self._commands.add(self._flight_commands.handlers())
-        self._commands.add(self._message_commands.handlers())
-        self._commands.add(self._pilots.handlers())
-        self._commands.add(
+        injector = Injector(aircraft, parameters, monitor=self.monitor)
+        self.commands = CommandServer(
+            self._outbox,
+            report,
             {
+                **self._flight_commands.handlers(),
+                **self._message_commands.handlers(),
+                **self._pilots.handlers(),
                 Command.PREFLIGHT_STORAGE: self._store_parameters,
                 Command.DO_FENCE_ENABLE: self._enable_fence,
                 Command.PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
-                Command.INJECT_FAILURE: Injector(
-                    aircraft, parameters, monitor=self.monitor
-                ).command,
-            }
+                Command.INJECT_FAILURE: injector.command,
+            },
         )
-        self._storage = storage
-        self._standalone = standalone
-        self.reboot_ordered = False  # whoever owns the autopilot makes a new one
-        self.tick = self.flight.tick
+
+        # Made once, as they are entered many times a second.
+        self._health_contained = report.contain("the state of health")
+        self._telemetry_contained = report.contain("telemetry")
+        self._failsafes_contained = report.contain("the failsafes")
+        self._polled = [(server, report.contain(type(server).__name__)) for server in self._servers]
+
+    def tick(self) -> bool:
+        """Look after the manoeuvre, after every physics tick; whether there still is one."""
+        return self.flight.tick()
 
     def watch(self) -> None:
         """Look after everything but the manoeuvre."""
@@ -192,6 +185,8 @@ class Autopilot:
             with contained:
                 server.poll(now)
         with self._failsafes_contained:
+            self._pilots.watch(self.failsafes)
+        with self._failsafes_contained:
             self.guard.poll(now)
         nudged = report.nudged
         kinds = self._streams.take_due(now, (*nudged, *self._message_commands.asked))
@@ -233,7 +228,7 @@ class Autopilot:
             return
         match body:
             case m.CommandOrder():
-                self._commands.receive(peer, body, now)
+                self.commands.receive(peer, body, now)
             case m.MissionSetCurrent(seq):
                 reason = self.flight.rewind_mission(seq)
                 if reason is not None:
@@ -249,7 +244,7 @@ class Autopilot:
                 own_ns = int(now * 1e9)
                 self._outbox.append(m.Envelope(m.TimeSync(own_ns, sender_ns), peer))
             case m.Heartbeat(ground_station=True):
-                self.monitor.heard_ground_station(now)
+                self.guard.heard_ground_station(now)
 
     def _store_parameters(self, order: m.CommandOrder, _now: float) -> Refusal | None:
         what = order.params[0]
@@ -283,14 +278,8 @@ class Autopilot:
     def _enable_fence(self, order: m.CommandOrder, _now: float) -> Refusal | None:
         if order.params[0] not in (0.0, 1.0):
             return Refusal(Result.DENIED, f"parameter 1 = {order.params[0]:g}: 0 or 1")
-        self.guard.fence_enabled = order.params[0] == 1.0
+        self._clearance.fence.enabled = order.params[0] == 1.0
         return None
-
-    def _arming_denied(self) -> str:
-        if not self.monitor.gnss_current():
-            return "no GNSS solution"
-        critical = self.failsafes.present(Cause.BATTERY_CRITICAL)
-        return "battery critical" if critical else ""
 
     def _check_item(self, item: m.MissionItem) -> MissionResult:
         verdict = check_item(item)
@@ -303,7 +292,7 @@ class Autopilot:
         """Take a list that was uploaded whole, or say what is wrong with it."""
         if kind is MissionType.FENCE:
             try:
-                self.guard.set_fence(items)
+                self._clearance.fence.draw(items)
             except SitlInputError as error:
                 self._report.say(Severity.WARNING, str(error))
                 return MissionResult.INVALID_PARAM1

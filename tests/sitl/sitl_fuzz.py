@@ -142,7 +142,7 @@ class Frames:
 
 
 KNOWN = [
-    *sorted(Desk(ready=False).vehicle.autopilot._commands.known),
+    *sorted(Desk(ready=False).vehicle.autopilot.commands.known),
     16, 17, 19, 20, 21, 22, 93, 112, 115, 177, 178, 5000, 5001, 5002, 5003, 5004, 5100,
 ]  # fmt: skip
 
@@ -197,9 +197,9 @@ class Attack:
         if self.sent % 7 == 0:
             desk.now += 0.05
             for _ in range(10):
-                unarmed, down_m = not desk.mass.armed, float(desk.mass._pos[2])
+                unarmed, down_m = not desk.mass.armed, float(desk.mass.pos_ned_m[2])
                 desk.vehicle.step()
-                if unarmed and desk.mass._pos[2] < down_m - 1e-9:
+                if unarmed and desk.mass.pos_ned_m[2] < down_m - 1e-9:
                     raise BrokenError("it climbs unarmed")
             desk.exchange()
         self.check()
@@ -222,7 +222,7 @@ class Attack:
             raise BrokenError(f"internal error: {self._log.records[0].getMessage()}")
         vehicle, mass = self.desk.vehicle, self.desk.mass
         flight = vehicle.autopilot.flight
-        if not all(map(math.isfinite, (*mass._pos, *mass._vel, mass._yaw))):
+        if not all(map(math.isfinite, (*mass.pos_ned_m, *mass.vel_ned_mps, mass.yaw_rad))):
             raise BrokenError("the vehicle's state is not finite")
         home = flight.home
         if not (abs(home.lat_deg) <= 90 and abs(home.lon_deg) <= 180):
@@ -255,7 +255,7 @@ class Attack:
             mav.MAV_CMD_DO_SET_HOME, 0, (0, 0, 0, 0), round(home.lat_deg * 1e7),
             round(home.lon_deg * 1e7), home.alt_msl_m,
         ) == mav.MAV_RESULT_ACCEPTED  # fmt: skip
-        north, east = map(float, desk.mass._pos[:2])
+        north, east = map(float, desk.mass.pos_ned_m[:2])
         if desk.upload([item(0, mav.MAV_CMD_NAV_WAYPOINT, north=north + 30.0, east=east)]):
             raise BrokenError("a good mission is refused: " + "".join(desk.texts()))
         self._must(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)

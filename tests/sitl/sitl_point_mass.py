@@ -36,9 +36,9 @@ class PointMass:
         self.faults: tuple[Fault, ...] = ()
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
-        self._pos = np.zeros(3)
-        self._vel = np.zeros(3)
-        self._yaw = 0.0
+        self.pos_ned_m = np.zeros(3)
+        self.vel_ned_mps = np.zeros(3)
+        self.yaw_rad = 0.0
         self._path: FlightPath | None = None
         self._velocity: Vector | None = None
         self.target: Target | None = None
@@ -55,15 +55,15 @@ class PointMass:
 
     @property
     def on_ground(self) -> bool:
-        return bool(self._pos[2] >= 0.0)
+        return bool(self.pos_ned_m[2] >= 0.0)
 
     @property
     def belief(self) -> Kinematics:
         return Kinematics(
             self.t_ns,
-            self._pos.copy(),
-            self._vel.copy(),
-            np.array(quaternion_from_euler(0.0, 0.0, self._yaw)),
+            self.pos_ned_m.copy(),
+            self.vel_ned_mps.copy(),
+            np.array(quaternion_from_euler(0.0, 0.0, self.yaw_rad)),
             np.zeros(3),
         )
 
@@ -90,13 +90,13 @@ class PointMass:
         self._path = self._velocity = self.cmd_pos_ned_m = None
 
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
-        self.follow(FlightPath(np.array([self._pos, pos_ned_m]), np.array([5.0]), np.ones(2)))
-        self._yaw = math.remainder(yaw_rad, math.tau)
+        self.follow(FlightPath(np.array([self.pos_ned_m, pos_ned_m]), np.array([5.0]), np.ones(2)))
+        self.yaw_rad = math.remainder(yaw_rad, math.tau)
 
     def velocity(self, vel_ned_mps: Vector, yaw_rad: float) -> None:
         self.idle()
         self._velocity = np.array(vel_ned_mps)
-        self._yaw = math.remainder(yaw_rad, math.tau)
+        self.yaw_rad = math.remainder(yaw_rad, math.tau)
 
     def pursue(self, target: Target) -> None:
         self.idle()
@@ -131,34 +131,36 @@ class PointMass:
     def step(self) -> None:
         self.t_ns += self.dt_ns
         if self.gnss_works and self.t_ns % 200_000_000 == 0:
-            self.gnss = GnssFix(self.t_ns, self._pos.copy(), self._vel.copy(), 0.7, 1.2, 0.1, 12)
-        before = self._pos.copy()
-        self._vel = np.zeros(3)
+            self.gnss = GnssFix(
+                self.t_ns, self.pos_ned_m.copy(), self.vel_ned_mps.copy(), 0.7, 1.2, 0.1, 12
+            )
+        before = self.pos_ned_m.copy()
+        self.vel_ned_mps = np.zeros(3)
         if self.armed:
             self._move(self.dt_ns * 1e-9)
-        elif self._pos[2] < 0:
-            self._pos[2] += 5.0 * self.dt_ns * 1e-9
-        self._pos[2] = min(self._pos[2], 0.0)
-        self._vel = (self._pos - before) / (self.dt_ns * 1e-9)
+        elif self.pos_ned_m[2] < 0:
+            self.pos_ned_m[2] += 5.0 * self.dt_ns * 1e-9
+        self.pos_ned_m[2] = min(self.pos_ned_m[2], 0.0)
+        self.vel_ned_mps = (self.pos_ned_m - before) / (self.dt_ns * 1e-9)
 
     def _move(self, left_s: float) -> None:
         if self.target is not None:
-            here = (float(self._pos[0]), float(self._pos[1]), float(self._pos[2]))
+            here = (float(self.pos_ned_m[0]), float(self.pos_ned_m[1]), float(self.pos_ned_m[2]))
             wanted = wanted_velocity(here, (0.0, 0.0, 0.0), self.target, LimitsConfig())
-            self._pos += np.array(wanted) * left_s
+            self.pos_ned_m += np.array(wanted) * left_s
         if self._velocity is not None:
-            self._pos += self._velocity * left_s
+            self.pos_ned_m += self._velocity * left_s
         path, progress = self._path, self.progress
         while path is not None and not progress.finished and left_s > 0:
             goal = path.points_ned_m[progress.passed]
             self.cmd_pos_ned_m = np.array(goal)
-            way = goal - self._pos
+            way = goal - self.pos_ned_m
             distance = float(np.linalg.norm(way))
             reach = float(path.speeds_mps[progress.passed - 1]) * left_s
             if distance > reach:
-                self._pos += way / distance * reach
+                self.pos_ned_m += way / distance * reach
                 return
-            self._pos = np.array(goal)
+            self.pos_ned_m = np.array(goal)
             left_s *= 1.0 - distance / reach
             progress.passed += 1
             progress.finished = progress.passed == len(path.points_ned_m)

@@ -21,7 +21,7 @@ LISTS = {
     mav.MAV_MISSION_TYPE_FENCE: [5001, 5002, 5003, 5004],
     mav.MAV_MISSION_TYPE_RALLY: [5100],
 }
-COMMANDS = sorted(Desk(ready=False).vehicle.autopilot._commands.known)
+COMMANDS = sorted(Desk(ready=False).vehicle.autopilot.commands.known)
 
 
 @pytest.mark.slow
@@ -38,7 +38,7 @@ def test_the_same_seed_is_the_same_attack() -> None:
         for _ in range(300):
             attack.step()
     assert first.desk.vehicle.t_ns == second.desk.vehicle.t_ns
-    assert (first.desk.mass._pos == second.desk.mass._pos).all()
+    assert (first.desk.mass.pos_ned_m == second.desk.mass.pos_ned_m).all()
     assert first.desk.texts() == second.desk.texts()
 
 
@@ -126,8 +126,8 @@ class Station(RuleBasedStateMachine):
     def nothing_went_wrong_inside(self) -> None:
         if hasattr(self, "desk"):
             assert "Internal error" not in "".join(self.desk.texts())
-            assert all(map(math.isfinite, (*self.desk.mass._pos, *self.desk.mass._vel)))
-            assert self.desk.mass.armed or self.desk.mass._vel[2] >= 0.0
+            assert all(map(math.isfinite, (*self.desk.mass.pos_ned_m, *self.desk.mass.vel_ned_mps)))
+            assert self.desk.mass.armed or self.desk.mass.vel_ned_mps[2] >= 0.0
 
     @invariant()
     def what_was_accepted_can_be_flown_from_every_item(self) -> None:

@@ -88,8 +88,7 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
 def test_a_fresh_battery_is_seen_though_time_stands_still() -> None:
     vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
     plant = vehicle.aircraft.plant
-    plant._battery.consumed_mah = 5000.0
-    plant.battery = plant._battery.state()
+    plant.battery = plant.battery._replace(remaining=0.05)
     vehicle.autopilot.watch()
     failsafes, t_ns = vehicle.autopilot.failsafes, vehicle.t_ns
     assert failsafes.present(Cause.BATTERY_CRITICAL)

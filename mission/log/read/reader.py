@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mission.base.arrays import Floats
 from mission.log import topics
 from mission.log.errors import ForeignLogError
 from mission.log.read.contents import Contents, Json, Row, load
@@ -119,8 +118,7 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
 def _plan(t_ns: int, row: Json, devices: int) -> PlanRecord:
     waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
     schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
-    altitude_m = _number(row["altitude_m"])
-    # Earlier logs do not know of areas to fly around.
+    # Logs of version 0.2 do not know of areas to fly around.
     route_m = np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2)
     # They have the slots of an aircraft that is always at its planned speed.
     slot_s = np.array(row.get("slot_s", row.get("ideal_slot_s")), dtype=np.float64)
@@ -136,31 +134,21 @@ def _plan(t_ns: int, row: Json, devices: int) -> PlanRecord:
         upper_bound=_number(row["upper_bound"]),
         path_budget_m=_number(row["path_budget_m"]),
         speed_mps=_number(row["speed_mps"]),
-        altitude_m=altitude_m,
-        # Earlier logs have only the one height, which is the same everywhere in a run.
-        height_m=np.array(row.get("height_m", [altitude_m] * len(waypoints_m)), dtype=np.float64),
+        altitude_m=_number(row["altitude_m"]),
+        height_m=np.array(row["height_m"], dtype=np.float64),
         slot_s=slot_s,
         duration_s=_number(row.get("duration_s", slot_s[-1])),
         route_m=route_m,
-        stops_at=np.array(row.get("stops_at") or _stops_at(route_m, waypoints_m), dtype=np.int64),
+        # Not written where there are no corners between.
+        stops_at=np.array(row.get("stops_at", range(len(waypoints_m))), dtype=np.int64),
     )
-
-
-def _stops_at(route_m: Floats, waypoints_m: Floats) -> list[int]:
-    """Which points of the route are the waypoints, in a log that does not say: each the first that
-    equals it, which a corner in the same place may be."""
-    found = [-1]
-    for waypoint in waypoints_m:
-        first = found[-1] + 1
-        found.append(first + int((route_m[first:] == waypoint).all(axis=1).argmax()))
-    return found[1:]
 
 
 def _round(row: Json) -> RoundRecord:
     values = _with_nan(row)
     values["accuracy"] = _with_nan(row["accuracy"])
     values["cov"] = _with_nan(row["cov"])
-    values["optional"] = _with_nan(row.get("optional", {}))  # earlier logs have none
+    values["optional"] = _with_nan(row.get("optional", {}))  # logs of version 0.2 have none
     return RoundRecord(**values)
 
 

@@ -53,7 +53,6 @@ class Flight:
         self.home = home
         self.rally: tuple[MissionItem, ...] = ()
         self.position_ok = permissions.position_ok
-        self.forbidden = permissions.forbidden
         # What modes need; each pilot adds what its own mode does.
         self.needs: dict[Need, Callable[[], bool]] = {
             Need.ARMED: lambda: aircraft.armed,
@@ -69,7 +68,7 @@ class Flight:
         self._report = reporter
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
-        self._arming_denied = permissions.arming_denied
+        self._permissions = permissions
         self.navigator = Navigator(aircraft, parameters)
         self._mission_flight = MissionFlight(self.navigator, reporter)
         self.mission = self._mission_flight.mission
@@ -110,6 +109,10 @@ class Flight:
         """Home in the aircraft's frame."""
         return self.frame.to_ned(self.home.lat_deg, self.home.lon_deg, self.home.alt_msl_m)
 
+    def forbidden(self, places_ned_m: Vector) -> str:
+        """How places, (3,) or (n, 3), may not be; empty if they may."""
+        return self._permissions.forbidden(places_ned_m, home_ned_m=self.home_ned_m)
+
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
         if not self._aircraft.ready:
@@ -118,7 +121,7 @@ class Flight:
             return "flight was terminated"
         if self._settling:
             return _STARTING
-        return self._arming_denied()
+        return self._permissions.arming_denied()
 
     def here(self) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
@@ -320,7 +323,8 @@ class Flight:
         for need in row.needs:
             if not self.needs[need]():
                 return need.value
-        if trigger in _LIFTS and not self.airborne and (denied := self._arming_denied()):
+        lifts = trigger in _LIFTS and not self.airborne
+        if lifts and (denied := self._permissions.arming_denied()):
             return denied  # what keeps it from being armed may have come since it was
         if row.target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()

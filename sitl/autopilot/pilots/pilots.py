@@ -10,6 +10,7 @@ from sitl.autopilot.pilots.sticks import Sticks
 from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.protocol.commands import Handler
 from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.safety.failsafe import Failsafes
 from sitl.autopilot.values import messages as m
 from sitl.autopilot.values.enums import Command
 
@@ -21,7 +22,6 @@ class Pilots:
         self._clock = cockpit.clock
         self._offboard = Offboard(cockpit, reporter)
         self._sticks = Sticks(cockpit)
-        cockpit.failsafes.by_sticks = self._sticks.enter
         self._follower = Follower(cockpit)
         self._orbits = Orbits(cockpit.aircraft, cockpit.flight)
 
@@ -38,6 +38,10 @@ class Pilots:
             **self._sticks.modes(),
         }
 
+    def give_to_sticks(self, mode: Mode, why: str) -> str | None:
+        """Fly by the sticks from now on, in a mode of theirs; the reason if that cannot be."""
+        return self._sticks.enter(mode, why)
+
     def handlers(self) -> Mapping[Command, Handler]:
         """Who answers which command."""
         return {Command.DO_ORBIT: self._orbits.command}
@@ -51,12 +55,15 @@ class Pilots:
         return any(pilot.receive(body) for pilot in (self._offboard, self._sticks, self._follower))
 
     def poll(self, now: float) -> None:
-        """Look after the streams."""
-        self._clock.now = now
-        self._offboard.poll()
-        self._sticks.poll()
+        """Nothing is answered."""
+        self.note_time(now)
+
+    def watch(self, failsafes: Failsafes) -> None:
+        """Look for streams that have fallen silent, at the time that was noted last."""
+        self._offboard.watch(failsafes)
+        self._sticks.watch(failsafes)
 
     def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
+        """When `watch` has something to do; None for never."""
         timers = (self._offboard.due(), self._sticks.due())
         return min((timer for timer in timers if timer is not None), default=None)

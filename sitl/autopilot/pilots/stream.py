@@ -25,7 +25,6 @@ class Cockpit:
     aircraft: Aircraft
     flight: Flight
     parameters: Parameters
-    failsafes: Failsafes
     clock: WallClock = field(default_factory=WallClock)
 
 
@@ -42,7 +41,7 @@ class StreamPilot:
     ) -> None:
         self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
         self._parameters = cockpit.parameters
-        self._failsafes, self._clock = cockpit.failsafes, cockpit.clock
+        self._clock = cockpit.clock
         self._modes, self._cause, self._patience_s = modes, cause, patience_s
         self._heard_at = -math.inf
 
@@ -59,12 +58,12 @@ class StreamPilot:
         """Note that it was heard now."""
         self._heard_at = self._clock.now
 
-    def poll(self) -> None:
+    def watch(self, failsafes: Failsafes) -> None:
         """Look for a loss; one that was acted on stays until the stream is back or nobody flies."""
-        missed = self._flies or self._failsafes.acted(self._cause)
+        missed = self._flies or failsafes.acted(self._cause)
         lost = self._aircraft.armed and missed and not self._alive
         silence_s = self._clock.now - self._heard_at
-        self._failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")
+        failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")
 
     def due(self) -> float | None:
         """When a loss will show; None where there is nothing to lose."""

@@ -50,22 +50,20 @@ def _same(a: float, b: float) -> bool:
 
 
 class CommandServer:
-    """Carries out COMMAND_LONG and COMMAND_INT, by handlers that are added."""
+    """Carries out COMMAND_LONG and COMMAND_INT, by the handler of each command."""
 
-    def __init__(self, outbox: m.Outbox, reporter: Reporter) -> None:
+    def __init__(
+        self, outbox: m.Outbox, reporter: Reporter, handlers: Mapping[Command, Handler]
+    ) -> None:
         self._outbox = outbox
         self._report = reporter
         self._last: _Done | None = None
-        self._handlers: dict[int, Handler] = {}
+        self._handlers = {int(command): handler for command, handler in handlers.items()}
 
     @property
     def known(self) -> frozenset[int]:
         """The commands that are not answered UNSUPPORTED."""
         return frozenset(self._handlers)
-
-    def add(self, handlers: Mapping[Command, Handler]) -> None:
-        """Let these handlers answer these commands."""
-        self._handlers.update({int(command): handler for command, handler in handlers.items()})
 
     def receive(self, peer: m.Peer, order: m.CommandOrder, now: float) -> None:
         """Carry out a command and answer it."""

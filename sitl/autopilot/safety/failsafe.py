@@ -82,13 +82,21 @@ class Failsafes:
     One that appears on the ground is told there, and acted on as soon as the aircraft flies.
     """
 
-    def __init__(self, flight: Flight, parameters: Parameters, *, reporter: Reporter) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        parameters: Parameters,
+        *,
+        by_sticks: Callable[[Mode, str], str | None],
+        reporter: Reporter,
+    ) -> None:
+        """`by_sticks` gives the flight to the sticks, in one of their modes; the reason if not."""
         self._flight = flight
         self._parameters = parameters
+        self._by_sticks = by_sticks
         self._report = reporter
         self._present: set[Cause] = set()
         self._acted: dict[Cause, int] = {}  # in which flight
-        self.by_sticks: Callable[[Mode, str], str | None] = lambda *_: "there are no sticks"
 
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
@@ -149,7 +157,7 @@ class Failsafes:
     def _carry_out(self, action: Action, why: str) -> str | None:
         match action:
             case _ if action in BY_STICKS:
-                return self.by_sticks(BY_STICKS[action], why)
+                return self._by_sticks(BY_STICKS[action], why)
             case Action.HOLD:
                 return self._flight.hold(why)
             case Action.RETURN:

@@ -130,6 +130,38 @@ def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Paramete
     return ""
 
 
+class Geofence:
+    """The fence that is in force: as it was uploaded, and the cylinder of the parameters."""
+
+    def __init__(self, frame: LocalFrame, parameters: Parameters) -> None:
+        self.enabled = True
+        self._frame = frame
+        self._parameters = parameters
+        self._drawn = Fence()
+
+    def draw(self, items: Sequence[MissionItem]) -> None:
+        """Another fence; none where there are no items.
+
+        Raises:
+            SitlInputError: the items make no fence.
+        """
+        self._drawn = compile_fence(items, self._frame)
+
+    @property
+    def in_force(self) -> bool:
+        """Whether there is a fence, and it is not switched off."""
+        p = self._parameters
+        cylinder = p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
+        drawn = bool(self._drawn.inclusions or self._drawn.exclusions)
+        return self.enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
+
+    def breach(self, pos_ned_m: Vector, *, home_ned_m: Vector) -> str:
+        """What it has against being there, (3,), or in any of (P, 3) places; empty if nothing."""
+        if not self.enabled:
+            return ""
+        return breach_of(self._drawn, pos_ned_m, home_ned_m=home_ned_m, parameters=self._parameters)
+
+
 def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:
     """The fence that uploaded items describe.
 

@@ -1,23 +1,20 @@
 """The state of health: what telemetry reports of it, and what is said when it changes."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
-from flightdyn.state import GnssFix
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.orbit import Orbit
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
+from sitl.autopilot.safety.clearance import Clearance
 from sitl.autopilot.safety.failsafe import Cause, Failsafes
 from sitl.autopilot.values.enums import LandedState, Sensor, Severity, SystemState
 from sitl.autopilot.values.snapshot import Dials, Snapshot
 
-_GNSS_CURRENT_S = 1.5  # a solution is current for so long
-_SATELLITES_UNKNOWN = 255
 _PRESENT = (
     Sensor.GYRO
     | Sensor.ACCEL
@@ -42,26 +39,19 @@ class Monitor:
     """Watches the aircraft in simulated time and describes it for telemetry."""
 
     def __init__(
-        self, aircraft: Aircraft, flight: Flight, *, reporter: Reporter, fenced: Callable[[], bool]
+        self, aircraft: Aircraft, flight: Flight, *, clearance: Clearance, reporter: Reporter
     ) -> None:
         self._aircraft = aircraft
         self._flight = flight
+        self._clearance = clearance
         self._report = reporter
-        self._gnss: GnssFix | None = None
-        self._gnss_at_ns = 0
         self._landed = LandedState.UNDEFINED
         self._limited = False
         self._faults: tuple[Fault, ...] = ()
-        self._fenced = fenced
-        self.ground_station_at = math.nan  # wall time of the last heartbeat from one
-
-    def heard_ground_station(self, now: float) -> None:
-        """A ground station is alive."""
-        self.ground_station_at = now
 
     def watch(self) -> None:
         """Look at what may have changed; a few times a simulated second."""
-        self._note_gnss()
+        self._clearance.gnss.look()
         self.watch_faults()
         self._flight.notice_crash()
         landed = self._flight.landed_state
@@ -87,32 +77,11 @@ class Monitor:
                 self._report.fault(f"Fault ends: {fault.kind}")
         self._faults = faults
 
-    def _note_gnss(self) -> None:
-        aircraft = self._aircraft
-        fix = aircraft.gnss
-        if fix is None and aircraft.ready:
-            # No receiver, and yet it knows where it is: flown on the truth. That is a fix, too.
-            at = aircraft.belief
-            fix = GnssFix(at.t_ns, at.pos_ned_m, at.vel_ned_mps, 0.0, 0.0, 0.0, _SATELLITES_UNKNOWN)
-        if fix is not self._gnss:
-            self._gnss, self._gnss_at_ns = fix, aircraft.t_ns
-
-    def gnss_age_s(self) -> float:
-        """Simulated seconds since a solution arrived; infinite where there was none."""
-        self._note_gnss()
-        if self._gnss is None:
-            return math.inf
-        return (self._aircraft.t_ns - self._gnss_at_ns) * 1e-9
-
-    def gnss_current(self) -> bool:
-        """Whether the last solution is a recent one."""
-        return self.gnss_age_s() < _GNSS_CURRENT_S
-
     def snapshot(self, failsafes: Failsafes) -> Snapshot:
         """The vehicle as it is."""
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
-        fix = self._gnss if self.gnss_current() else None
+        fix, fenced = self._clearance.gnss.current(), self._clearance.fence.in_force
         return Snapshot(
             t_ns=aircraft.t_ns,
             belief=belief,
@@ -131,7 +100,7 @@ class Monitor:
             armed=aircraft.armed,
             system_state=self._system_state(failsafes),
             landed_state=flight.landed_state,
-            sensors_present=_PRESENT | (Sensor.GEOFENCE if self._fenced() else Sensor(0)),
+            sensors_present=_PRESENT | (Sensor.GEOFENCE if fenced else Sensor(0)),
             sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
             armed_t_ns=flight.motors.armed_t_ns,
             flights=flight.motors.flights,

@@ -21,7 +21,8 @@ from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
-from mission.log.read.reader import read_log
+from mission.log.read.contents import load
+from mission.log.read.reader import decode, read_log
 from mission.log.topics import FRAME, RAW, TOPICS, Topic, fields
 from mission.log.write import messages as encoded
 from mission.log.write.rates import LogRates
@@ -409,3 +410,23 @@ def test_a_path_encoded_point_by_point_is_the_viewers_own_message() -> None:
     assert encoded.path(stamp, encoded.path_points(points)) == whole
     one_by_one = b"".join(encoded.path_points([point]) for point in points)
     assert encoded.path(stamp, one_by_one) == whole
+
+
+def test_logs_of_version_0_2_are_read(made: Fixed) -> None:
+    contents = load(made.log)
+    for message in contents.messages["/plan"]:
+        row = json.loads(message.data)
+        row["ideal_slot_s"] = row.pop("slot_s")
+        del row["duration_s"], row["route_m"]
+        message.data = json.dumps(row).encode()
+    for message in contents.messages["/rounds"]:
+        row = json.loads(message.data)
+        del row["optional"]
+        message.data = json.dumps(row).encode()
+    old, new = decode(contents), read_log(made.log)
+    assert old.rounds == new.rounds
+    for plan, now in zip(old.plans, new.plans, strict=True):
+        np.testing.assert_array_equal(plan.route_m, now.route_m)
+        np.testing.assert_array_equal(plan.stops_at, now.stops_at)
+        np.testing.assert_array_equal(plan.slot_s, now.slot_s)
+        assert plan.duration_s == now.slot_s[-1]

@@ -14,7 +14,7 @@ from mission.flight.track import Flight, Passage
 from mission.log.records import UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.stops import Stop, stops_of
-from mission.run.gate import slots, uplinks
+from mission.run.gate import UplinkGate, slots
 
 CHANNEL = CHANNEL_PRESETS["suburban"]
 AREA = Area((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
@@ -52,8 +52,8 @@ def problem(devices: list[list[float]]) -> RoundProblem:
 def served(
     given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
 ) -> tuple[UplinkRecord, ...]:
-    names = ["a"] * len(given.devices_m)
-    return uplinks(0, given, plan, seen, area=AREA, community_of=names, gate="average", rng=rng)
+    gate = UplinkGate(AREA, ["a"] * len(given.devices_m), CHANNEL)
+    return gate.uplinks(0, given, plan, seen, rng=rng)
 
 
 def test_waypoints_that_coincide_become_one_stop() -> None:
@@ -118,10 +118,10 @@ def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
 def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
     given = problem([[520.0, 270.0], [510.0, 260.0]])
     there = passage(0.0, (400.0, 100.0), (400.0, 100.0))
-    seen = {0: there, 1: there}
     fates: list[list[bool]] = [[], []]
     for fate, schedule in zip(fates, ([[True, True]], [[False, True]]), strict=True):
         plan = RoundPlan(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)
+        seen = {device: there for device, sends in enumerate(schedule[0]) if sends}
         for m in range(40):
             rng = RandomStreams(3).generator(f"uplink/{m}")
             records = served(given, plan, seen, rng)

@@ -33,7 +33,7 @@ def test_parameters() -> None:
 
 def test_commands_items_modes_failsafes_and_failures() -> None:
     named = set(re.findall(r"`([A-Z][A-Z_]+)`", section("Commands"))) - {"MIS_TAKEOFF_ALT"}
-    known = Desk().vehicle.autopilot._commands.known
+    known = Desk().vehicle.autopilot.commands.known
     assert named == {Command(number).name for number in known}
     items = set(re.findall(r"`([A-Z][A-Z_]+)`", section("Missions")))
     assert {command.name for command in NAVIGATION} <= items

@@ -184,7 +184,7 @@ def test_a_relative_turn_in_a_mission_goes_the_way_it_says(
     )
     start(desk)
     desk.fly()
-    assert desk.mass._yaw == pytest.approx(math.remainder(math.radians(north_deg), math.tau))
+    assert desk.mass.yaw_rad == pytest.approx(math.remainder(math.radians(north_deg), math.tau))
 
 
 MODE, PAUSE = mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_DO_PAUSE_CONTINUE

@@ -33,7 +33,7 @@ def degrees_e7(desk: Desk, north: float, east: float) -> tuple[int, int]:
 
 def test_everything_unknown_is_answered_unsupported() -> None:
     desk = Desk()
-    known = desk.vehicle.autopilot._commands.known
+    known = desk.vehicle.autopilot.commands.known
     for number in (*range(1, 700), 2000, 2500, 3000, 31000, 42000, 65000):
         if number not in known:
             assert desk.command(number) == UNSUPPORTED, number
@@ -167,7 +167,7 @@ def test_reposition_with_yaw(frame: int, z: float) -> None:
     desk.fly()
     expected = desk.mass.frame.to_ned(lat * 1e-7, lon * 1e-7, 528.0)
     assert position(desk) == pytest.approx(expected, abs=0.02)
-    assert desk.mass._yaw == pytest.approx(1.5)
+    assert desk.mass.yaw_rad == pytest.approx(1.5)
 
 
 def test_reposition_of_nonsense_is_denied() -> None:
@@ -204,7 +204,7 @@ def test_change_of_speed_keeps_the_heading_ordered() -> None:
     desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (6.0, 1, 0, 1.0), lat, lon, 30.0)
     assert desk.mass.paths[-1].speeds_mps == pytest.approx([6.0])
     desk.fly()
-    assert desk.mass._yaw == pytest.approx(1.0)
+    assert desk.mass.yaw_rad == pytest.approx(1.0)
 
 
 def test_turn_to_and_by() -> None:
@@ -213,10 +213,10 @@ def test_turn_to_and_by() -> None:
     turn = mav.MAV_CMD_CONDITION_YAW
     assert desk.command(turn, 90, 20, 0, 0) == OK
     desk.fly()
-    assert desk.mass._yaw == pytest.approx(math.radians(90))
+    assert desk.mass.yaw_rad == pytest.approx(math.radians(90))
     assert desk.command(turn, 30, 20, -1, 1) == OK
     desk.fly()
-    assert desk.mass._yaw == pytest.approx(math.radians(60))
+    assert desk.mass.yaw_rad == pytest.approx(math.radians(60))
     assert desk.command(turn, NAN) == DENIED
 
 
@@ -342,7 +342,7 @@ def test_messages_on_request_and_at_intervals() -> None:
 @pytest.mark.parametrize("number", [math.inf, -math.inf, NAN, 3e38, -3e38])
 def test_a_parameter_that_no_integer_holds_is_answered_like_any_other(number: float) -> None:
     desk = Desk()
-    known = sorted(desk.vehicle.autopilot._commands.known)
+    known = sorted(desk.vehicle.autopilot.commands.known)
     for command in known:
         for others in (0.0, 1.0, float(mav.MAVLINK_MSG_ID_ATTITUDE)):
             for index in range(7):

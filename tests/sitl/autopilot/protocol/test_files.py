@@ -51,7 +51,7 @@ class Files(Desk):
 
     def __init__(self, folder: Path | None) -> None:
         super().__init__(logs=None if folder is None else disk(folder))
-        self._number = 0
+        self.number = 0
 
     def entries(self, first: int = 0, last: int = 0xFFFF) -> list[Any]:
         return of(self.send(mav.MAVLink_log_request_list_message(1, 1, first, last)), "LOG_ENTRY")
@@ -75,14 +75,14 @@ class Files(Desk):
         size: int | None = None,
     ) -> tuple[int, int, bytes]:
         """Opcode, session and data of the answer."""
-        self._number += 1
+        self.number += 1
         length = len(data) if size is None else size
-        head = struct.pack("<HBBBBBxI", self._number, session, op, length, 0, 0, offset)
+        head = struct.pack("<HBBBBBxI", self.number, session, op, length, 0, 0, offset)
         payload = (head + data).ljust(251, b"\0")
         heard = self.send(mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(payload)))
         answer = bytes(the(heard, "FILE_TRANSFER_PROTOCOL").payload)
         number, session, code, size, asked, _, _ = struct.unpack_from("<HBBBBBxI", answer)
-        assert (number, asked) == (self._number + 1, op)
+        assert (number, asked) == (self.number + 1, op)
         return code, session, answer[12 : 12 + size]
 
     def refused(self, op: int, data: bytes = b"", **more: int) -> ErrorCode:
@@ -216,7 +216,7 @@ def test_a_burst_does_not_go_on_with_another_file(folder: Path) -> None:
 def test_a_request_whose_answer_was_lost_is_answered_again(folder: Path) -> None:
     desk = Files(folder)
     code, session, _ = desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")
-    desk._number -= 1
+    desk.number -= 1
     assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[:2] == (code, session)
 
 

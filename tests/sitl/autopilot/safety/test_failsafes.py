@@ -273,11 +273,11 @@ def fence_items() -> list[object]:
 def test_fence_of_polygons_and_circles() -> None:
     desk = hovering()
     assert desk.upload(fence_items(), mav.MAV_MISSION_TYPE_FENCE) == mav.MAV_MISSION_ACCEPTED
-    guard, flight = desk.vehicle.autopilot.guard, desk.vehicle.autopilot.flight
+    flight = desk.vehicle.autopilot.flight
     inside, outside, excluded = (60.0, 0.0), (60.0, 51.0), (100.0, 19.0)
-    assert guard.breach(np.array([*inside, -30.0])) == ""
-    assert guard.breach(np.array([*outside, -30.0])) == "outside the fence"
-    assert guard.breach(np.array([*excluded, -30.0])) == "inside an excluded area"
+    assert flight.forbidden(np.array([*inside, -30.0])) == ""
+    assert flight.forbidden(np.array([*outside, -30.0])) == "outside the fence"
+    assert flight.forbidden(np.array([*excluded, -30.0])) == "inside an excluded area"
     assert flight.go_to(np.array([*outside, -30.0])) == "the position is outside the fence"
     desk.upload([item(0, mav.MAV_CMD_NAV_WAYPOINT, north=60.0, east=80.0)])
     assert flight.fly_mission() == "the mission leads outside the fence"
