@@ -45,6 +45,7 @@ def by_potentials(
         gap=max(gap, NEARLY) if many else gap,
         turns=min(turns, most_turns),
         meshes=ROUGH_MESHES if rough else meshes,
+        may_halve=many,
     )
     return replace(plan, bound=bound)
 

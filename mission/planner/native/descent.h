@@ -12,6 +12,7 @@ enum {
     MESHES = 5,            /* at most */
     MOST_VALUES = 8000000, /* of all devices on the last mesh: fewer meshes do */
     FULL_TURN = 8,         /* turns from one that visits all triangles and samples to the next */
+    TOLD = 2,              /* the mesh on which ends are told apart */
 };
 static const double SHARE[MESHES] = {0.25, 0.45, 0.2, 0.06, 0.04}; /* of each mesh in turns */
 static const double SLOWER[MESHES] = {1.0, 0.5, 0.2, 0.1, 0.06};   /* its steps */
@@ -26,6 +27,8 @@ static const double SPACINGS = 0.5;    /* of devices: how far beyond earshot pot
 static const double MANY_HEARD = 30.0; /* devices at a place: more take smaller steps each */
 static const double TOO_FAR = 1.005;   /* times the known bound: too much after two meshes */
 static const double LESS = 1.5;        /* times the gap that is enough: not worth the fifth mesh */
+/* A gap at which halves, too, are good enough; up to twice as much may be worth halving. */
+static const double TOO_LOOSE = 0.05, WORTH_HALVING = 0.055;
 static const double PI = 3.141592653589793;
 
 typedef struct {
@@ -35,6 +38,7 @@ typedef struct {
     Eight *price_mean, *price_square; /* (blocks,) */
     Eight *highest;                   /* (blocks,) what devices are worth */
     int meshes;
+    int64_t turns; /* taken */
     double radius; /* around devices, in which potentials change on fine meshes */
     double slower; /* steps of each device, the more are heard at a place */
 } Descent;
@@ -65,35 +69,6 @@ static Descent lay_out_descent(
         .highest = claim(arena, blocks, sizeof(Eight)),
         .meshes = meshes,
     };
-}
-
-/* Potentials to begin with: a part of what devices earn beyond the start and the price of a place;
-   and prices: what they earn beyond these. */
-static void begin_potentials(Descent *all, double place_price, double value)
-{
-    Potentials *now = &all->at.now;
-    const Devices *devices = &now->cells.devices;
-    double steepest = 0.0;
-    for (int64_t v = 0; v < now->mesh.vertices; v++)
-        for (int64_t k = 0; v != now->mesh.start && k < devices->count; k++) {
-            const double here = worth(devices, k, vertex_at(&now->mesh, v));
-            const double start = most(place_price, worth(devices, k, (Point){0.0, 0.0}));
-            stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT] = (float)most(0.0, here - start);
-        }
-    for (int64_t i = 0; i < count_triangles(&all->at); i++)
-        if (is_cell(&now->mesh, triangle_at(i, all->at.ways.groups).cell))
-            steepest = most(steepest, work_out_triangle(&all->at, i));
-    const double have = steepest * now->limits.length / now->mesh.side;
-    const double share = least(1.0, value / most(have, 1e-300));
-    for (int64_t i = 0; i < now->mesh.vertices * now->blocks; i++) now->phi[i] *= (float)share;
-    for (int64_t b = 0; b < now->blocks; b++) now->price[b] = eight(now->floor);
-    for (int64_t v = 0; v < now->mesh.vertices; v++)
-        for (int64_t k = 0; k < devices->count; k++) {
-            double *mine = (double *)now->price + k;
-            const double here = worth(devices, k, vertex_at(&now->mesh, v)) - place_price;
-            const double phi = stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT];
-            *mine = most(*mine, now->floor + here - phi);
-        }
 }
 
 /* One step down a slope; `past` makes up for the means' beginning at zero. */
@@ -156,20 +131,59 @@ static void step_all(Descent *all, Pace pace)
     }
 }
 
+/* Open the present mesh, on which no step was taken. */
+static void open_descent(Descent *all)
+{
+    const size_t vertices = (size_t)all->at.now.mesh.vertices, blocks = (size_t)all->at.now.blocks;
+    memset(all->mean, 0, vertices * blocks * sizeof(Stored));
+    memset(all->square, 0, vertices * blocks * sizeof(Stored));
+    memset(all->chi_mean, 0, vertices * sizeof(double));
+    memset(all->chi_square, 0, vertices * sizeof(double));
+    memset(all->price_mean, 0, blocks * sizeof(Eight));
+    memset(all->price_square, 0, blocks * sizeof(Eight));
+    open_mesh(&all->at, all->radius);
+}
+
+/* Begin on the first mesh: a part of what devices earn beyond the start and the price of a place;
+   and prices: what they earn beyond these. */
+static void begin_potentials(Descent *all, double place_price, double value)
+{
+    Potentials *now = &all->at.now;
+    const Devices *devices = &now->cells.devices;
+    double steepest = 0.0;
+    now->mesh = mesh_of(devices, now->limits.length);
+    memset(now->phi, 0, (size_t)(now->mesh.vertices * now->blocks) * sizeof(Stored));
+    memset(now->chi, 0, (size_t)now->mesh.vertices * sizeof(double));
+    all->at.ways = directions(GROUPS);
+    open_descent(all);
+    for (int64_t v = 0; v < now->mesh.vertices; v++)
+        for (int64_t k = 0; v != now->mesh.start && k < devices->count; k++) {
+            const double here = worth(devices, k, vertex_at(&now->mesh, v));
+            const double start = most(place_price, worth(devices, k, (Point){0.0, 0.0}));
+            stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT] = (float)most(0.0, here - start);
+        }
+    for (int64_t i = 0; i < count_triangles(&all->at); i++)
+        if (is_cell(&now->mesh, triangle_at(i, all->at.ways.groups).cell))
+            steepest = most(steepest, work_out_triangle(&all->at, i));
+    const double have = steepest * now->limits.length / now->mesh.side;
+    const double share = least(1.0, value / most(have, 1e-300));
+    for (int64_t i = 0; i < now->mesh.vertices * now->blocks; i++) now->phi[i] *= (float)share;
+    for (int64_t b = 0; b < now->blocks; b++) now->price[b] = eight(now->floor);
+    for (int64_t v = 0; v < now->mesh.vertices; v++)
+        for (int64_t k = 0; k < devices->count; k++) {
+            double *mine = (double *)now->price + k;
+            const double here = worth(devices, k, vertex_at(&now->mesh, v)) - place_price;
+            const double phi = stored_at(now, now->phi, v)[k / EIGHT][k % EIGHT];
+            *mine = most(*mine, now->floor + here - phi);
+        }
+}
+
 /* Go on with the same potentials on the next mesh. */
 static void next_mesh(Descent *all, int mesh)
 {
-    Potentials *now = &all->at.now;
-    refine_potentials(now);
-    const int64_t v = now->mesh.vertices;
-    memset(all->mean, 0, (size_t)(v * now->blocks) * sizeof(Stored));
-    memset(all->square, 0, (size_t)(v * now->blocks) * sizeof(Stored));
-    memset(all->chi_mean, 0, (size_t)v * sizeof(double));
-    memset(all->chi_square, 0, (size_t)v * sizeof(double));
-    memset(all->price_mean, 0, (size_t)now->blocks * sizeof(Eight));
-    memset(all->price_square, 0, (size_t)now->blocks * sizeof(Eight));
+    refine_potentials(&all->at.now);
     if (mesh == 2) all->at.ways = directions(MORE_GROUPS);
-    open_mesh(&all->at, all->radius);
+    open_descent(all);
 }
 
 /* first * (last / first)^done */
@@ -184,8 +198,8 @@ static double work_of_turn(const Slopes *all)
     return (double)(EIGHT * (all->samples.heard + all->near_vertex.first[all->now.mesh.vertices]));
 }
 
-/* The scales of a problem, and the first mesh with what potentials begin with. */
-static void begin_descent(Descent *all, double place_price, double left_out, double value)
+/* The scales of a problem. */
+static void set_up_descent(Descent *all, double left_out)
 {
     Potentials *now = &all->at.now;
     const Devices *devices = &now->cells.devices;
@@ -196,8 +210,6 @@ static void begin_descent(Descent *all, double place_price, double left_out, dou
     all->slower = 1.0 + count * reach * reach * PI / (area * MANY_HEARD);
     for (int64_t k = 0; k < devices->count; k++)
         all->highest[k / EIGHT][k % EIGHT] = devices->delta[k] * now->cells.upper[0];
-    open_mesh(&all->at, all->radius);
-    begin_potentials(all, place_price, value);
 }
 
 /* So many turns on the present mesh, `from` where to `until` where in the whole course. */
@@ -216,30 +228,96 @@ static void descend_on_mesh(Descent *all, int mesh, int64_t turns, double from, 
     }
 }
 
-/* Lower the bound, of which `bound` is what is known, by so many turns or to that gap; returns the
-   turns. */
-static int64_t descend(
-    Descent *all, int64_t turns, double place_price, double left_out, double value, double gap,
-    double *bound)
+/* Two parts of a box, and how far apart the ends of a path lie in them: the variance between. */
+typedef struct {
+    Box part[2];
+    double apart;
+} Halves;
+
+/* The parts of where paths end on both sides of a line of the first mesh: across x, or up y. */
+static Halves halves_at(const Slopes *all, int up, int64_t line)
 {
-    const double hopeless = TOO_FAR * *bound;
+    const Mesh *mesh = &all->now.mesh;
+    const Point at = vertex_at(mesh, up ? line * mesh->across : line);
+    double share[2] = {0.0, 0.0}, mean[2] = {0.0, 0.0};
+    for (int64_t v = 0; v < mesh->vertices; v++) {
+        const int64_t i = up ? v / mesh->across : v % mesh->across;
+        share[i > line] += all->low[v];
+        mean[i > line] += all->low[v] * (double)(i - line);
+    }
+    Halves halves = {{all->now.ends, all->now.ends}, 0.0};
+    if (!(share[0] > 0.0 && share[1] > 0.0)) return halves;
+    const double distance = mean[1] / share[1] - mean[0] / share[0];
+    halves.apart = share[0] * share[1] * distance * distance;
+    if (up)
+        halves.part[0].high.y = halves.part[1].low.y = at.y;
+    else
+        halves.part[0].high.x = halves.part[1].low.x = at.x;
+    return halves;
+}
+
+/* The parts that tell apart best where a path, which may divide, ends; every so many lines of the
+   present mesh is one of the first. */
+static Halves best_halves(const Slopes *all, int64_t every)
+{
+    const Mesh *now = &all->now.mesh;
+    Halves best = {0};
+    for (int up = 0; up < 2; up++)
+        for (int64_t line = every; line + 1 < (up ? now->up : now->across); line += every) {
+            const Halves halves = halves_at(all, up, line);
+            if (halves.apart > best.apart) best = halves;
+        }
+    return best;
+}
+
+/* What a bound is lowered for, and how far. */
+typedef struct {
+    int64_t turns;
+    double place_price, value; /* of the plan: what its last place is worth, and all of it */
+    double gap, hopeless;      /* that is enough; a bound that is not worth more turns */
+} Purpose;
+
+/* Lower the bound of plans that end in a box, of which `bound` is what is known, on all meshes; each
+   begins with what the last has found. Ends where the bound is good enough or hopeless, or where it
+   is better to go on with `halves` of the box, unless there is no room for them. */
+static double descend(Descent *all, const Purpose *to, Box ends, double bound, Halves *halves)
+{
     double shares = 0.0, done = 0.0;
-    int64_t taken = 0;
-    begin_descent(all, place_price, left_out, value);
+    all->at.now.ends = ends;
+    begin_potentials(all, to->place_price, to->value);
     for (int mesh = 0; mesh < all->meshes; mesh++) shares += SHARE[mesh];
     for (int mesh = 0; mesh < all->meshes; mesh++) {
         if (mesh > 0) next_mesh(all, mesh);
-        const double share = SHARE[mesh] / shares, wanted = share * (double)turns;
-        const int64_t here = (int64_t)ceil(least(wanted, MOST_WORK / work_of_turn(&all->at)));
-        descend_on_mesh(all, mesh, here, done, done + share);
+        const double share = SHARE[mesh] / shares, wanted = share * (double)to->turns;
+        const int64_t turns = (int64_t)ceil(least(wanted, MOST_WORK / work_of_turn(&all->at)));
+        descend_on_mesh(all, mesh, turns, done, done + share);
         done += share;
-        taken += here;
+        all->turns += turns;
         const double reached = bound_by_potentials(&all->at.now, work_out_stops(&all->at, 1, 0.0));
-        *bound = least(*bound, reached);
-        const double left = mesh + 2 == MESHES ? LESS * gap : gap;
-        if (*bound * (1.0 - left) <= value || (mesh > 0 && reached > hopeless)) break;
+        bound = least(bound, reached);
+        const double gap = 1.0 - to->value / bound, last = least(LESS * to->gap, TOO_LOOSE);
+        if (gap <= (mesh + 2 == MESHES ? most(to->gap, last) : to->gap)) break;
+        if (mesh > 0 && reached > to->hopeless) break;
+        if (mesh == TOLD && halves && gap > WORTH_HALVING && gap < 2.0 * WORTH_HALVING) {
+            *halves = best_halves(&all->at, 1 << mesh);
+            if (halves->apart > 0.0) break;
+        }
     }
-    return taken;
+    return bound;
+}
+
+/* Lower a bound; each plan ends in one half or the other of the plane. */
+static double descend_by_halves(Descent *all, Purpose to, double bound, int may_halve)
+{
+    Halves halves = {0};
+    const double whole = descend(all, &to, PLANE, bound, may_halve ? &halves : NULL);
+    if (!(halves.apart > 0.0)) return whole;
+    double highest = 0.0;
+    for (int i = 0; i < 2; i++) {
+        to.gap = most(most(to.gap, TOO_LOOSE), 1.0 - to.value / most(highest, to.value));
+        highest = most(highest, descend(all, &to, halves.part[i], whole, NULL));
+    }
+    return highest;
 }
 
 #endif

@@ -45,7 +45,8 @@ class _Functions(ctypes.Structure):
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _DOUBLE, _POINTER)),
+            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _DOUBLE, _INT,
+            _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -53,8 +54,8 @@ class _Functions(ctypes.Structure):
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
         ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE,
-            _DOUBLE)),
+            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _DOUBLE,
+            _POINTER)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -237,6 +238,7 @@ def lower_potentials(
     gap: float,
     turns: int,
     meshes: int,
+    may_halve: bool = False,
 ) -> float:
     """The bound of a plan, lowered by potentials; for any number of devices, neighbours in a row.
 
@@ -248,6 +250,8 @@ def lower_potentials(
         turns: in which the bound is lowered, at most.
         meshes: that potentials live on, one after the other, each twice as fine; fewer where there
             is no memory for them.
+        may_halve: where much is left open, bound plans that end in one half of the area and in
+            the other each by itself.
 
     Raises:
         ValueError: arrays that do not fit together, or no such number of meshes.
@@ -265,6 +269,7 @@ def lower_potentials(
         price,
         left_out,
         gap,
+        may_halve,
         ctypes.addressof(bound),
     )
     if taken < 0:
@@ -377,6 +382,7 @@ def potential_bound(
     *,
     left_out: float = 0.0,
     sampled: float,
+    ends: Floats,
 ) -> float:
     """Bound of potentials `phi` (K, V), `chi` (V,) at the first mesh's vertices, and prices.
 
@@ -384,6 +390,7 @@ def potential_bound(
         price: (K,) of each device.
         left_out: importance of devices that are not given, at most.
         sampled: prices may be raised so that no stop is worth more.
+        ends: (2, 2) the least and the most x and y at which plans end.
 
     Raises:
         ValueError: the mesh has another number of vertices.
@@ -398,6 +405,7 @@ def potential_bound(
         address(price, np.float64, (len(devices.delta),)),
         left_out,
         sampled,
+        address(ends, np.float64, (2, 2)),
     )
     if bound < 0.0:
         raise ValueError(f"the mesh has not {vertices} vertices")

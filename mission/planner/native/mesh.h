@@ -73,6 +73,13 @@ static Point vertex_at(const Mesh *mesh, int64_t i)
         mesh->low.y + mesh->side * (double)(i / mesh->across)};
 }
 
+static const Box PLANE = {{-INFINITY, -INFINITY}, {INFINITY, INFINITY}};
+
+static inline int is_in(const Box *box, Point p)
+{
+    return p.x >= box->low.x && p.x <= box->high.x && p.y >= box->low.y && p.y <= box->high.y;
+}
+
 /* Cells have the number of the vertex at their south-west: the last of a row and column have none. */
 static inline int is_cell(const Mesh *mesh, int64_t i)
 {

@@ -72,7 +72,7 @@ static int64_t search_places(
 
 static int64_t lower_potentials(
     const Devices *devices, const Limits *limits, int64_t meshes, int64_t turns, double value,
-    double place_price, double left_out, double gap, double *bound)
+    double place_price, double left_out, double gap, int64_t may_halve, double *bound)
 {
     Arena arena = {0};
     const int mesh = meshes_for(devices, limits, (int)meshes);
@@ -80,9 +80,11 @@ static int64_t lower_potentials(
     Descent all = lay_out_descent(&arena, devices, limits, mesh, &counted);
     if (!provide(&arena)) return -1;
     all = lay_out_descent(&arena, devices, limits, mesh, &counted);
-    turns = descend(&all, turns, place_price, left_out, value, gap, bound);
+    set_up_descent(&all, left_out);
+    const Purpose to = {turns, place_price, value, gap, TOO_FAR * *bound};
+    *bound = descend_by_halves(&all, to, *bound, may_halve != 0);
     release(&arena);
-    return turns;
+    return all.turns;
 }
 
 static int assign(
@@ -154,7 +156,7 @@ static double square_bound(
 
 static double potential_bound(
     const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, const double *price, double left_out, double sampled)
+    const double *chi, const double *price, double left_out, double sampled, const Box *ends)
 {
     Arena arena = {0};
     Potentials all = lay_out_potentials(&arena, devices, limits, 1);
@@ -167,6 +169,7 @@ static double potential_bound(
             stored_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = (float)phi[k * vertices + v];
     memcpy(all.chi, chi, (size_t)vertices * sizeof(double));
     for (int64_t k = 0; k < devices->count; k++) all.price[k / EIGHT][k % EIGHT] = price[k] + all.floor;
+    all.ends = *ends;
     const double bound = bound_by_potentials(&all, sampled);
     release(&arena);
     return bound;

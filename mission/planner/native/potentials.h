@@ -15,7 +15,7 @@
 
    The first stop is at the start, N - 1 are anywhere. So no plan earns more than
 
-       mu L - least psi + floor N K_bar + sum_k pi_k + best(v_0) + (N - 1) most over x of best(x).
+       mu L - least psi(end) + floor N K_bar + sum_k pi_k + best(v_0) + (N - 1) most over x of best(x).
 
    This is the dual of the flow relaxation of a path: what is served somewhere must have been passed,
    each metre only serves one direction, and stops are few, each at one place.
@@ -36,6 +36,7 @@ typedef struct {
     Cells cells; /* for bounds of f */
     Limits limits;
     Mesh mesh;       /* the present one */
+    Box ends;        /* where paths end, between lines of the mesh */
     int64_t blocks;  /* of all devices; the last is filled up */
     int32_t *every;  /* (blocks,) their numbers */
     Stored *phi;     /* (vertices, blocks) */
@@ -56,6 +57,7 @@ static Potentials lay_out_potentials(
         .cells = lay_out_cells(arena, devices, limits, 0),
         .limits = *limits,
         .mesh = first,
+        .ends = PLANE,
         .blocks = blocks_of(devices),
         .every = claim(arena, blocks_of(devices), sizeof(int32_t)),
         .phi = claim(arena, last.vertices * blocks_of(devices), sizeof(Stored)),

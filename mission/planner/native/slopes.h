@@ -190,14 +190,16 @@ static void add_triangle(Slopes *all, int64_t number, double scale)
     }
 }
 
-/* Begin all slopes, which are 0 where potentials change, with those of the smooth minimum of psi. */
+/* Begin all slopes, which are 0 where potentials change, with those of the smooth minimum of psi
+   where paths end. */
 static void begin_slopes(Slopes *all)
 {
     const int64_t v = all->now.mesh.vertices;
     const double heat = 1.0 / (LOW_HEAT * all->now.highest);
-    double lowest = 0.0, total = 0.0;
+    double lowest = INFINITY, total = 0.0;
     for (int64_t i = 0; i < v; i++) {
-        all->low[i] = all->now.chi[i] - all->half_sum[i];
+        const int is_end = is_in(&all->now.ends, vertex_at(&all->now.mesh, i));
+        all->low[i] = is_end ? all->now.chi[i] - all->half_sum[i] : INFINITY;
         lowest = least(lowest, all->low[i]);
     }
     for (int64_t i = 0; i < v; i++) {

@@ -175,7 +175,7 @@ static double bound_by_potentials(Potentials *all, double sampled)
     const Blocks every = {all->blocks, all->every};
     const Directions ways = directions(FINE_GROUPS);
     const double places = (double)(all->limits.steps * all->limits.per_step);
-    double steepest = 0.0, lowest = 0.0, zero = 0.0;
+    double steepest = 0.0, lowest = INFINITY, zero = 0.0;
     for (int64_t i = 0; i < all->mesh.vertices * SHAPES * ways.groups; i++) {
         const Triangle at = triangle_at(i, ways.groups);
         if (!is_cell(&all->mesh, at.cell)) continue;
@@ -184,7 +184,7 @@ static double bound_by_potentials(Potentials *all, double sampled)
     }
     for (int64_t v = 0; v < all->mesh.vertices; v++) {
         const double psi = all->chi[v] - half_sum_at(all, v, every);
-        lowest = least(lowest, psi);
+        if (is_in(&all->ends, vertex_at(&all->mesh, v))) lowest = least(lowest, psi);
         zero += 0.0 * psi; /* comparing would pass a NaN */
     }
     const double as_it_is = cost_of_stops(all, (Peak){0.0, 0.0, 0});

@@ -27,16 +27,17 @@ from mission.planner.native.library import (
 from mission.planner.potentials import by_potentials, price_of_place
 from mission.planner.sqp import SqpPlanner
 
+ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 MANY = settings(max_examples=25, deadline=None, derandomize=True)
 
 
-def bound_of(problem, turns, *, plan=None, meshes=2):
+def bound_of(problem, turns, *, plan=None, meshes=2, may_halve=False):
     """The bound after so many turns, from a plan or from none that is worth mentioning."""
     devices, limits = instance(problem)
     plan = plan or nothing_planned(problem, 1e-3 * devices.delta.max())
     return lower_potentials(
         devices, limits, plan=plan, price=price_of_place(devices, limits, plan), left_out=0.0,
-        gap=0.0, turns=turns, meshes=meshes,
+        gap=0.0, turns=turns, meshes=meshes, may_halve=may_halve,
     )  # fmt: skip
 
 
@@ -105,8 +106,10 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(
     given, limits = instance(problem)
     flat = np.ascontiguousarray(phi.reshape(devices, -1)), np.ascontiguousarray(chi.ravel())
     left_out = 0.1 * (seed % 2)
+    here = (slice(0, 5), slice(3, 9)) if seed > 2 else (slice(None), slice(None))
+    ends = np.array([places[here].min(axis=(0, 1)) - 1.0, places[here].max(axis=(0, 1)) + 1.0])
     as_it_is, raised = (
-        potential_bound(given, limits, *flat, price, left_out=left_out, sampled=most)
+        potential_bound(given, limits, *flat, price, left_out=left_out, sampled=most, ends=ends)
         for most in (np.inf, 0.0)
     )
     floor = left_out * given.rows[0, 0]
@@ -141,7 +144,7 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(
             best = max(best, stop_of(beyond - price).max())
             peaks = np.maximum(peaks, beyond.max(axis=0))
     at_start = rewards(problem, problem.start_m[None])[0] - floor
-    rise = steepest * problem.path_budget_m - psi.min() + floor * steps * per_step
+    rise = steepest * problem.path_budget_m - psi[here].min() + floor * steps * per_step
     sampled = rise + price.sum() + stop_of(at_start - price) + (steps - 1) * best
     assert sampled * (1.0 - 1e-6) <= as_it_is <= sampled * 1.03
     # Prices that are raised until no stop is worth anything are what each device earns at most.
@@ -156,13 +159,18 @@ def test_potentials_that_are_no_numbers_prove_nothing():
     for broken in range(2):
         potentials = np.zeros((3, vertices)), np.zeros(vertices)
         potentials[broken].flat[-1] = np.nan
-        assert potential_bound(devices, limits, *potentials, np.zeros(3), sampled=0.0) == np.inf
+        bound = potential_bound(
+            devices, limits, *potentials, np.zeros(3), sampled=0.0, ends=ANYWHERE
+        )
+        assert bound == np.inf
 
 
 def test_potentials_on_another_mesh_are_refused():
     devices, limits = instance(random_problem(0, devices=3))
     with pytest.raises(ValueError, match="the mesh has not 4 vertices"):
-        potential_bound(devices, limits, np.zeros((3, 4)), np.zeros(4), np.zeros(3), sampled=0.0)
+        potential_bound(
+            devices, limits, np.zeros((3, 4)), np.zeros(4), np.zeros(3), sampled=0.0, ends=ANYWHERE
+        )
 
 
 def test_a_crowd_has_as_many_meshes_as_there_is_memory_for():
@@ -223,6 +231,15 @@ def test_another_number_of_meshes_is_refused(meshes):
         bound_of(random_problem(0, devices=3), 1, meshes=meshes)
 
 
+def planned_at_random(problem, rng, *, number):
+    """Values of plans along devices in a random order, drawn together until they fit."""
+    for _ in range(number):
+        stops = problem.devices_m[rng.permutation(len(problem.devices_m))[: problem.steps - 1]]
+        way = shrunk(problem, np.vstack([problem.start_m, stops]))
+        way = np.vstack([way, np.tile(way[-1], (problem.steps - len(way), 1))])
+        yield best_assignment(problem, way)
+
+
 @MANY
 @given(
     SEEDS,
@@ -238,13 +255,7 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
     )
     plan = SqpPlanner(starts=20, tries=100).plan(problem)
     check_plan(problem, plan)
-    others = [plan.value]
-    rng = np.random.default_rng(seed)
-    for _ in range(10):
-        stops = problem.devices_m[rng.permutation(devices)[: steps - 1]]
-        way = shrunk(problem, np.vstack([problem.start_m, stops]))
-        way = np.vstack([way, np.tile(way[-1], (steps - len(way), 1))])
-        others.append(best_assignment(problem, way))
+    others = [plan.value, *planned_at_random(problem, np.random.default_rng(seed), number=10)]
     devices_c, limits = instance(problem)
     known = Found(*explore(devices_c, limits, starts=8, tries=20), np.inf)
     for turns, meshes in itertools.product((1, 7, 40), (1, 2, 3)):
@@ -253,6 +264,53 @@ def test_no_plan_lies_above_the_bound(seed, channel, devices, steps, per_step, b
             assert max(others) <= bound * (1.0 + 1e-9) < np.inf
     assert max(others) <= bound_of(problem, 40, plan=known, meshes=MOST_MESHES) * (1.0 + 1e-9)
     assert max(others) <= planned_bound(problem, known, 40) * (1.0 + 1e-9)
+
+
+def of_whole_and_halves(problem, plan, turns):
+    """The bound of all plans at once, and of those that end in either half each by itself."""
+    return [
+        bound_of(problem, turns, plan=plan, meshes=3, may_halve=may_halve)
+        for may_halve in (False, True)
+    ]
+
+
+@pytest.mark.parametrize("channel", ["suburban+10dB", "dense-urban"])
+def test_no_plan_lies_above_the_bound_of_both_halves(channel):
+    lowered = 0
+    for seed in range(4):
+        problem = random_problem(seed, devices=30, steps=12, budget=700.0, preset=channel)
+        devices, limits = instance(problem)
+        plan = Found(*explore(devices, limits, starts=8, tries=300), np.inf)
+        best = max(plan.value, *planned_at_random(problem, np.random.default_rng(seed), number=10))
+        # A value is made up that leaves as much open as makes it worth while to halve the area.
+        claimed = plan
+        for _ in range(4):
+            whole = bound_of(problem, 200, plan=claimed, meshes=3)
+            claimed = dataclasses.replace(plan, value=0.92 * whole)
+        whole, halves = of_whole_and_halves(problem, claimed, 200)
+        assert best * (1.0 - 1e-9) <= halves <= whole
+        lowered += halves < whole
+    assert lowered > 0
+
+
+def sixty_devices(seed):
+    """A problem, and a plan of it."""
+    problem = random_problem(seed, devices=60, steps=30, preset="suburban+10dB")
+    return problem, Found(*explore(*instance(problem), starts=20, tries=100), np.inf)
+
+
+def test_halves_prove_more():
+    problem, plan = sixty_devices(4)
+    whole, halves = of_whole_and_halves(problem, plan, 800)
+    assert plan.value <= halves <= 0.991 * whole
+
+
+def test_both_halves_count():
+    """Turned about the start by half a circle, what was the first half is the second."""
+    problem, plan = sixty_devices(10)
+    turned = dataclasses.replace(problem, devices_m=2.0 * problem.start_m - problem.devices_m)
+    bounds = [bound_of(one, 300, plan=plan, meshes=3, may_halve=True) for one in (problem, turned)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=5e-3)
 
 
 @pytest.mark.parametrize("meshes", [2, 3])
