@@ -1,5 +1,6 @@
 """What a run is told: configurations by name, file or value, and channels."""
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
@@ -16,7 +17,14 @@ if TYPE_CHECKING:
 Source: TypeAlias = "str | Path | RunConfig"
 
 # What errors call an option, and what it is called in Python.
-_ARGUMENTS = {"--data-dir FOLDER": "data_dir=FOLDER", "(--out)": "(out=FOLDER)"}
+_ARGUMENTS = {
+    "--data-dir FOLDER": "data_dir=FOLDER",
+    "(--out)": "(out=FOLDER)",
+    "--engine ": "engine = ",
+    "--jobs ": "jobs = ",
+    "--address ": "address = ",
+}
+_RESUME = re.compile(r"aerofed run --resume (.+?)(?= goes on|$)")
 
 
 def config(
@@ -88,7 +96,7 @@ def as_path(path: object, what: str) -> Path:
 
 @contextmanager
 def python_words(other: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Have errors of the block name a Python argument, where they name the option that it is.
+    """Have errors of the block name Python's arguments and calls, where they name options.
 
     `other` holds options beside those that many functions have, each with its argument.
 
@@ -98,7 +106,7 @@ def python_words(other: Mapping[str, str] | None = None) -> Iterator[None]:
     try:
         yield
     except AerofedError as error:
-        text = str(error)
+        text = _RESUME.sub(lambda found: f"aerofed.resume({found[1]!r})", str(error))
         for option, argument in {**_ARGUMENTS, **(other or {})}.items():
             text = text.replace(option, argument)
         if text == str(error):

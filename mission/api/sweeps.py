@@ -122,7 +122,8 @@ def sweep(
     from mission.sweep.grid import Axis, make_grid
 
     chosen = EngineChoice(engine, jobs, address)
-    chosen.check()
+    with python_words():
+        chosen.check()
     for name, values in {"strategies": strategies, **(settings or {})}.items():
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")

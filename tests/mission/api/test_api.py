@@ -276,8 +276,9 @@ def test_configurations(tmp_path: Path) -> None:
             "planner: kind = 'best': must be one of",
         ),
         (lambda: aerofed.sweep(strategies=["cov", "cov"]), "'cov' is named twice"),
-        (lambda: aerofed.sweep(jobs=0), "jobs 0: at least 1"),
-        (lambda: UNTYPED.sweep(engine="spark"), "engine spark: must be joblib or ray"),
+        (lambda: aerofed.sweep(jobs=0), "^jobs = 0: at least 1"),
+        (lambda: aerofed.sweep(address="x:1"), "^address = x:1: belongs to engine = ray"),
+        (lambda: UNTYPED.sweep(engine="spark"), "^engine = spark: must be joblib or ray"),
         (lambda: UNTYPED.sweep(seeds=1.5), "seeds = 1.5: must be a whole number"),
         (lambda: aerofed.sweep(strategies="cov"), "strategies = 'cov': must be a list"),
         (lambda: aerofed.sweep(strategies=[]), "strategies: at least one"),
@@ -399,6 +400,8 @@ def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
         with pytest.raises(KeyboardInterrupt, match="resume"):
             wait(cell())
     assert aerofed.load(tmp_path / "cut").status == "interrupted"
+    with pytest.raises(aerofed.InputError, match=r"or go on with it: aerofed\.resume\('.*cut'\)$"):
+        aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
     wait(again())
     for name in TABLES:
         assert (tmp_path / "cut" / name).read_bytes() == (run.path / name).read_bytes()
