@@ -20,11 +20,9 @@ Source: TypeAlias = "str | Path | RunConfig"
 _ARGUMENTS = {
     "--data-dir FOLDER": "data_dir=FOLDER",
     "(--out)": "(out=FOLDER)",
-    "--engine ": "engine = ",
-    "--jobs ": "jobs = ",
-    "--address ": "address = ",
 }
-_RESUME = re.compile(r"aerofed run --resume (.+?)(?= goes on|$)")
+_OPTION = re.compile(r"(?<!\S)--(engine|jobs|address) ")
+_RESUME = re.compile(r"aerofed run --resume (.+?)(?= goes on$|$)", re.MULTILINE)
 
 
 def config(
@@ -107,6 +105,7 @@ def python_words(other: Mapping[str, str] | None = None) -> Iterator[None]:
         yield
     except AerofedError as error:
         text = _RESUME.sub(lambda found: f"aerofed.resume({found[1]!r})", str(error))
+        text = _OPTION.sub(r"\1 = ", text)
         for option, argument in {**_ARGUMENTS, **(other or {})}.items():
             text = text.replace(option, argument)
         if text == str(error):

@@ -214,6 +214,8 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
                 ) from None
             continue
         except OSError as error:
+            with suppress(OSError):
+                path.rmdir()  # it cannot be opened
             raise _unwritable(path, error) from None
         break
     try:

@@ -128,6 +128,7 @@ class Autopilot:
         self._health_contained = report.contain("the state of health")
         self._telemetry_contained = report.contain("telemetry")
         self._failsafes_contained = report.contain("the failsafes")
+        self._silence_contained = report.contain("the watch for silent streams")
         self._polled = [(server, report.contain(type(server).__name__)) for server in self._servers]
 
     def tick(self) -> bool:
@@ -184,7 +185,7 @@ class Autopilot:
         for server, contained in self._polled:
             with contained:
                 server.poll(now)
-        with self._failsafes_contained:
+        with self._silence_contained:
             self._pilots.watch(self.failsafes)
         with self._failsafes_contained:
             self.guard.poll(now)

@@ -88,7 +88,8 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
 def test_a_fresh_battery_is_seen_though_time_stands_still() -> None:
     vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
     plant = vehicle.aircraft.plant
-    plant.battery = plant.battery._replace(remaining=0.05)
+    plant._battery.consumed_mah = 5000.0
+    plant.battery = plant._battery.state()
     vehicle.autopilot.watch()
     failsafes, t_ns = vehicle.autopilot.failsafes, vehicle.t_ns
     assert failsafes.present(Cause.BATTERY_CRITICAL)

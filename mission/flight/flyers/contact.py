@@ -12,6 +12,7 @@ from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
 from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig
+from mission.flight.flyers.flyers import Say
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from mission.flight.pilot.limits import Limits, read_limits
@@ -19,8 +20,6 @@ from mission.flight.pilot.pilot import Pilot
 from sitl.block import following
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
-
-Say = Callable[[str], None]
 
 FARTHEST_M = 5_000.0  # the vehicle from the area's home, before anything flies
 PATIENT_S = 3.0  # wall time before people are told what is waited for

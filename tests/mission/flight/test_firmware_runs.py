@@ -170,7 +170,9 @@ def test_a_program_that_never_answers_ends_the_run_in_time(
 
     def started(*args: Any, **options: Any) -> FirmwareProcess:
         process = start(*args, **options)
+        give_up = time.monotonic() + 60.0
         while process.last_words() != says:
+            assert time.monotonic() < give_up, process.last_words()
             time.sleep(0.01)
         return process
 

@@ -106,8 +106,11 @@ def test_the_bound_of_given_potentials_is_what_its_formula_says(
     given, limits = instance(problem)
     flat = np.ascontiguousarray(phi.reshape(devices, -1)), np.ascontiguousarray(chi.ravel())
     left_out = 0.1 * (seed % 2)
-    here = (slice(0, 5), slice(3, 9)) if seed > 2 else (slice(None), slice(None))
-    ends = np.array([places[here].min(axis=(0, 1)) - 1.0, places[here].max(axis=(0, 1)) + 1.0])
+    # Where plans end, from one line of the mesh to another; both belong to it.
+    lines = [(0, len(places) - 1), (0, len(places[0]) - 1)] if seed < 3 else [(0, 4), (3, 8)]
+    here = tuple(slice(first, last + 1) for first, last in lines)
+    corner = -side * np.array(start)
+    ends = np.array([(corner + side * np.array(at))[::-1] for at in zip(*lines, strict=True)])
     as_it_is, raised = (
         potential_bound(given, limits, *flat, price, left_out=left_out, sampled=most, ends=ends)
         for most in (np.inf, 0.0)
