@@ -23,6 +23,8 @@ class Vehicle:
         self.ordered: list[float] = []
         self.said: list[str] = []
         self.top_mps, self.acc_mps2 = np.inf, 2.0
+        # Of pilot, telemetry and recorder a flight of one leg needs this much; MAVSDK has no part
+        # in it, as the flyer's recording of a flight is the drive along the leg below.
         self.flyer = ExternalFlyer(
             SimpleNamespace(upload=self._upload, fly=None),  # type: ignore[arg-type]
             SimpleNamespace(battery_remaining=1.0, reached_ns={}, passed=lambda *_: None),  # type: ignore[arg-type]
