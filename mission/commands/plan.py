@@ -192,7 +192,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
 
 def _write_qgc(path: Path, problem: "RoundProblem", made: "Sortie", scenario: "Scenario") -> None:
     from mission.flight.flight_plan import flight_of_round
-    from mission.flight.plan_file_writing import write_round_plan
+    from mission.flight.plan_file import write_round_plan
 
     mission = scenario.config.mission
     flight = flight_of_round(problem, made.plan, hold_s=made.hold_s, mission=mission)

@@ -1,49 +1,47 @@
-"""Plan files of ground stations, read: QGroundControl's `.plan` and the MAVLink waypoint format.
+"""Plan files of ground stations: QGroundControl's `.plan` and the MAVLink waypoint format.
 
-Files are interpreted by MAVSDK's own importer (`pilot.importer`). It takes a word for a zero and a
-short list for one with zeros, so the form is verified here first; the files are also read here
-for what the importer leaves out, the planned home. Formats: QGroundControl developer guide,
-"Plan File Format"; MAVLink guide, "Plain-text file format" (QGC WPL 110).
+Formats: QGroundControl developer guide, "Plan File Format"; MAVLink guide, "Plain-text file
+format" (QGC WPL 110).
 """
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
 from mission.base.errors import InputError
-from sitl.autopilot.codec.names import command_name
-from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command
+from mission.base.run_folder import write_atomically
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.mission_items import mission_items
+from sitl.autopilot.values.enums import Command, Frame, MissionType
+from sitl.autopilot.values.messages import MissionItem
 
 HEADER = "QGC WPL 110"
 MAX_BYTES = 10_000_000  # thousands of items; more is no mission
-_FRAME_ABSOLUTE = 0
-_NAV_WAYPOINT = 16
 _COLUMNS = 12
-_HERE = (Command.NAV_TAKEOFF, Command.NAV_LAND)  # need no place of their own
-_RANGES = {"latitude": 90.0, "longitude": 180.0}
+_PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE
 
 
 @dataclass(frozen=True)
 class PlanFile:
-    """A plan file of sound form, before its items are looked at."""
+    """The items of a plan file, each kind counted from 0, as they stand there."""
 
     path: Path
-    text: str  # as the importer likes it: no byte-order mark, bare newlines, no blank lines
+    content: bytes
     home: GeodeticPoint | None  # altitude NaN where the file gives none; None: no home planned
-    home_is_item: bool  # the importer hands the home out as item 0
-
-    @property
-    def is_qgroundcontrol(self) -> bool:
-        """`.plan` (JSON) rather than waypoints (text)."""
-        return self.path.suffix.lower() == ".plan"
+    items: tuple[MissionItem, ...]  # without the home that a waypoint file starts with
+    fence: tuple[MissionItem, ...] = ()
+    rally: tuple[MissionItem, ...] = ()
 
 
 def read_plan_file(path: Path) -> PlanFile:
-    """Read a `.plan` or `.waypoints` file and verify its form.
+    """Read a `.plan` or `.waypoints` file.
 
     Raises:
         InputError: it cannot be read, is damaged or empty, or holds what nobody here can fly.
@@ -63,145 +61,249 @@ def read_plan_file(path: Path) -> PlanFile:
         raise InputError(f"{path}: {len(content)} bytes; a plan has {MAX_BYTES} at most")
     if not text.strip():
         raise InputError(f"{path}: the file is empty")
-    return read(path, "\n".join(line for line in text.splitlines() if line.strip()) + "\n")
+    return read(path, content, text)
 
 
-def _read_qgroundcontrol(path: Path, text: str) -> PlanFile:
+# QGroundControl's document, as far as it is flown.
+
+_Place: TypeAlias = tuple[FiniteFloat, FiniteFloat]  # latitude, longitude in degrees
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+
+class _SimpleItem(_Part):
+    type: Literal["SimpleItem"]
+    command: int
+    frame: int
+    params: Annotated[list[FiniteFloat | None], Field(min_length=7, max_length=7)]
+    autoContinue: bool = True  # noqa: N815  QGroundControl's name
+
+
+class _Transects(_Part):
+    Items: list[_SimpleItem]
+
+
+class _Survey(_Part):
+    type: Literal["ComplexItem"]
+    complexItemType: Literal["survey"]  # noqa: N815
+    TransectStyleComplexItem: _Transects
+
+
+class _Mission(_Part):
+    items: list[Annotated[_SimpleItem | _Survey, Field(discriminator="type")]]
+    plannedHomePosition: (  # noqa: N815
+        Annotated[list[FiniteFloat | None], Field(min_length=2, max_length=3)] | None
+    ) = None
+
+
+class _Polygon(_Part):
+    inclusion: bool
+    polygon: list[_Place]
+
+
+class _Disc(_Part):
+    center: _Place
+    radius: FiniteFloat
+
+
+class _Circle(_Part):
+    inclusion: bool
+    circle: _Disc
+
+
+class _Fence(_Part):
+    polygons: list[_Polygon] = []
+    circles: list[_Circle] = []
+
+
+class _Rally(_Part):
+    points: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = []
+
+
+class _Document(_Part):
+    fileType: Literal["Plan"]  # noqa: N815
+    mission: _Mission
+    geoFence: _Fence = _Fence()  # noqa: N815
+    rallyPoints: _Rally = _Rally()  # noqa: N815
+
+
+def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: damaged: not valid JSON: {error}") from None
-    if not isinstance(document, dict) or document.get("fileType") != "Plan":
-        raise InputError(f'{path}: not a QGroundControl plan: fileType is not "Plan"')
-    mission = document.get("mission")
-    items = mission.get("items") if isinstance(mission, dict) else None
-    if not isinstance(mission, dict) or not isinstance(items, list):
-        raise InputError(f"{path}: damaged: it has no mission.items")
-    if not items:
-        raise InputError(f"{path}: the mission is empty")
-    for index, item in enumerate(items):
-        _check_json_item(path, f"mission.items[{index}]", item)
-    for part in ("geoFence", "rallyPoints"):
-        if not isinstance(document.get(part, {}), dict):
-            raise InputError(f"{path}: damaged: {part} is no table")
-    _check_rally(path, document.get("rallyPoints", {}).get("points", []))
-    return PlanFile(path, text, _json_home(path, mission), home_is_item=False)
-
-
-def _check_json_item(path: Path, where: str, item: object) -> None:
-    if not isinstance(item, dict):
-        raise InputError(f"{path}: damaged: {where} is no table")
-    kind = item.get("type")
-    if kind == "ComplexItem":
-        name = item.get("complexItemType")
-        transects = item.get("TransectStyleComplexItem")
-        inner = transects.get("Items") if isinstance(transects, dict) else None
-        if name != "survey" or not isinstance(inner, list):
-            raise InputError(f"{path}: {where}: complex item {name!r} cannot be flown")
-        for index, part in enumerate(inner):
-            _check_json_item(path, f"{where}.TransectStyleComplexItem.Items[{index}]", part)
-        return
-    if kind != "SimpleItem":
-        raise InputError(f"{path}: {where}: type is {kind!r}, neither SimpleItem nor ComplexItem")
-    for key in ("command", "frame"):
-        if type(item.get(key)) is not int:
-            raise InputError(f"{path}: damaged: {where}.{key} = {item.get(key)!r} is no number")
-    params = item.get("params")
-    if not isinstance(params, list) or len(params) != 7 or not all(map(_is_param, params)):
-        raise InputError(f"{path}: damaged: {where}.params are not seven numbers: {params!r}")
-    if item["frame"] in GLOBAL_FRAMES and item["command"] in PLACES:
-        if params[4] is params[5] is None and item["command"] in _HERE:
-            return
-        for index, name in enumerate(_RANGES, start=4):
-            _check_degrees(f"{path}: {where}.params[{index}]", item["command"], name, params[index])
-
-
-def _check_degrees(where: str, command: int, name: str, value: float | None) -> None:
-    """Refuse what is no latitude or longitude of a place; the importer takes null for a zero."""
-    most = _RANGES[name]
-    if value is None or abs(value) > most:
-        shown = "null" if value is None else f"{value:g}"
-        raise InputError(
-            f"{where} = {shown}: the {name} of {command_name(command)} must be from {-most:g} to "
-            f"{most:g} degrees"
+        document = _Document.model_validate_json(text)
+    except ValidationError as error:
+        raise InputError(f"{path}: not a QGroundControl plan: {_first(error)}") from None
+    simple = [
+        item
+        for part in document.mission.items
+        for item in (
+            [part] if isinstance(part, _SimpleItem) else part.TransectStyleComplexItem.Items
         )
+    ]
+    if not simple:
+        raise InputError(f"{path}: the mission is empty")
+    items = []
+    for seq, part in enumerate(simple):
+        params = tuple(math.nan if value is None else value for value in part.params)
+        items.append(_item(seq, part.command, part.frame, params, autocontinue=part.autoContinue))
+    rally = [
+        _item(seq, Command.NAV_RALLY_POINT, 3, (0, 0, 0, 0, *point), kind=MissionType.RALLY)
+        for seq, point in enumerate(document.rallyPoints.points)
+    ]
+    planned, home = document.mission.plannedHomePosition, None
+    if planned is not None:
+        home = _home(path, *(math.nan if value is None else value for value in planned))
+    fence = tuple(_fence_items(document.geoFence))
+    return PlanFile(path, content, home, tuple(items), fence, tuple(rally))
 
 
-def _check_rally(path: Path, points: object) -> None:
-    if not isinstance(points, list):
-        raise InputError(f"{path}: damaged: rallyPoints.points is no list")
-    for index, point in enumerate(points):
-        if not isinstance(point, list) or len(point) != 3 or not all(map(_is_number, point)):
-            raise InputError(
-                f"{path}: damaged: rallyPoints.points[{index}] = {point!r}: must be latitude, "
-                "longitude and height above home"
-            )
+def _first(error: ValidationError) -> str:
+    """What is wrong with a document, in a line: where, what, and the value."""
+    wrong = error.errors()[0]
+    where = ""
+    for part in wrong["loc"]:
+        if part not in ("SimpleItem", "ComplexItem"):  # the branch of the union
+            where += f"[{part}]" if isinstance(part, int) else f".{part}"
+    value = "" if isinstance(wrong["input"], dict | list | str) and where == "" else wrong["input"]
+    shown = "" if wrong["type"] == "missing" or value == "" else f" = {value!r}"
+    return f"{where[1:]}{shown[:80]}: {wrong['msg']}".removeprefix(": ")
 
 
-def _is_param(value: object) -> bool:
-    return value is None or _is_number(value)
+def _item(
+    seq: int,
+    command: int,
+    frame: int,
+    params: Sequence[float],
+    *,
+    kind: MissionType = MissionType.MISSION,
+    autocontinue: bool = True,
+) -> MissionItem:
+    """An item of seven parameters; places as exact as they travel, 1e-7 degrees."""
+    first, x, y, z = tuple(params[:4]), round(params[4], 7), round(params[5], 7), params[6]
+    return MissionItem(seq, command, frame, first, x, y, z, kind, autocontinue)  # type: ignore[arg-type]
 
 
-def _is_number(value: object) -> bool:
-    """A finite number; JSON's readers take NaN and Infinity too."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _fence_items(fence: _Fence) -> Iterable[MissionItem]:
+    inclusions = (
+        Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+        Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    )
+    circles = Command.NAV_FENCE_CIRCLE_EXCLUSION, Command.NAV_FENCE_CIRCLE_INCLUSION
+    drawn = [
+        (inclusions[ring.inclusion], float(len(ring.polygon)), place)
+        for ring in fence.polygons
+        for place in ring.polygon
+    ]
+    drawn += [(circles[c.inclusion], c.circle.radius, c.circle.center) for c in fence.circles]
+    for seq, (command, size, place) in enumerate(drawn):
+        yield _item(seq, command, 0, (size, 0, 0, 0, *place, 0), kind=MissionType.FENCE)
 
 
-def _json_home(path: Path, mission: dict[str, object]) -> GeodeticPoint | None:
-    values = mission.get("plannedHomePosition")
-    if values is None:
-        return None
-    numbers = values if isinstance(values, list) else []
-    if len(numbers) not in (2, 3) or not all(map(_is_number, numbers[:2])):
-        raise InputError(f"{path}: damaged: mission.plannedHomePosition = {values!r}")
-    altitude = numbers[2] if len(numbers) == 3 else None
-    if altitude is not None and not _is_number(altitude):
-        raise InputError(f"{path}: damaged: mission.plannedHomePosition = {values!r}")
-    return _home(path, numbers[0], numbers[1], math.nan if altitude is None else altitude)
-
-
-def _read_waypoints(path: Path, text: str) -> PlanFile:
+def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
     header, *lines = text.splitlines()
     if header.strip() != HEADER:
         raise InputError(f"{path}: not a waypoint file: the first line is not {HEADER!r}")
-    rows = [_waypoint_row(path, number, line) for number, line in enumerate(lines, start=2)]
-    if not rows:
-        raise InputError(f"{path}: the mission is empty")
+    rows = [_row(path, number, line) for number, line in enumerate(lines, start=2) if line.strip()]
     for index, row in enumerate(rows):
         if row[0] != index:
             raise InputError(f"{path}: damaged: item {index} is missing, {row[0]:g} stands there")
-    # By convention row 0 is the home; the importer hands it out like any other item.
-    first = rows[0]
-    has_home = first[2] == _FRAME_ABSOLUTE and first[3] == _NAV_WAYPOINT
-    if has_home and len(rows) == 1:
+    home = None
+    # By convention row 0 is the home: a waypoint at a height above the sea.
+    if rows and rows[0][2] == Frame.GLOBAL and rows[0][3] == Command.NAV_WAYPOINT:
+        home = _home(path, *rows[0][8:11])
+        del rows[0]
+    if not rows:
         raise InputError(f"{path}: the mission is empty")
-    home = _home(path, first[8], first[9], first[10]) if has_home else None
-    return PlanFile(path, text, home, home_is_item=has_home)
+    items = (
+        _item(seq, int(row[3]), int(row[2]), row[4:11], autocontinue=bool(row[11]))
+        for seq, row in enumerate(rows)
+    )
+    return PlanFile(path, content, home, tuple(items))
 
 
-def _waypoint_row(path: Path, number: int, line: str) -> Sequence[float]:
-    cells = line.split()
+def _row(path: Path, number: int, line: str) -> Sequence[float]:
+    """Twelve columns: index, current, frame, command, seven parameters, autocontinue."""
     try:
-        row = [float(cell) for cell in cells]
+        row = [float(cell) for cell in line.split()]
     except ValueError:
         row = []
     if len(row) != _COLUMNS or not all(map(math.isfinite, row)):
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
     if any(value != int(value) for value in (*row[:4], row[11])):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
-    command = int(row[3])
-    if row[2] in GLOBAL_FRAMES and command in PLACES:
-        for column, name in enumerate(_RANGES, start=8):
-            where = f"{path}: line {number}: column {column + 1}"
-            _check_degrees(where, command, name, row[column])
     return row
 
 
-def _home(path: Path, lat_deg: float, lon_deg: float, alt_msl_m: float) -> GeodeticPoint:
+def _home(path: Path, lat_deg: float, lon_deg: float, alt_msl_m: float = math.nan) -> GeodeticPoint:
     high_enough = math.isnan(alt_msl_m) or -400 <= alt_msl_m <= 5000
     if not (abs(lat_deg) <= 85 and abs(lon_deg) <= 180 and high_enough):
         raise InputError(
             f"{path}: planned home {lat_deg}, {lon_deg}, {alt_msl_m} m: latitude is -85..85, "
             "longitude -180..180 deg, altitude -400..5000 m"
         )
-    return GeodeticPoint(float(lat_deg), float(lon_deg), float(alt_msl_m))
+    return GeodeticPoint(lat_deg, lon_deg, alt_msl_m)
+
+
+def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
+    """Write a round's flight as a `.plan` file: the very items that are uploaded.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    items = []
+    for item in mission_items(plan, plan.positions(area)):
+        place = item.command != Command.DO_CHANGE_SPEED
+        where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
+        items.append(
+            {
+                **(where if place else {}),
+                "autoContinue": True,
+                "command": item.command,
+                "doJumpId": item.seq + 1,
+                "frame": Frame.GLOBAL_RELATIVE_ALT if place else Frame.MISSION,
+                "params": [*map(_or_null, item.params), item.x, item.y, item.z],
+                "type": "SimpleItem",
+            }
+        )
+    home = area.home
+    document = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "Aerofed",
+        "geoFence": {"circles": [], "polygons": _polygons(area), "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
+        "mission": {
+            "version": 2,
+            "firmwareType": _PX4,
+            "vehicleType": _MULTIROTOR,
+            "cruiseSpeed": plan.speed_mps,
+            "hoverSpeed": plan.speed_mps,
+            "globalPlanAltitudeMode": 1,
+            "plannedHomePosition": [home.lat_deg, home.lon_deg, home.alt_msl_m],
+            "items": items,
+        },
+    }
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot write: {error.strerror}") from None
+    write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def _polygons(area: Area) -> list[dict[str, object]]:
+    """The areas that must not be flown, and the fence."""
+    space = area.airspace
+    rings = [(False, ring) for ring in space.keep_out]
+    if space.keep_in is not None:
+        rings.append((True, space.keep_in))
+    polygons: list[dict[str, object]] = []
+    for inclusion, ring in rings:
+        places = [area.frame.to_geodetic(ned) for ned in area.to_ned(ring, 0.0)]
+        corners = [[place.lat_deg, place.lon_deg] for place in places]
+        polygons.append({"inclusion": inclusion, "polygon": corners, "version": 1})
+    return polygons
+
+
+def _or_null(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -10,7 +10,7 @@ from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.plan_file_writing import write_round_plan
+from mission.flight.plan_file import write_round_plan
 from mission.log.records import (
     ALTITUDE,
     OPTIONAL,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from flightdyn.aircraft import Aircraft
+from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.flying.flight import Flight
@@ -285,8 +286,9 @@ class Autopilot:
     def _check_item(self, item: m.MissionItem) -> MissionResult:
         verdict = check_item(item)
         if verdict is not MissionResult.ACCEPTED:
-            refused = f"{item.mission_type.name.capitalize()} refused: {why_refused(item, verdict)}"
-            self._report.say(Severity.WARNING, refused)
+            kind, name = item.mission_type.name.capitalize(), command_name(item.command)
+            wrong = f"{kind} refused: item {item.seq} {name}: {why_refused(item, verdict)}"
+            self._report.say(Severity.WARNING, wrong)
         return verdict
 
     def _store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:

@@ -22,22 +22,6 @@ def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
     return [_to_raw(item) for item in items]
 
 
-def from_raw(item: RawItem) -> MissionItem:
-    """An item that MAVSDK has read, with its place in degrees."""
-    scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    return MissionItem(
-        seq=item.seq,
-        command=item.command,
-        frame=item.frame,
-        params=(item.param1, item.param2, item.param3, item.param4),
-        x=item.x / scale,
-        y=item.y / scale,
-        z=item.z,
-        mission_type=MissionType(item.mission_type),
-        autocontinue=bool(item.autocontinue),
-    )
-
-
 def _to_raw(item: MissionItem) -> RawItem:
     scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
     placeless = item.mission_type == MissionType.MISSION and item.command not in PLACES

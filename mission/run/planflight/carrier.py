@@ -49,7 +49,7 @@ class PlanCarrier(ABC):
 
     async def _draw(self, pilot: Pilot) -> None:
         """Give the vehicle the plan's fence and rally points."""
-        plan = self.ready.imported
+        plan = self.ready.plan
         if plan.fence:
             await pilot.upload_fence(plan.fence)
         if plan.rally:
@@ -72,7 +72,7 @@ class SimulatedCarrier(PlanCarrier):
             self.t_ns = ready.vehicle.t_ns
 
     async def _carry_out(self, flyer: SimulatedFlyer, log: FlightLog) -> None:
-        pilot, plan = flyer.pilot, self.ready.imported
+        pilot, plan = flyer.pilot, self.ready.plan
         await pilot.ready()
         await self._draw(pilot)
         log_path(flyer.t_ns, log, self.ready)
@@ -126,9 +126,7 @@ class ExternalCarrier(PlanCarrier):
     async def _carry_out(self, flyer: ExternalFlyer, log: FlightLog) -> None:
         pilot, path = flyer.pilot, self.ready.path
         items = [
-            item
-            for item in self.ready.imported.items
-            if item.command != Command.NAV_RETURN_TO_LAUNCH
+            item for item in self.ready.plan.items if item.command != Command.NAV_RETURN_TO_LAUNCH
         ]
         lands = items[-1].command == Command.NAV_LAND
         await flyer.ready()
@@ -165,7 +163,7 @@ def make_carrier(ready: PreparedPlan, *, say: Say) -> PlanCarrier:
 
 
 def _check_frames(ready: PreparedPlan) -> None:
-    for item in ready.imported.items:
+    for item in ready.plan.items:
         if item.command in PLACES and item.frame in ABSOLUTE_FRAMES:
             raise InputError(
                 f"{ready.plan.path}: item {item.seq}, {command_name(item.command)}: its height is "
@@ -192,7 +190,7 @@ def _with_limits(config: RunConfig, limits: Limits) -> RunConfig:
 
 def _demand(ready: PreparedPlan) -> Demand:
     """What the plan asks of the vehicle."""
-    items, points = ready.imported.items, ready.path.points_ned_m
+    items, points = ready.plan.items, ready.path.points_ned_m
     ordered = [item.params[1] for item in items if item.command == Command.DO_CHANGE_SPEED]
     radii = [item.params[1] for item in items if item.command == Command.NAV_WAYPOINT]
     return Demand(

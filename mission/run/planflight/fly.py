@@ -120,7 +120,7 @@ def _recording(
         folder.log, area=ready.area, devices=nobody, fence=ready.fence, mirrors=live
     ) as log:
         log.attach("config.toml", "application/toml", ready.config.to_toml().encode())
-        log.attach(ready.plan.path.name, "text/plain", ready.plan.text.encode())
+        log.attach(ready.plan.path.name, "text/plain", ready.plan.content)
         log.metadata(PlanFileRecord.KEY, _places(ready).to_text())
         yield _PlanFlight(carrier, log, stopwatch)
 

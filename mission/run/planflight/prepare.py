@@ -1,25 +1,74 @@
-"""From a plan file to everything that its flight needs; whatever can be refused is refused here."""
+"""From a plan file to everything that its flight needs; whatever can be refused is refused here.
+
+What the autopilot would refuse is refused by the autopilot's own rules, and so is what it would
+take but what has no business in an unattended flight.
+"""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.area import Area
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import AreaConfig, RunConfig
 from mission.flight.fence_zones import fence_of
 from mission.flight.flyers.simulated import simulated_vehicle
-from mission.flight.pilot.importer import Imported, import_plan
 from mission.flight.plan_file import PlanFile
 from mission.log.values import Zone
-from mission.run.planflight.check import PlannedPath, check_items, here_means
-from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.codec.names import command_name
+from sitl.autopilot.flying import route
+from sitl.autopilot.protocol.item_rules import PLACES, check_item, why_refused
+from sitl.autopilot.safety.fence import breach_of, compile_fence
+from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType
+from sitl.autopilot.values.messages import MissionItem
+from sitl.errors import SitlInputError
 from sitl.vehicle import Vehicle
 
+MAX_HEIGHT_M = 500.0
+MAX_WAIT_S = 3600.0
+ALLOWED = (
+    Command.NAV_TAKEOFF,
+    Command.NAV_WAYPOINT,
+    Command.NAV_LOITER_TIME,
+    Command.DO_CHANGE_SPEED,
+    Command.NAV_RETURN_TO_LAUNCH,
+    Command.NAV_LAND,
+)
+_LAST = (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND)
+_KEEP, _DEFAULT = -1.0, -2.0  # DO_CHANGE_SPEED's other values
+_KINDS = {
+    MissionType.MISSION: "item",
+    MissionType.FENCE: "fence point",
+    MissionType.RALLY: "rally point",
+}
 _MARGIN_M = 50.0  # around the plan, for the map
+
+
+@dataclass(frozen=True)
+class PlannedPath:
+    """What the items mean: from the ground at home to the last place."""
+
+    points_ned_m: Floats  # (P, 3); the first is home
+    duration_s: float  # of a flight always at planned speed
+    places: dict[int, Floats]  # (3,) NED by sequence number of the item
+    rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
+    returns: bool  # comes home and lands by itself, or lands elsewhere
+
+    @property
+    def top_m(self) -> float:
+        """The greatest height above home."""
+        return -float(self.points_ned_m[:, 2].min())
+
+    @property
+    def path_m(self) -> float:
+        """Horizontal length."""
+        return polyline.length(self.points_ned_m[:, :2])
 
 
 @dataclass(frozen=True)
@@ -27,7 +76,6 @@ class PreparedPlan:
     """A plan that may be flown, and the vehicle on the ground at its home."""
 
     plan: PlanFile
-    imported: Imported
     path: PlannedPath
     area: Area
     fence: tuple[Zone, ...]
@@ -36,39 +84,161 @@ class PreparedPlan:
 
 
 def prepare_plan(config: RunConfig, plan: PlanFile) -> PreparedPlan:
-    """Import and check a plan.
+    """Check a plan, and put a vehicle where it begins: at its planned home, else its first place.
 
     Raises:
         InputError: it holds what may not be flown, or the vehicle's settings are refused.
     """
-    ground = config.area.home_alt_msl_m
-    planned = plan.home or GeodeticPoint(config.area.home_lat_deg, config.area.home_lon_deg, ground)
-    vehicle, imported = _at(planned, config, plan)
-    if plan.home is None:
-        first = next((item for item in imported.items if item.command in PLACES), None)
+    home = plan.home
+    if home is None:
+        first = next((item for item in plan.items if item.command in PLACES), None)
         if first is None:
             raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
-        planned = GeodeticPoint(first.x, first.y, ground)
-        vehicle, imported = _at(planned, config, plan)
-    path = check_items(
-        imported.items, imported.fence, imported.rally, vehicle=vehicle, source=str(plan.path)
-    )
-    area_config = _area_around(path, vehicle.autopilot.flight.home)
-    area = area_config.build()
-    fence = fence_of(imported.fence, vehicle.autopilot.parameters, area)
-    resolved = config.model_copy(update={"area": area_config})
-    return PreparedPlan(plan, imported, path, area, fence, vehicle, resolved)
-
-
-def _at(home: GeodeticPoint, config: RunConfig, plan: PlanFile) -> tuple[Vehicle, Imported]:
-    """A vehicle on the ground at `home`, and the plan as imported for it."""
+        home = GeodeticPoint(first.x, first.y, math.nan)
     if math.isnan(home.alt_msl_m):
-        home = GeodeticPoint(home.lat_deg, home.lon_deg, config.area.home_alt_msl_m)
+        home = replace(home, alt_msl_m=config.area.home_alt_msl_m)
+    plan = replace(plan, items=_placed(plan.items, home))
     vehicle = simulated_vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
-    vehicle.greet()
-    imported = import_plan(plan, heartbeat=b"".join(vehicle.outgoing(0.0)))
-    items = here_means(imported.items, home)
-    return vehicle, replace(imported, items=items)
+    path = _check(plan, vehicle)
+    area_config = _area_around(path, home)
+    area = area_config.build()
+    fence = fence_of(plan.fence, vehicle.autopilot.parameters, area)
+    resolved = config.model_copy(update={"area": area_config})
+    return PreparedPlan(plan, path, area, fence, vehicle, resolved)
+
+
+def _placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
+    """With places for take-offs and landings that have none: where they happen."""
+    lat_deg, lon_deg = home.lat_deg, home.lon_deg
+    placed = []
+    for item in items:
+        found = item
+        nowhere = item.x == item.y == 0.0 or (math.isnan(item.x) and math.isnan(item.y))
+        if item.command in (Command.NAV_TAKEOFF, Command.NAV_LAND) and nowhere:
+            found = replace(item, x=lat_deg, y=lon_deg)
+        if found.command in PLACES:
+            lat_deg, lon_deg = found.x, found.y
+        placed.append(found)
+    return tuple(placed)
+
+
+def _check(plan: PlanFile, vehicle: Vehicle) -> PlannedPath:
+    """Refuse what cannot or should not be flown; else the path.
+
+    Raises:
+        InputError: names the file, the item, what is wrong and what is allowed.
+    """
+    flight, p = vehicle.autopilot.flight, vehicle.autopilot.parameters
+
+    def refuse(item: MissionItem, wrong: str) -> None:
+        if wrong:
+            name = f"{_KINDS[item.mission_type]} {item.seq}, {command_name(item.command)}"
+            raise InputError(f"{plan.path}: {name}: {wrong}")
+
+    def bad_height(item: MissionItem, *, least_m: float) -> str:
+        height_m = route.item_altitude(item, flight.home) - flight.home.alt_msl_m
+        if least_m <= height_m <= MAX_HEIGHT_M:
+            return ""
+        return f"{height_m:.1f} m above home; {least_m:g} to {MAX_HEIGHT_M:g} m are allowed"
+
+    def place_of(item: MissionItem) -> Floats:
+        return flight.frame.to_ned(item.x, item.y, route.item_altitude(item, flight.home))
+
+    for item in plan.items:
+        refuse(item, _wrong(item, last=item.seq == len(plan.items) - 1) or _refused(item))
+    for item in plan.fence:
+        refuse(item, _refused(item))
+    try:
+        fence = compile_fence(plan.fence, flight.frame)
+    except SitlInputError as error:
+        raise InputError(f"{plan.path}: {error}") from None
+    reason = route.check_mission(
+        plan.items, frame=flight.frame, home=flight.home, farthest_m=p["MIS_DIST_1WP"]
+    )
+    if reason:
+        raise InputError(f"{plan.path}: {reason}")
+    places = {item.seq: place_of(item) for item in plan.items if item.command in PLACES}
+    if not places:
+        raise InputError(f"{plan.path}: no item leads anywhere")
+    here = np.zeros(3)
+    for seq, place in places.items():
+        item = plan.items[seq]
+        if item.command != Command.NAV_LAND:
+            refuse(item, bad_height(item, least_m=1.0))
+        steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
+        way = np.linspace(here, place, steps)
+        if breach := breach_of(fence, way, home_ned_m=flight.home_ned_m, parameters=p):
+            refuse(item, f"the way there leads {breach}")
+        here = place
+    for item in plan.rally:
+        refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))
+        place = place_of(item)
+        if (away_m := float(np.hypot(place[0], place[1]))) > p["MIS_DIST_1WP"]:
+            refuse(item, f"{away_m:.0f} m from home; MIS_DIST_1WP allows {p['MIS_DIST_1WP']:g}")
+        refuse(item, bad_height(item, least_m=0.0))
+        if breach := breach_of(fence, place, home_ned_m=flight.home_ned_m, parameters=p):
+            refuse(item, f"it is {breach}")
+    return _path(plan, places, tuple(place_of(item) for item in plan.rally), vehicle)
+
+
+def _wrong(item: MissionItem, *, last: bool) -> str:
+    """Why an item has no business in an unattended flight; empty if it has."""
+    if item.command not in ALLOWED:
+        return "not supported; allowed are " + ", ".join(command.name for command in ALLOWED)
+    if not item.autocontinue:
+        return "stops without autocontinue, and nobody is there to go on"
+    if item.command in PLACES and item.frame in GLOBAL_FRAMES and item.x == item.y == 0.0:
+        return "it has no position"
+    if item.command == Command.NAV_TAKEOFF and item.seq != 0:
+        return "a take-off has to come first"
+    if item.command in _LAST and not last:
+        return "nothing may come after it"
+    waits = item.command in (Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME)
+    if waits and item.params[0] > MAX_WAIT_S:
+        return f"waits {item.params[0]:g} s; {MAX_WAIT_S:g} s at most"
+    speed_mps = item.params[1] if item.command == Command.DO_CHANGE_SPEED else _KEEP
+    if speed_mps not in (_KEEP, _DEFAULT) and not 0.5 <= speed_mps <= 30.0:
+        return f"{speed_mps:g} m/s; 0.5 to 30 m/s are allowed"
+    return ""
+
+
+def _refused(item: MissionItem) -> str:
+    """What the autopilot has against an item; empty if nothing."""
+    verdict = check_item(item)
+    return "" if verdict is MissionResult.ACCEPTED else why_refused(item, verdict)
+
+
+def _path(
+    plan: PlanFile, places: dict[int, Floats], rally_ned_m: tuple[Floats, ...], vehicle: Vehicle
+) -> PlannedPath:
+    flight, p = vehicle.autopilot.flight, vehicle.autopilot.parameters
+    stages = route.compile_route(
+        plan.items,
+        first=0,
+        start=route.Start(np.zeros(3), on_ground=True),
+        frame=flight.frame,
+        home=flight.home,
+        limits=route.Limits.of(p),
+    )
+    points: list[Floats] = [np.zeros(3)]
+    duration_s = 0.0
+    last = max(places)
+    for stage in stages:
+        if isinstance(stage, route.Fly):
+            legs_m = polyline.legs(stage.path.points_ned_m)
+            duration_s += float((legs_m / stage.path.speeds_mps).sum())
+            points += list(stage.path.points_ned_m[1:])
+        # A hover at the last waypoint comes after it was reached, where the comparison ends.
+        elif isinstance(stage, route.Wait) and (stage.reports or stage.seq != last):
+            duration_s += stage.duration_s
+    ends = plan.items[-1].command
+    if ends == Command.NAV_LAND:
+        height_m = -float(points[-1][2])
+        slow_m = min(height_m, p["MPC_LAND_ALT2"])
+        duration_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
+    array = np.array(points)
+    array.flags.writeable = False
+    return PlannedPath(array, duration_s, places, rally_ned_m, ends in _LAST)
 
 
 def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:

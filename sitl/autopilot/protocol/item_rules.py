@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.values import ranges
 from sitl.autopilot.values.enums import (
     GLOBAL_FRAMES,
@@ -43,7 +42,7 @@ def check_item(item: MissionItem) -> MissionResult:
 
 
 def why_refused(item: MissionItem, verdict: MissionResult) -> str:
-    """What `check_item` has against an item, in words: which, why, and what is allowed."""
+    """What `check_item` has against an item, in words: why, and what is allowed."""
     above = "home" if item.frame in RELATIVE_FRAMES else "mean sea level"
     allowed = f"{_altitudes(item)} above {above} are allowed"
     words = {
@@ -55,7 +54,7 @@ def why_refused(item: MissionItem, verdict: MissionResult) -> str:
         MissionResult.INVALID_PARAM1: f"parameter 1 = {item.params[0]:g} is not possible",
         MissionResult.INVALID_PARAM2: f"parameter 2 = {item.params[1]:g} is not possible",
     }
-    return f"item {item.seq} {command_name(item.command)}: {words.get(verdict, verdict.name)}"
+    return words.get(verdict, verdict.name)
 
 
 def _mission(item: MissionItem) -> MissionResult:

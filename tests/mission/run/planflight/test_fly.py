@@ -171,9 +171,15 @@ REFUSED = {
     "late": ([place(47.401, 8.5), TAKE_OFF], ["item 1", "first"]),
     "nowhere": ([SPEED, RETURN], ["no item leads anywhere"]),
     "wait": ([place(47.401, 8.5, wait_s=1e6)], ["item 0", "3600 s"]),
-    "radius": ([simple(16, 0, -3, 0, None, 47.4, 8.5, 50)], ["item 0", "INVALID_PARAM2 (-3)"]),
+    "radius": (
+        [simple(16, 0, -3, 0, None, 47.4, 8.5, 50)],
+        ["item 0", "parameter 2 = -3"],
+    ),
     "stop": ([{**place(47.4, 8.5), "autoContinue": False}], ["item 0", "autocontinue"]),
     "empty": ([], ["mission is empty"]),
+    "latitude": ([place(91, 8.5)], ["item 0, NAV_WAYPOINT (16): latitude 91, -90 to 90"]),
+    "null": ([simple(16, 0, 0, 0, 0, 47.4, None, 50)], ["item 0", "longitude nan, -180 to 180"]),
+    "half a place": ([simple(22, 0, 0, 0, 0, None, 8.5, 50)], ["item 0, NAV_TAKEOFF", "latitude"]),
 }
 
 
@@ -219,10 +225,10 @@ def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
     [
         (
             (True, 47.4, 100.0),
-            "item 1, NAV_WAYPOINT (16): on the way there it is outside",
+            "item 1, NAV_WAYPOINT (16): the way there leads outside",
         ),
         # Between two places, neither of which lies in it.
-        ((False, (47.4 + NORTH) / 2, 10.0), "on the way there it is inside an excluded area"),
+        ((False, (47.4 + NORTH) / 2, 10.0), "the way there leads inside an excluded area"),
     ],
 )
 def test_a_way_against_the_plans_own_fence_is_refused_before_anything_is_written(
@@ -283,8 +289,8 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     ("point", "words"),
     [
         ([0, 0, 0], "it has no position"),
-        ([99, 8.5, 0], "refused by the autopilot: INVALID_PARAM5_X (99)"),
-        ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows less"),
+        ([99, 8.5, 0], "latitude 99, -90 to 90 are allowed"),
+        ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows 20000"),
         ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
         ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),
         ([47.4 + 400 / 111_180, 8.5, 0], "it is outside the fence"),
@@ -295,7 +301,10 @@ def test_a_rally_point_of_no_use_is_named_and_leaves_nothing(
 ) -> None:
     plan, out = with_rally(tmp_path, [47.4, 8.501, 0], point, circle_m=300), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out)]) == 2
-    assert capsys.readouterr().err == f"aerofed: {plan}: rally point 1: {words}\n"
+    assert (
+        capsys.readouterr().err
+        == f"aerofed: {plan}: rally point 1, NAV_RALLY_POINT (5100): {words}\n"
+    )
     assert not out.exists()
 
 
