@@ -36,7 +36,6 @@ from mission.planner.reward import Altitudes
 
 FIRST_PARTS = 4  # that the limits are split into at first
 LEAST_NODES = 20  # that a search counts for: its tables have to be made
-POTENTIAL_NODES = 5000  # that potentials count for, where a search has not reached the gap
 ROUGH_NODES = 1000  # for parts that may be split yet
 NARROWEST_M = 0.5
 ALIKE = 1.0 + 1e-9  # widths that differ by rounding
@@ -44,7 +43,7 @@ PROMISING = 0.98  # of the best value: a path that is worth looking for its own 
 LEFT_SHARE = 0.5  # of the gap: where e leaves less of it, a part is split
 WORTH_SHARE = 0.9  # the same, where a search has ended short of the gap
 MOST_SEARCHES = 2  # times `max_nodes` are looked into for all altitudes together
-MOST_BOUNDS = 6  # of potentials alone, for more than MOST_DEVICES
+MOST_BOUNDS = 6  # of altitudes, for more than MOST_DEVICES
 
 
 @dataclass(frozen=True)
@@ -167,15 +166,15 @@ class _Proof:
             if helps:
                 self._split(part)
             return helps
-        found = search(trial.case, known, Goal(gap, most_nodes, thorough=not rough))
+        found = search(trial.case, known, Goal(gap, most_nodes))
         self.nodes += found.nodes
         trial.spent = max(found.nodes, self._least_nodes)
-        bounded = not rough and found.bound > self.enough
-        self._spent += trial.spent + (POTENTIAL_NODES if bounded else 0)
+        ended = not rough and found.bound > self.enough
+        self._spent += trial.spent
         if found.value > known.value:
             self._offer(altitude_m, found)
             trial.found = replace(found, nodes=0)
-        elif bounded:  # it would end the same again
+        elif ended:  # it would end the same again
             trial.spent = self.goal.max_nodes
         _lower(sides, found.bound)
         if rough and part.bound > self.enough:

@@ -25,7 +25,6 @@ from mission.planner.native.library import (
     search_orders,
     search_places,
 )
-from mission.planner.potentials import by_potentials
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import Altitudes
 
@@ -51,11 +50,11 @@ SHARED_NODES = 40_000
 class CertifiedPlanner:
     """Greedy insertions and Newton ascent, then branch and bound to a relative gap.
 
-    The gap is honest at any size: where the nodes run out, or with many steps and more than 40
-    devices worth something, it is what has been proven until then.
+    The gap is honest at any size: where the nodes run out it is what has been proven until then,
+    and with many steps and more than 40 devices worth something it is what they promise one by one.
 
     Args:
-        gap: (bound - value) / bound that is enough; with more than 40 devices, 2 % are.
+        gap: (bound - value) / bound that is enough.
         max_nodes: nodes looked into at most. They are counted, never timed, so that a problem
             has the same plan on every machine.
     """
@@ -99,7 +98,6 @@ class Goal:
 
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int
-    thorough: bool = True  # potentials too, where the searches do not reach the gap
 
     def effort(self, plan: Found, max_nodes: int) -> Effort | None:
         """What a part of it may look into until that many nodes; None: it need not begin."""
@@ -153,18 +151,10 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
         if (effort := goal.effort(found, most_nodes)) is not None:
             found = search_places(devices, limits, plan=found, effort=effort)
-    thorough = goal.max_nodes > 0 and (goal.thorough or count > MOST_DEVICES)
-    if thorough and found.value > 0.0 and found.gap > goal.gap:
-        other = found
-        if count <= MOST_DEVICES:
-            other = case.explored(min(MANY_TRIES, goal.max_nodes))
+    if goal.max_nodes > 0 and count <= MOST_DEVICES and found.value > 0.0 and found.gap > goal.gap:
+        other = case.explored(min(MANY_TRIES, goal.max_nodes))
         if other.value > found.value:
             found = replace(other, bound=found.bound, nodes=found.nodes)
-        if found.gap > goal.gap:
-            found = by_potentials(
-                devices, limits, plan=found, gap=goal.gap, most_turns=goal.max_nodes,
-                rough=not goal.thorough,
-            )  # fmt: skip
     return found
 
 

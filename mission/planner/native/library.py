@@ -11,7 +11,6 @@ from native.building import library
 from native.loading import address, check_sizes, functions, load
 
 MOST_DEVICES = 40  # of a search
-MOST_MESHES = 5  # of potentials
 
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -44,18 +43,12 @@ class _Functions(ctypes.Structure):
             _POINTER)),
         ("search_places", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
-        ("lower_potentials", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _DOUBLE, _INT,
-            _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
         ("square_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
-        ("potential_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _DOUBLE,
-            _POINTER)),
         ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
     )  # fmt: skip
 
@@ -228,55 +221,6 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
     return _searched(_FUNCTIONS.search_places, shared, limits, plan, effort)
 
 
-def lower_potentials(
-    devices: Devices,
-    limits: Limits,
-    *,
-    plan: Found,
-    price: float,
-    left_out: float,
-    gap: float,
-    turns: int,
-    meshes: int,
-    may_halve: bool = False,
-) -> float:
-    """The bound of a plan, lowered by potentials; for any number of devices, neighbours in a row.
-
-    Args:
-        plan: of a value above 0; potentials that are far from its bound are given up.
-        price: what its last place is worth, to begin with.
-        left_out: importance of devices that are not given, at most.
-        gap: relative gap to the plan that is enough.
-        turns: in which the bound is lowered, at most.
-        meshes: that potentials live on, one after the other, each twice as fine; fewer where there
-            is no memory for them.
-        may_halve: where much is left open, bound plans that end in one half of the area and in
-            the other each by itself.
-
-    Raises:
-        ValueError: arrays that do not fit together, or no such number of meshes.
-        MemoryError: there is too little memory.
-    """
-    if not 1 <= meshes <= MOST_MESHES:
-        raise ValueError(f"{meshes} meshes: there are 1 to {MOST_MESHES}")
-    shared = devices.as_c(), limits.as_c()
-    bound = _DOUBLE(plan.bound)
-    taken = _FUNCTIONS.lower_potentials(
-        *map(ctypes.addressof, shared),
-        meshes,
-        turns,
-        plan.value,
-        price,
-        left_out,
-        gap,
-        may_halve,
-        ctypes.addressof(bound),
-    )
-    if taken < 0:
-        raise MemoryError("too little memory to bound a plan")
-    return bound.value
-
-
 def _searched(
     function: Any,
     shared: tuple[ctypes.Structure, ...],
@@ -371,45 +315,6 @@ def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: flo
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
-
-
-def potential_bound(
-    devices: Devices,
-    limits: Limits,
-    phi: Floats,
-    chi: Floats,
-    price: Floats,
-    *,
-    left_out: float = 0.0,
-    sampled: float,
-    ends: Floats,
-) -> float:
-    """Bound of potentials `phi` (K, V), `chi` (V,) at the first mesh's vertices, and prices.
-
-    Args:
-        price: (K,) of each device.
-        left_out: importance of devices that are not given, at most.
-        sampled: prices may be raised so that no stop is worth more.
-        ends: (2, 2) the least and the most x and y at which plans end.
-
-    Raises:
-        ValueError: the mesh has another number of vertices.
-    """
-    shared = devices.as_c(), limits.as_c()
-    vertices = len(chi)
-    bound: float = _FUNCTIONS.potential_bound(
-        *map(ctypes.addressof, shared),
-        vertices,
-        address(phi, np.float64, (len(devices.delta), vertices)),
-        address(chi, np.float64, (vertices,)),
-        address(price, np.float64, (len(devices.delta),)),
-        left_out,
-        sampled,
-        address(ends, np.float64, (2, 2)),
-    )
-    if bound < 0.0:
-        raise ValueError(f"the mesh has not {vertices} vertices")
-    return _or_memory_error(bound)
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:

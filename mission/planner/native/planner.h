@@ -8,11 +8,6 @@ typedef struct {
     double x, y;
 } Point;
 
-/* A part of the plane; its sides belong to it. */
-typedef struct {
-    Point low, high;
-} Box;
-
 /* The devices worth something, in coordinates with the start at the origin. */
 typedef struct {
     int64_t count;       /* K */
@@ -64,16 +59,6 @@ typedef struct {
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound);
 
-    /* Lower a bound by potentials on up to so many meshes, each twice as fine as the one before, in
-       up to so many turns or to that relative gap, from what a plan earns and its last place is
-       worth. Devices of up to `left_out` importance need not be given. For any number of them,
-       neighbours side by side; it says most where the path is what is scarce. Where much is left
-       open, plans that end in one half of the plane and in the other may be bounded each. Returns
-       the turns. */
-    int64_t (*lower_potentials)(const Devices *, const Limits *, int64_t meshes, int64_t turns,
-                                double value, double place_price, double left_out, double gap,
-                                int64_t may_halve, double *bound);
-
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
     int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
@@ -89,14 +74,6 @@ typedef struct {
                           const int64_t *interval, const int64_t *merged, double eps);
     /* Bound of what a stop somewhere in a square can earn. */
     double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* Bound of given potentials `phi` (K, vertices), not below 0, and `chi` (vertices,) on the first
-       mesh, both 0 at the start, in single precision, and of prices (K,), not below 0, for devices
-       given and others of up to `left_out` importance, of plans that end in a box. Prices may be
-       raised so that no stop is worth more than `sampled`. -1 if the mesh has another number of
-       vertices. */
-    double (*potential_bound)(const Devices *, const Limits *, int64_t vertices, const double *phi,
-                              const double *chi, const double *price, double left_out,
-                              double sampled, const Box *ends);
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;

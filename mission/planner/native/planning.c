@@ -1,6 +1,5 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
-#include "descent.h"
 #include "exploration.h"
 #include "levelled.h"
 #include "space.h"
@@ -70,23 +69,6 @@ static int64_t search_places(
     return nodes;
 }
 
-static int64_t lower_potentials(
-    const Devices *devices, const Limits *limits, int64_t meshes, int64_t turns, double value,
-    double place_price, double left_out, double gap, int64_t may_halve, double *bound)
-{
-    Arena arena = {0};
-    const int mesh = meshes_for(devices, limits, (int)meshes);
-    const Samples counted = count_samples(devices, limits, mesh);
-    Descent all = lay_out_descent(&arena, devices, limits, mesh, &counted);
-    if (!provide(&arena)) return -1;
-    all = lay_out_descent(&arena, devices, limits, mesh, &counted);
-    set_up_descent(&all, left_out);
-    const Purpose to = {turns, place_price, value, gap, TOO_FAR * *bound};
-    *bound = descend_by_halves(&all, to, *bound, may_halve != 0);
-    release(&arena);
-    return all.turns;
-}
-
 static int assign(
     int64_t devices, int64_t steps, int64_t per_step, const double *worth, int64_t *assigned)
 {
@@ -154,32 +136,10 @@ static double square_bound(
     return bound;
 }
 
-static double potential_bound(
-    const Devices *devices, const Limits *limits, int64_t vertices, const double *phi,
-    const double *chi, const double *price, double left_out, double sampled, const Box *ends)
-{
-    Arena arena = {0};
-    Potentials all = lay_out_potentials(&arena, devices, limits, 1);
-    if (all.mesh.vertices != vertices) return -1.0;
-    if (!provide(&arena)) return NAN;
-    all = lay_out_potentials(&arena, devices, limits, 1);
-    set_up_potentials(&all, left_out);
-    for (int64_t v = 0; v < vertices; v++)
-        for (int64_t k = 0; k < devices->count; k++)
-            stored_at(&all, all.phi, v)[k / EIGHT][k % EIGHT] = (float)phi[k * vertices + v];
-    memcpy(all.chi, chi, (size_t)vertices * sizeof(double));
-    for (int64_t k = 0; k < devices->count; k++) all.price[k / EIGHT][k % EIGHT] = price[k] + all.floor;
-    all.ends = *ends;
-    const double bound = bound_by_potentials(&all, sampled);
-    release(&arena);
-    return bound;
-}
-
 static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
     return conjugate_at(s, row, relaxation).h;
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, lower_potentials, assign, match_devices, order_bound,
-    square_bound, potential_bound, conjugate};
+    explore, search_orders, search_places, assign, match_devices, order_bound, square_bound, conjugate};

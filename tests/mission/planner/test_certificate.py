@@ -200,7 +200,7 @@ def test_a_cap_on_nodes_leaves_an_honest_gap():
 def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time():
     def searched(preset, seed):
         case = case_of(random_problem(seed, devices=30, preset=preset))
-        return search(case, case.explored(), Goal(0.01, 60_000, thorough=False))
+        return search(case, case.explored(), Goal(0.01, 60_000))
 
     slow, hopeless = searched("suburban+10dB", 2), searched("dense-urban", 1)
     assert slow.gap <= 0.01
