@@ -11,11 +11,7 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 FROM python:3.13-slim
 COPY --from=build /wheels /wheels
 COPY requirements.lock /wheels/
-# The CPU build of PyTorch first: the usual one brings gigabytes of CUDA libraries.
-RUN pip install --no-cache-dir --constraint /wheels/requirements.lock \
-        --index-url https://download.pytorch.org/whl/cpu --extra-index-url https://pypi.org/simple torch \
-    && pip install --no-cache-dir --constraint /wheels/requirements.lock /wheels/*.whl \
-    && rm -r /wheels
+RUN pip install --no-cache-dir --constraint /wheels/requirements.lock /wheels/*.whl && rm -r /wheels
 # Whoever the user is, who has no home here.
 ENV HOME=/tmp
 WORKDIR /work

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from plain_loop import arrays_of, load_arrays, random_loader, train_plainly
+from plain_loop import PlainNet, arrays_of, load_arrays, random_loader, train_plainly
 
-from fl.training.convnet import ConvNet
-from fl.training.modules.builtin import PlainNet
+from fl.training.networks import ConvNet
 
 ROUNDS = 4
 

@@ -20,17 +20,17 @@ import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
-from plain_loop import LEARNING_RATE, MOMENTUM, MU, loader_of, plain_epoch
+from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, loader_of, plain_epoch
 
 from fl.data.dataset import Split
-from fl.training.convnet import ConvNet
-from fl.training.local import LocalSettings, LocalTask, LocalWork, Network, scaling_of
-from fl.training.models import make_network
-from fl.training.modules.builtin import BuiltInNetwork, PlainNet
+from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
+from fl.training.networks import ConvNet, make_network
+from fl.training.torch_module import ModuleNetwork
 
 BATCH = 16
 SAMPLES_PER_DEVICE = 320
@@ -73,13 +73,11 @@ def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: 
 
     def ours(network: Network) -> None:
         settings = LocalSettings(LEARNING_RATE, MOMENTUM, MU, BATCH, 1)
-        tasks = [
-            LocalTask(share, np.random.Generator(np.random.PCG64(device)))
-            for device, share in enumerate(shares)
-        ]
-        network.train(LocalWork(split, model, tasks, scaling, settings))
+        for device, share in enumerate(shares):
+            rng = np.random.Generator(np.random.PCG64(device))
+            network.train(LocalTask(split, share, scaling, model, settings, rng))
 
-    module = BuiltInNetwork(net, name=name, device="cpu")
+    module = ModuleNetwork(partial(PlainNet, net), name=name, image_shape=shape, classes=10)
     return Jobs(
         net=net,
         steps=sum(-(-share.size // BATCH) for share in shares),

@@ -14,10 +14,9 @@ from pfl.data.sampling import get_user_sampler
 from pfl.hyperparam.base import NNTrainHyperParams
 from pfl.metrics import Metrics, Weighted
 from pfl.model.pytorch import PyTorchModel
-from plain_loop import LEARNING_RATE, MOMENTUM, MU, random_loader
+from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, random_loader
 
-from fl.training.convnet import ConvNet
-from fl.training.modules.builtin import PlainNet
+from fl.training.networks import ConvNet
 
 ROUNDS = 4
 

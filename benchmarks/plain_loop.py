@@ -1,7 +1,9 @@
 """Local training as one would write it: DataLoader, nn.Module, torch.optim.SGD. The yardstick."""
 
+import sys
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,7 +12,10 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
-from fl.training.convnet import ConvNet
+from fl.training.networks import ConvNet
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "fl"))
+from reference_net import PlainNet as PlainNet  # the tests' own
 
 Loader = DataLoader[tuple[torch.Tensor, ...]]
 MU = 0.1

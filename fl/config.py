@@ -194,7 +194,8 @@ class CommunityConfig(_Frozen):
     )
     network: str = Field(
         "lenet",
-        description="'lenet', 'mcmahan', 'convnet', or a torch module as 'package.module:callable'",
+        description="'lenet', 'mcmahan', 'convnet', or a torch module as "
+        "'package.module:callable', which needs the extra `torch`",
     )
     buffers: Literal["averaged", "local"] | None = Field(
         None,
@@ -336,11 +337,6 @@ class LearningConfig(_Frozen):
     test_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="part of each class held out for report_on = 'test'"
     )
-    device: Literal["cpu", "cuda"] = Field(
-        "cpu",
-        description="where networks train: the processor, or (experimental) a GPU by way of torch",
-    )
-
     trainer: str | None = Field(
         None,
         examples=["my_package.my_module:factory"],

@@ -76,7 +76,16 @@ def problem_of(name: str) -> str | None:
     return None if found else _not_imported(ModuleNotFoundError(f"No module named {module!r}"))
 
 
+def needs_torch() -> str | None:
+    """How to have torch, an extra that only code of users' own needs; None where it is there."""
+    if importlib.util.find_spec("torch"):
+        return None
+    return "needs torch, which is an extra and not installed: pip install 'aerofed[torch]'"
+
+
 def _not_imported(error: BaseException) -> str:
+    if getattr(error, "name", None) == "torch" and (reason := needs_torch()):
+        return reason
     missing = isinstance(error, ModuleNotFoundError)
     where = "; looked for in the working directory, in PYTHONPATH and among what is installed"
     return f"cannot be imported: {first_line(error)}{where if missing else ''}"

@@ -22,9 +22,8 @@ from fl.federation.custom_algorithm import make_algorithm
 from fl.federation.device_work import compute_times
 from fl.plugins import PluginError
 from fl.training.custom_trainer import CustomTrainer, make_trainer
-from fl.training.device import check_device
 from fl.training.local import Network, Scaling, scaling_of
-from fl.training.models import make_network
+from fl.training.networks import make_network
 
 logger = logging.getLogger(__name__)
 
@@ -180,7 +179,6 @@ def build(
     for name in names:
         if names.count(name) > 1:
             raise SettingError("communities.name", name, "is given twice")
-    check_device(learning.device)
     loaded: dict[tuple[str, str | None], Dataset] = {}
     built = []
     for index, config in enumerate(communities):
@@ -190,15 +188,8 @@ def build(
         try:
             if key not in loaded:
                 loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
-            built.append(
-                _community(
-                    config,
-                    subset(loaded[key], config.subset),
-                    rng,
-                    device=learning.device,
-                    test_share=test_share,
-                )
-            )
+            dataset = subset(loaded[key], config.subset)
+            built.append(_community(config, dataset, rng, test_share=test_share))
         except NetworkError as error:
             raise replace(error, community=index) from error
         except PluginError as error:
@@ -212,7 +203,6 @@ def _community(
     dataset: Dataset,
     rng: np.random.Generator,
     *,
-    device: str,
     test_share: float | None,
 ) -> Community:
     labels, classes = dataset.labels, dataset.classes
@@ -228,8 +218,6 @@ def _community(
         image_shape=dataset.image_shape,
         classes=classes,
         convnet=config.convnet,
-        device=device,
-        devices=config.devices,
     )
     if config.buffers is not None and network.buffers == 0:
         raise SettingError(

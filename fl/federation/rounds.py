@@ -122,9 +122,8 @@ def play_round(
 
     Of all devices only those are trained whose update arrives, or who keep it: nobody would ever
     see the rest, and every device draws from its own stream, so the result is the same. Up to
-    `workers` devices train at a time, with the same result for any number; on a GPU a community's
-    train together, the same within rounding whoever they are. Raises `DivergedError` naming
-    round, community and device.
+    `workers` devices train at a time, with the same result for any number. Raises
+    `DivergedError` naming round, community and device.
     """
     scheduled, delivered = who.scheduled, who.delivered
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
-from fl.data.dataset import Split
 from fl.errors import kind_of
 from fl.plugins import PluginError, guarded, make
-from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, Shapes
+from fl.training.local import LocalResult, LocalSettings, LocalTask, Shapes
 
 KEY = "learning.trainer"
 
@@ -58,15 +57,13 @@ class CustomTrainer:
     name: str
     inner: Trainer = field(repr=False)  # a fingerprint is made of the rest
 
-    def train(
-        self, device: TrainingDevice, model: Vector, split: Split, task: LocalTask, scaling: Scaling
-    ) -> LocalResult:
+    def train(self, device: TrainingDevice, task: LocalTask) -> LocalResult:
         """The researcher's training of one device.
 
         Raises:
             PluginError: it fails, or gives something else than a result of finite numbers.
         """
-        data, doing = _data(split, task, scaling), f"train() of device {device.device}"
+        model, data, doing = task.model, _data(task), f"train() of device {device.device}"
         with guarded(self.name, key=KEY, doing=doing):
             found = self.inner.train(device, model, data, task.rng)
         if not isinstance(found, LocalResult):
@@ -100,7 +97,8 @@ def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
     return CustomTrainer(name, make(name, learning, key=KEY, members=("train",)))
 
 
-def _data(split: Split, task: LocalTask, scaling: Scaling) -> DeviceData:
-    images = split.images[task.samples].astype(np.float32) * scaling.scale + scaling.shift
-    x = np.ascontiguousarray(np.moveaxis(images, -1, 1))
-    return DeviceData(frozen(x), frozen(split.labels[task.samples]))
+def _data(task: LocalTask) -> DeviceData:
+    images = task.split.images[task.samples].astype(np.float32)
+    scaled = images * task.scaling.scale + task.scaling.shift
+    x = np.ascontiguousarray(np.moveaxis(scaled, -1, 1))
+    return DeviceData(frozen(x), frozen(task.split.labels[task.samples]))

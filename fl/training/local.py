@@ -25,7 +25,7 @@ class Scaling:
 
 @dataclass(frozen=True)
 class LocalSettings:
-    """How every device trains."""
+    """Hyperparameters of the local SGD."""
 
     learning_rate: float
     momentum: float
@@ -34,29 +34,22 @@ class LocalSettings:
     epochs: int
 
 
-@dataclass(frozen=True)
-class LocalTask:
-    """One device's work: the samples it owns and its random stream for this round."""
-
-    samples: NDArray[np.int64]
-    rng: np.random.Generator
-    correction: Vector | None = None  # added to every gradient (control variates)
-
-
 @dataclass(frozen=True, eq=False)
-class LocalWork:
-    """What devices of one community are to do."""
+class LocalTask:
+    """Local training of one device in one round."""
 
-    split: Split
-    model: Vector  # (P,) the global one, from which they all begin
-    tasks: Sequence[LocalTask]
+    split: Split  # training images of the whole task
+    samples: NDArray[np.int64]  # of them, those that the device owns
     scaling: Scaling
+    model: Vector  # (P,) that it begins from
     settings: LocalSettings
+    rng: np.random.Generator  # the device's own stream of this round
+    correction: Vector | None = None  # (P,) added to every gradient (control variates)
 
 
 @dataclass(frozen=True)
 class LocalResult:
-    """What one device sends up."""
+    """A device's update: its model after local training."""
 
     model: Vector
     steps: int
@@ -64,7 +57,7 @@ class LocalResult:
 
 
 class Network(Protocol):
-    """What the federation needs to know of a network. One core works on a call."""
+    """A model's layers and how they are trained, as the federation sees them."""
 
     @property
     def shapes(self) -> Shapes:
@@ -76,17 +69,14 @@ class Network(Protocol):
 
     @property
     def parallel(self) -> bool:
-        """Whether several threads may call it at a time; else it is given all tasks at once."""
+        """Whether several threads may call it at a time."""
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """Initial parameters (P,), a function of the stream alone."""
 
-    def train(self, work: LocalWork) -> list[LocalResult]:
-        """Local training of each of the tasks.
-
-        SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
-        the batches of `batch_order`.
-        """
+    def train(self, task: LocalTask) -> LocalResult:
+        """SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
+        the batches of `batch_order`, on one core."""
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
@@ -112,12 +102,12 @@ def scaling_of(split: Split) -> Scaling:
     return Scaling((1.0 / deviation).astype(np.float32), (-mean / deviation).astype(np.float32))
 
 
-def batch_order(task: LocalTask, settings: LocalSettings) -> NDArray[np.int64]:
+def batch_order(task: LocalTask) -> NDArray[np.int64]:
     """(steps, batch) indices of the samples of each step, -1 where an epoch's last batch ends."""
-    size = min(settings.batch_size, len(task.samples))
+    size = min(task.settings.batch_size, len(task.samples))
     steps = -(-len(task.samples) // size)
     epochs = []
-    for _ in range(settings.epochs):
+    for _ in range(task.settings.epochs):
         order = np.full(steps * size, -1, dtype=np.int64)
         order[: len(task.samples)] = task.rng.permutation(task.samples)
         epochs.append(order.reshape(steps, size))

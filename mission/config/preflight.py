@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from fl import preflight as learning
 from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, GATES, PARTITIONS, TASKS
 from fl.data.load import load, needs_files
-from fl.errors import LearningInputError, SettingError
+from fl.errors import LearningInputError
 from fl.plugins import PluginError, is_plugin, problem_of
-from fl.training.device import check_device
 from mission.base.errors import InputError
 from mission.config import STRATEGIES
 from sitl import preflight as vehicle
@@ -36,15 +35,11 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
         yield Problem(f"vehicle.{key}", value, reason)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
-        for error in learning.problems_of(community, is_users=is_plugin):
+        for error in learning.problems_of(community):
             yield Problem(f"{at}.{error.key}", error.value, error.allowed)
         yield from _code(f"{at}.network", community.network, BUILT_IN_NETWORKS)
         yield from _code(f"{at}.task", community.task, TASKS)
         yield from _code(f"{at}.partition", community.partition, PARTITIONS)
-    try:
-        check_device(config.learning.device)
-    except SettingError as error:
-        yield Problem(error.key, error.value, error.allowed)
     yield from _code("mission.strategy", config.mission.strategy, STRATEGIES)
     yield from _code("learning.algorithm", config.learning.algorithm, ALGORITHMS)
     if config.learning.trainer is not None:

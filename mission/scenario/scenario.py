@@ -193,8 +193,6 @@ class Scenario:
         budget = min(self._overhead, key=lambda at: at.per)
         if budget.per > 0.5:
             lines.append(f"the channel hardly reaches anybody; {budget}")
-        if self.config.learning.device == "cuda":
-            lines.append("learning.device = 'cuda' is experimental: nobody has flown with it yet")
         for index, community in enumerate(self.federation.communities):
             source = community.dataset.provenance
             if not source.official and community.config.task in FETCHED:

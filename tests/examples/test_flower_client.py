@@ -15,7 +15,7 @@ from flwr.clientapp import ClientApp
 from examples.flower_client import FlowerTrainer
 from fl.config import LearningConfig
 from fl.training.custom_trainer import CustomTrainer, TrainingDevice
-from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork
+from fl.training.local import LocalResult, LocalSettings, LocalTask
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 
@@ -43,11 +43,12 @@ def both(trainer: FlowerTrainer) -> tuple[LocalResult, LocalResult]:
     model = community.network.initial(np.random.default_rng(1))
 
     def task() -> LocalTask:
-        return LocalTask(community.shares[2], np.random.default_rng(2))
+        rng = np.random.default_rng(2)
+        return LocalTask(split, community.shares[2], scaling, model, settings, rng)
 
     device = TrainingDevice("digits", 2, 1, community.network.shapes, 10, settings, None)
-    theirs = CustomTrainer("x:y", trainer).train(device, model, split, task(), scaling)
-    (ours,) = community.network.train(LocalWork(split, model, [task()], scaling, settings))
+    theirs = CustomTrainer("x:y", trainer).train(device, task())
+    ours = community.network.train(task())
     return theirs, ours
 
 

@@ -1,17 +1,17 @@
 """Commands that answer at once import little: a library can take longer than what it is for."""
 
-import os
+import json
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fl.data import bundled
 from mission.cli import call
 
-OWN_MODULES = Path(__file__).parents[1] / "fl"
 OWN = {"fl", "flightdyn", "mission", "native", "sitl"}
 THIRD_PARTY = set(packages_distributions()) - OWN
 HELP = {"attr", "attrs", "cyclopts", "docstring_parser", "rich", "typing_extensions"}
@@ -65,21 +65,26 @@ def test_a_plan_draws_no_image(monkeypatch: pytest.MonkeyPatch) -> None:
     assert bundled.colour_shapes().train.images.shape == (6000, 16, 16, 3)
 
 
-def test_training_on_the_processor_imports_nothing_of_the_experimental_path() -> None:
-    script = """
-import sys
-from fl.training.models import make_network
-shape = {"image_shape": (16, 16, 3), "classes": 10}
-make_network("lenet", **shape)
-assert "torch" not in sys.modules
-make_network("own_modules:Dense", **shape)
-assert "torch" in sys.modules
-print(*sys.modules)
-"""
-    ended = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(OWN_MODULES)])},
-    )  # fmt: skip
-    modules = set(ended.stdout.split())
-    assert "fl.training.modules.network" in modules
-    assert not modules & {"fl.training.modules.lockstep", "fl.training.modules.cuda"}
+@pytest.mark.slow
+def test_torch_is_for_networks_of_ones_own_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)  # as where it is not installed
+    for name in ("own_network", "own_trainer"):
+        (tmp_path / f"{name}.py").write_text("import torch")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mission.base.run_folder.LIBRARIES", ("numpy", "no-such-library"))
+    run = ["run", "--quiet", "--set", "mission.flight=none", "mission.rounds=1"]
+    assert call([*run, "--out", "out"]) == 0
+    libraries = json.loads((tmp_path / "out" / "summary.json").read_text())["libraries"]
+    assert libraries == {"numpy": np.__version__}
+    capsys.readouterr()
+    extra = "needs torch, which is an extra and not installed: pip install 'aerofed[torch]'\n"
+    for key, name in (
+        ("communities.0.network", "own_network:Net"),
+        ("learning.trainer", "own_trainer:make"),
+    ):
+        assert call([*run, f"{key}={name}", "--out", "none"]) == 2
+        assert capsys.readouterr().err.endswith(f"{key} = '{name}': {extra}")
+        assert not (tmp_path / "none").exists()

@@ -11,8 +11,8 @@ from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
-from fl.training.local import LocalSettings, LocalTask, LocalWork, scaling_of
-from fl.training.models import make_network
+from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.networks import make_network
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import quaternion_from_euler
 from flightdyn.guidance.path import FlightPath
@@ -45,9 +45,9 @@ def learn(name, shape, dtype, count, convnet=None):
     scaling, model = scaling_of(split), net.initial(rng)
     correction = rng.normal(0.0, 1e-3, model.shape).astype(np.float32)
     for extra in (None, correction):
-        task = LocalTask(np.arange(count), np.random.Generator(np.random.PCG64(1)), extra)
-        settings = LocalSettings(0.05, 0.9, 0.1, 20, 1)
-        (result,) = net.train(LocalWork(split, model, [task], scaling, settings))
+        settings, seeded = LocalSettings(0.05, 0.9, 0.1, 20, 1), np.random.default_rng(1)
+        task = LocalTask(split, np.arange(count), scaling, model, settings, seeded, extra)
+        result = net.train(task)
         digest.update(result.model.tobytes())
         digest.update(np.float64(result.loss).tobytes())
         digest.update(net.correct_per_class(split, result.model, scaling=scaling).tobytes())

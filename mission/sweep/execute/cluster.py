@@ -12,14 +12,13 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from fl.data.load import Source
 from fl.errors import LearningInputError, first_line
 from mission.base.errors import AerofedError, InputError, LinkLostError
-from mission.base.run_folder import LIBRARIES
+from mission.base.run_folder import library_versions
 from mission.config.models import RunConfig
 from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.luggage import data_sets, own_code, put_together
@@ -81,7 +80,7 @@ class RayEngine:
             num_returns="streaming",
             _generator_backpressure_num_objects=_PARCELS_AHEAD,
         )(_flying())
-        self._versions = {name: version(name) for name in LIBRARIES}
+        self._versions = library_versions()
         self._flights: dict[Iterator[object], _Flight] = {}
         self._ended: list[RunFinished] = []
 

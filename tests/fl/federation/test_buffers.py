@@ -8,7 +8,7 @@ from torch import nn
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.checkpoint import from_bytes, to_bytes
-from fl.training.modules.statistics import Statistics
+from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
 
 COMMUNITY = {
@@ -46,14 +46,17 @@ def here(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Non
     monkeypatch.syspath_prepend(request.path.parent)
 
 
-def test_statistics_go_out_and_come_back() -> None:
+def test_buffers_go_out_and_come_back() -> None:
     net = Net()
-    statistics = Statistics(net)
-    assert statistics.size == 64 + 64 + 1
-    flat = np.concatenate([np.full(64, 0.5), np.full(64, 2.0), [7.4]]).astype(np.float32)
-    statistics.write(flat)
+    network = ModuleNetwork(lambda: net, name="Net", image_shape=(8, 8, 1), classes=10)
+    assert network.buffers == 64 + 64 + 1
+    parts = [np.ones(778), np.full(64, 0.5), np.full(64, 2.0), [7.4]]
+    model = np.concatenate(parts).astype(np.float32)
+    assert network._take(model).tolist() == model[:778].tolist()
     assert net.norm.num_batches_tracked == 7
-    assert statistics.read() == pytest.approx([*flat[:-1], 7.0])
+    assert [*net.norm.running_mean.tolist(), *net.norm.running_var.tolist()] == [0.5] * 64 + [
+        2
+    ] * 64
 
 
 def test_averaged_buffers_are_the_weighted_mean_of_what_arrived() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_net import train_plainly
+from reference_net import PlainNet, train_plainly
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.errors import (
@@ -17,8 +17,7 @@ from fl.errors import (
 )
 from fl.federation import rounds as fed
 from fl.federation.checkpoint import from_bytes, to_bytes
-from fl.training.convnet import ConvNet
-from fl.training.modules.builtin import PlainNet
+from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
 
 DIGITS = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
@@ -367,15 +366,6 @@ def test_settings_that_cannot_be_built_are_named(change: dict[str, object], mess
 def test_names_must_differ() -> None:
     with pytest.raises(LearningInputError, match="'digits': is given twice"):
         build(FAST, DIGITS, replace_name(SHAPES, "digits"))
-
-
-def test_a_gpu_that_is_not_there_is_refused_before_data_are_looked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: False)
-    mnist = CommunityConfig(name="mnist", task="mnist")
-    with pytest.raises(SettingError, match=r"learning\.device = 'cuda': must be 'cpu': torch sees"):
-        build(FAST.model_copy(update={"device": "cuda"}), mnist)
 
 
 def replace_name(config: CommunityConfig, name: str) -> CommunityConfig:

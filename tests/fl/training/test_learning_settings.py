@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from fl.config import ChannelConfig, CommunityConfig, ConvNetConfig, LearningConfig
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from fl.training.models import make_network
+from fl.training.networks import make_network
 
 
 def test_defaults_are_the_papers() -> None:

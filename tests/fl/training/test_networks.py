@@ -5,16 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from devices import DEVICES
+from reference_net import PlainNet
 from torch import nn
 
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.errors import NetworkError
-from fl.training.convnet import ConvNet
-from fl.training.local import LocalSettings, LocalTask, LocalWork, scaling_of
-from fl.training.models import make_network
-from fl.training.modules.builtin import PlainNet
+from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.networks import ConvNet, make_network
 
 SHAPE = (8, 8, 1)
 ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
@@ -108,9 +106,8 @@ def bright_spots(count: int) -> Split:
     return Split(images, labels.astype(np.int64))
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> None:
-    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10, device=device)
+def test_a_users_module_trains_repeatably_whoever_else_trains() -> None:
+    net = make_network(f"{__name__}:Small", image_shape=SHAPE, classes=10)
     split = bright_spots(200)
     model, scaling = net.initial(rng(3)), scaling_of(split)
     assert model.size == 64 * 20 + 20 + 20 * 10 + 10
@@ -118,9 +115,11 @@ def test_a_users_module_trains_repeatably_whoever_else_trains(device: str) -> No
     settings = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=10)
 
     def run(devices: list[int]) -> list[np.ndarray]:
-        tasks = [LocalTask(np.arange(k, 200, 2), rng(50 + k)) for k in devices]
         before = torch.random.get_rng_state()
-        results = net.train(LocalWork(split, model, tasks, scaling, settings))
+        results = [
+            net.train(LocalTask(split, np.arange(k, 200, 2), scaling, model, settings, rng(50 + k)))
+            for k in devices
+        ]
         assert torch.equal(before, torch.random.get_rng_state())  # nobody else's draws change
         assert results[0].loss < 2.0
         return [result.model for result in results]
@@ -140,10 +139,9 @@ def built_in() -> ConvNet:
     return net
 
 
-@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("corrected", [False, True])
-def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str) -> None:
-    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10, device=device)
+def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool) -> None:
+    own = make_network(f"{__name__}:lenet", image_shape=SHAPE, classes=10)
     net = built_in()
     assert own.shapes == net.shapes
     split = bright_spots(70)
@@ -151,9 +149,8 @@ def test_a_users_lenet_trains_like_the_built_in_one(corrected: bool, device: str
     shift = 0.01 * rng(4).standard_normal(model.size).astype(np.float32) if corrected else None
     settings = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
     mine, theirs = (
-        network.train(LocalWork(split, model, [task], scaling, settings))[0]
+        network.train(LocalTask(split, np.arange(70), scaling, model, settings, rng(1), shift))
         for network in (own, net)
-        for task in [LocalTask(np.arange(70), rng(1), shift)]
     )
     assert (mine.steps, theirs.steps) == (10, 10)
     assert mine.loss == pytest.approx(theirs.loss, rel=1e-4)
@@ -175,9 +172,8 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
     np.testing.assert_array_equal(model, plain.initial(rng(3)))
     split = bright_spots(70)
     mine, theirs = (
-        network.train(LocalWork(split, model, [task], scaling_of(split), ONE))[0].model
+        network.train(LocalTask(split, np.arange(70), scaling_of(split), model, ONE, rng(1))).model
         for network in (lazy, plain)
-        for task in [LocalTask(np.arange(70), rng(1))]
     )
     np.testing.assert_array_equal(mine, theirs)
 
@@ -239,8 +235,7 @@ def test_images_too_small_for_the_built_in_networks() -> None:
             plain = PlainNet(net)
             expected = tuple(tuple(value.shape) for value in plain.parameters())
             assert net.shapes == expected
-            task = LocalTask(np.arange(3), rng(1))
-            (result,) = net.train(
-                LocalWork(split, net.initial(rng(1)), [task], scaling_of(split), ONE)
+            result = net.train(
+                LocalTask(split, np.arange(3), scaling_of(split), net.initial(rng(1)), ONE, rng(1))
             )
             assert np.isfinite(result.model).all()

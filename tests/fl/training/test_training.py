@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from reference_net import train_plainly
+from reference_net import PlainNet, train_plainly
 
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
-from fl.training.convnet import ConvNet
-from fl.training.local import LocalResult, LocalSettings, LocalTask, LocalWork, Scaling, scaling_of
-from fl.training.models import make_network
-from fl.training.modules.builtin import PlainNet
+from fl.training.local import LocalResult, LocalSettings, LocalTask, Scaling, scaling_of
+from fl.training.networks import ConvNet, make_network
 
 SETTINGS = LocalSettings(learning_rate=0.01, momentum=0.9, mu=0.1, batch_size=16, epochs=2)
 # float32 sums in another order, over tens of steps; a larger rate would amplify it chaotically
@@ -90,9 +88,7 @@ def test_training_is_textbook_fedprox(
     images = floats(split, scaling)
     # No multiple of the batch, and less than a batch.
     for samples in (np.arange(0, 72), np.arange(70, 74)):
-        (result,) = net.train(
-            LocalWork(split, model, [LocalTask(samples, rng(10))], scaling, settings)
-        )
+        result = net.train(LocalTask(split, samples, scaling, model, settings, rng(10)))
         plain = PlainNet(net).load(model)
         batches = batches_of(samples, 10, settings)
         loss = train_plainly(
@@ -111,7 +107,7 @@ def test_one_step_follows_the_gradient_to_rounding(name: str | ConvNetConfig) ->
     net = conv_net(name, (32, 32, 3))
     model, scaling = net.initial(rng(1)), scaling_of(split)
     step = LocalSettings(learning_rate=1.0, momentum=0.0, mu=0.0, batch_size=16, epochs=1)
-    (moved,) = net.train(LocalWork(split, model, [LocalTask(np.arange(16), rng(1))], scaling, step))
+    moved = net.train(LocalTask(split, np.arange(16), scaling, model, step, rng(1)))
     plain = PlainNet(net).load(model).double()
     x = torch.from_numpy(floats(split, scaling).astype(np.float64)).permute(0, 3, 1, 2)
     loss = torch.nn.functional.cross_entropy(plain(x), torch.from_numpy(split.labels.copy()))
@@ -126,8 +122,10 @@ def test_correction_is_added_to_every_gradient() -> None:
     model, scaling = net.initial(rng(2)), scaling_of(split)
     shift = rng(3).standard_normal(model.size).astype(np.float32)
     one_step = LocalSettings(learning_rate=0.1, momentum=0.9, mu=0.1, batch_size=40, epochs=1)
-    tasks = [LocalTask(np.arange(40), rng(1), c) for c in (None, shift)]
-    plain, corrected = net.train(LocalWork(split, model, tasks, scaling, one_step))
+    plain, corrected = (
+        net.train(LocalTask(split, np.arange(40), scaling, model, one_step, rng(1), c))
+        for c in (None, shift)
+    )
     np.testing.assert_allclose(plain.model - corrected.model, 0.1 * shift, atol=1e-6)
 
 
@@ -137,8 +135,7 @@ def test_training_repeats_to_the_bit_in_any_number_of_threads() -> None:
     model, scaling = net.initial(rng(2)), scaling_of(split)
 
     def train(k: int) -> LocalResult:
-        task = LocalTask(np.arange(k, 80, 3), rng(k))
-        return net.train(LocalWork(split, model, [task], scaling, SETTINGS))[0]
+        return net.train(LocalTask(split, np.arange(k, 80, 3), scaling, model, SETTINGS, rng(k)))
 
     alone = [train(k) for k in range(3)]
     with ThreadPoolExecutor(3) as pool:
@@ -182,8 +179,7 @@ def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     split = random_split((28, 28, 1), 330)
     net = conv_net("lenet", (28, 28, 1))
     scaling, start = scaling_of(split), net.initial(rng(4))
-    task = LocalTask(np.arange(330), rng(1))
-    model = net.train(LocalWork(split, start, [task], scaling, SETTINGS))[0].model
+    model = net.train(LocalTask(split, np.arange(330), scaling, start, SETTINGS, rng(1))).model
     plain = PlainNet(net).load(model)
     with torch.no_grad():
         x = torch.from_numpy(floats(split, scaling)).permute(0, 3, 1, 2)

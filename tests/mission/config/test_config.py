@@ -252,17 +252,6 @@ def test_no_key_is_refused_in_the_words_of_a_library(write, key: tuple[str | int
                 assert not re.search(r"nput|instance|tuple|literal\[|constrained", line), line
 
 
-def test_a_gpu_that_is_not_there_is_refused_at_once(write, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write("[learning]\ndevice = 'cuda'" + BASE)
-    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: True)
-    assert load_config(path).learning.device == "cuda"
-    monkeypatch.setattr("fl.training.modules.cuda.is_there", lambda: False)
-    with pytest.raises(
-        InputError, match=r"learning\.device = 'cuda': must be 'cpu': torch sees no"
-    ):
-        load_config(path)
-
-
 def test_several_faults_are_said_together(write) -> None:
     with pytest.raises(InputError) as caught:
         load_config(write("seed = -1\n[mission]\nrounds = 0" + BASE))

@@ -1,7 +1,6 @@
 """What is told of a run before its first round."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,14 +68,6 @@ def test_own_data_are_not_measured_against_official_files() -> None:
     config = load_config(builtin_config("quickstart.toml"), settings)
     notices = build_scenario(config, data_dir=None).notices()
     assert not any("official" in line for line in notices)
-
-
-def test_training_on_a_gpu_is_said_to_be_experimental() -> None:
-    scenario = build_scenario(load_config(builtin_config("quickstart.toml"), {}), data_dir=None)
-    assert not any("experimental" in line for line in scenario.notices())
-    learning = scenario.config.learning.model_copy(update={"device": "cuda"})
-    on_gpu = replace(scenario, config=scenario.config.model_copy(update={"learning": learning}))
-    assert any("'cuda' is experimental" in line for line in on_gpu.notices())
 
 
 def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:

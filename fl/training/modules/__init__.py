@@ -1,1 +1,0 @@
-"""Networks as torch modules (the home of torch): users' own, and on a GPU the built-in ones."""

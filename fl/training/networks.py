@@ -1,0 +1,154 @@
+"""The networks by name: LeNet, McMahan's CNN, one's own sizes, and any torch module.
+
+Built-in ones are trained by native code (`fl.native`).
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fl.arrays import Vector
+from fl.config import BUILT_IN_NETWORKS, ConvNetConfig
+from fl.data.dataset import Split
+from fl.errors import NetworkError
+from fl.native.library import Images, count_correct, train
+from fl.native.library import Network as NativeNetwork
+from fl.plugins import PluginError, find, is_plugin, needs_torch
+from fl.training.local import LocalResult, LocalTask, Network, Scaling, Shapes, batch_order
+
+_SIZES = {
+    "lenet": ConvNetConfig(channels=(6, 16), kernel=5, hidden=(120, 84)),
+    "mcmahan": ConvNetConfig(channels=(32, 64), kernel=5, hidden=(512,)),
+}
+
+
+@dataclass(frozen=True)
+class ConvNet:
+    """(Convolution, 2x2 max-pooling, ReLU) blocks, then dense layers with ReLU between.
+
+    Parameters and their order are those of torch's modules: weights (out, in, kernel, kernel) or
+    (out, in), then biases; pooled maps are flattened as (channel, height, width).
+    """
+
+    image_shape: tuple[int, int, int]  # height, width, channels
+    channels: tuple[int, ...]  # feature maps after each block
+    kernel: int
+    padding: tuple[int, ...]  # of each block
+    hidden: tuple[int, ...]
+    classes: int
+
+    parallel = True
+    buffers = 0
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Of the flattened maps, the hidden layers, the logits."""
+        height, width, depth = self.image_shape
+        for pad in self.padding:
+            height, width = ((n + 2 * pad - self.kernel + 1) // 2 for n in (height, width))
+        features = height * width * (depth, *self.channels)[-1]
+        return features, *self.hidden, self.classes
+
+    @property
+    def shapes(self) -> Shapes:
+        """Weight and bias of each layer in turn."""
+        depths = (self.image_shape[2], *self.channels)
+        weights: list[tuple[int, ...]] = [
+            (out, inside, self.kernel, self.kernel) for inside, out in itertools.pairwise(depths)
+        ]
+        weights += [(out, inside) for inside, out in itertools.pairwise(self.widths)]
+        return tuple(shape for weight in weights for shape in (weight, weight[:1]))
+
+    def initial(self, rng: np.random.Generator) -> Vector:
+        """Uniform in +-1/sqrt(fan in), weights and biases alike: the customary start in torch."""
+        parts = []
+        for weight, bias in zip(self.shapes[::2], self.shapes[1::2], strict=True):
+            bound = 1.0 / math.sqrt(math.prod(weight[1:]))
+            parts += [rng.uniform(-bound, bound, math.prod(shape)) for shape in (weight, bias)]
+        return np.concatenate(parts).astype(np.float32)
+
+    def train(self, task: LocalTask) -> LocalResult:
+        """As `fl.training.local.Network.train`, in any number of threads."""
+        order, how = batch_order(task), task.settings
+        weights, loss = train(
+            self._network,
+            _images(task.split, task.scaling),
+            order,
+            task.model,
+            correction=task.correction,
+            rates=(how.learning_rate, how.momentum, how.mu),
+        )
+        return LocalResult(weights, len(order), loss)
+
+    def correct_per_class(
+        self, split: Split, model: Vector, *, scaling: Scaling
+    ) -> NDArray[np.int64]:
+        """How many images of each class the model gets right, (classes,)."""
+        return count_correct(self._network, _images(split, scaling), model)
+
+    @cached_property
+    def _network(self) -> NativeNetwork:
+        return NativeNetwork(
+            self.image_shape,
+            self.channels,
+            (self.kernel,) * len(self.channels),
+            self.padding,
+            self.widths[1:],
+            sum(math.prod(shape) for shape in self.shapes),
+        )
+
+
+def _images(split: Split, scaling: Scaling) -> Images:
+    return Images(split.images, split.labels, scaling.scale, scaling.shift)
+
+
+def make_network(
+    name: str,
+    *,
+    image_shape: tuple[int, int, int],
+    classes: int,
+    convnet: ConvNetConfig | None = None,
+) -> Network:
+    """The network `name` for a task: a built-in one or "package.module:callable".
+
+    LeNet (LeCun et al. 1998): 6 and 16 feature maps, 120 and 84 hidden units; the padding is
+    LeNet-5's where the images are 28 or 32 pixels wide, and "same" where they are too small.
+    McMahan et al. 2017: 32 and 64 maps, 512 hidden units, "same" padding. "convnet" has the sizes
+    of `convnet` and "same" padding. A callable is called without arguments and returns the module.
+
+    Raises:
+        NetworkError: says what does not fit.
+    """
+    if name in BUILT_IN_NETWORKS:
+        return _conv_net(name, convnet, image_shape=image_shape, classes=classes)
+    if not is_plugin(name):
+        raise NetworkError(name, "it is 'lenet', 'mcmahan' or 'package.module:callable'")
+    if reason := needs_torch():
+        raise NetworkError(name, reason)
+    try:
+        factory = find(name, key="communities.network")
+    except PluginError as error:
+        raise NetworkError(name, error.reason) from error
+    # Imported here: native code needs no torch, an extra that takes seconds.
+    from fl.training.torch_module import ModuleNetwork
+
+    return ModuleNetwork(factory, name=name, image_shape=image_shape, classes=classes)
+
+
+def _conv_net(
+    name: str, convnet: ConvNetConfig | None, *, image_shape: tuple[int, int, int], classes: int
+) -> ConvNet:
+    sizes = _SIZES.get(name) or convnet or ConvNetConfig()
+    smallest, blocks = min(image_shape[:2]), len(sizes.channels)
+    if smallest < 2**blocks:
+        least = f"{blocks} blocks halve them to nothing, {2**blocks} x {2**blocks} is the least"
+        raise NetworkError(name, f"images of {image_shape} are too small: {least}")
+    padding = (sizes.kernel // 2,) * blocks
+    if name == "lenet":
+        first = 0 if smallest >= 32 else 2
+        padding = first, 0 if (smallest + 2 * first - 4) // 2 >= 14 else 2
+    return ConvNet(image_shape, sizes.channels, sizes.kernel, padding, sizes.hidden, classes)

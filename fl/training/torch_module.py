@@ -1,0 +1,221 @@
+"""A researcher's own torch module as a network: the one home of torch, an extra.
+
+Devices train one after the other on one thread, because the module holds the weights and torch
+has one random generator.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812  # its customary name
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
+
+from fl.arrays import Vector
+from fl.data.dataset import Split
+from fl.errors import NetworkError, first_line, kind_of
+from fl.plugins import FAILURES
+from fl.training.local import LocalResult, LocalTask, Scaling, Shapes, batch_order
+
+EVALUATION_BATCH = 250
+
+Factory = Callable[[], nn.Module]
+
+
+class ModuleNetwork:
+    """A `torch.nn.Module`, called with images (batch, channels, height, width).
+
+    `NetworkError` says why a module cannot be used.
+    """
+
+    parallel = False
+
+    def __init__(
+        self,
+        factory: Factory,
+        *,
+        name: str,
+        image_shape: tuple[int, int, int],
+        classes: int,
+    ) -> None:
+        self._factory = factory
+        self._classes = classes
+        height, width, channels = image_shape
+        self._images = torch.zeros(2, channels, height, width)
+        self._module = _checked(factory, self._images, name=name)
+        self._parameters = list(self._module.parameters())
+        self._buffers = list(self._module.buffers())
+        _check_logits(self._module, self._images, name=name, classes=classes)
+
+    @property
+    def shapes(self) -> Shapes:
+        """Shapes in the order of `named_parameters`, then of `buffers`."""
+        return tuple(tuple(value.shape) for value in (*self._parameters, *self._buffers))
+
+    @property
+    def buffers(self) -> int:
+        """How many numbers the module's buffers hold."""
+        return sum(value.numel() for value in self._buffers)
+
+    def initial(self, rng: np.random.Generator) -> Vector:
+        """The module's own initialisation, with torch's generator seeded from `rng`."""
+        with _seeded(rng):
+            module = _made(self._factory, self._images)
+        return _flat([*module.parameters(), *module.buffers()])
+
+    def train(self, task: LocalTask) -> LocalResult:
+        """As `fl.training.local.Network.train`; dropout, say, draws from the device's stream."""
+        order, settings = batch_order(task), task.settings
+        weights = self._take(task.model)
+        anchor, velocity = weights.clone(), torch.zeros_like(weights)
+        correction = None if task.correction is None else torch.tensor(task.correction)
+        total = torch.zeros((), dtype=torch.float64)
+        self._module.train()
+        with _one_thread(), _seeded(task.rng):
+            for padded in order:
+                chosen = padded[padded >= 0]
+                logits = self._module(_images_of(task.split, chosen, task.scaling))
+                loss = F.cross_entropy(logits, torch.tensor(task.split.labels[chosen]))
+                total += loss.detach()
+                slopes = torch.autograd.grad(
+                    loss, self._parameters, allow_unused=True, materialize_grads=True
+                )
+                slope = torch.cat([part.reshape(-1) for part in slopes])
+                if correction is not None:
+                    slope.add_(correction)
+                slope.add_(weights, alpha=settings.mu).sub_(anchor, alpha=settings.mu)
+                velocity.mul_(settings.momentum).add_(slope)
+                weights.sub_(velocity, alpha=settings.learning_rate)
+        after = np.concatenate([weights.numpy(), _flat(self._buffers)])
+        return LocalResult(after, len(order), float(total) / len(order))
+
+    def correct_per_class(
+        self, split: Split, model: Vector, *, scaling: Scaling
+    ) -> NDArray[np.int64]:
+        """How many images of each class the model gets right, (classes,)."""
+        correct = np.zeros(self._classes, dtype=np.int64)
+        self._take(model)
+        self._module.eval()
+        with _one_thread(), torch.inference_mode():
+            for start in range(0, len(split.labels), EVALUATION_BATCH):
+                part = np.arange(start, min(start + EVALUATION_BATCH, len(split.labels)))
+                guess = self._module(_images_of(split, part, scaling)).argmax(dim=1).numpy()
+                right = split.labels[part][guess == split.labels[part]]
+                correct += np.bincount(right, minlength=self._classes)
+        return correct
+
+    def _take(self, model: Vector) -> Tensor:
+        """Make the module's parameters views of a copy of the model's, (P,), which it returns.
+
+        Buffers get the rest. All travel as float32; counters are rounded when they come back.
+        """
+        pieces = torch.split(torch.tensor(model), [math.prod(shape) for shape in self.shapes])
+        flat = torch.cat(pieces[: len(self._parameters)])
+        views = torch.split(flat, [value.numel() for value in self._parameters])
+        for parameter, view in zip(self._parameters, views, strict=True):
+            parameter.data = view.view(parameter.shape)
+        with torch.no_grad():
+            for buffer, piece in zip(self._buffers, pieces[len(self._parameters) :], strict=True):
+                whole = piece if buffer.is_floating_point() else piece.round()
+                buffer.copy_(whole.reshape(buffer.shape))
+        return flat
+
+
+def _flat(values: Sequence[Tensor]) -> Vector:
+    """Tensors one after the other as one vector of float32."""
+    flat = [value.detach().reshape(-1).to(torch.float32) for value in values]
+    return torch.cat(flat).numpy() if flat else np.empty(0, np.float32)
+
+
+def _images_of(split: Split, chosen: NDArray[np.int64], scaling: Scaling) -> Tensor:
+    """Scaled images (batch, channels, height, width)."""
+    pixels = torch.from_numpy(split.images[chosen]).permute(0, 3, 1, 2).to(torch.float32)
+    scale, shift = (torch.tensor(x)[:, None, None] for x in (scaling.scale, scaling.shift))
+    return torch.addcmul(shift, pixels, scale)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Torch on one thread, so that sums do not depend on the number of cores."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def _seeded(rng: np.random.Generator) -> Iterator[None]:
+    """Torch's generator seeded from a stream, given back as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(int(rng.integers(2**63)))
+        yield
+
+
+def _made(factory: Factory, images: Tensor) -> nn.Module:
+    """What the factory makes; lazy layers have their sizes from one forward pass of the images."""
+    module = factory()
+    if isinstance(module, nn.Module) and _unsized(module):
+        # Not in training: the images are none to learn statistics from.
+        training = module.training
+        with torch.no_grad():
+            module.eval()(images)
+        module.train(training)
+    return module
+
+
+def _unsized(module: nn.Module) -> list[str]:
+    """Names of the parameters and buffers that have no size yet."""
+    return [
+        key
+        for key, value in (*module.named_parameters(), *module.named_buffers())
+        if is_lazy(value)
+    ]
+
+
+def _checked(factory: Factory, images: Tensor, *, name: str) -> nn.Module:
+    """The module that the factory makes, with all its parameters trained as float32.
+
+    Raises `NetworkError`.
+    """
+    try:
+        with torch.random.fork_rng(devices=[]):
+            module = _made(factory, images)
+    except FAILURES as error:
+        raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
+    if not isinstance(module, nn.Module):
+        raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
+    if next(iter(module.parameters()), None) is None:
+        raise NetworkError(name, "it has no parameters")
+    if unsized := _unsized(module):
+        reason = f"no forward pass uses the layer of {unsized[0]}: use it, or give it sizes"
+        raise NetworkError(name, reason)
+    for key, value in module.named_parameters():
+        if not value.requires_grad:
+            raise NetworkError(name, f"parameter {key} is frozen; all parameters are trained")
+        if value.dtype != torch.float32:
+            raise NetworkError(name, f"parameter {key} is {value.dtype}, not torch.float32")
+    return module
+
+
+def _check_logits(module: nn.Module, images: Tensor, *, name: str, classes: int) -> None:
+    """One forward pass, so that a wrong shape shows before the first flight: `NetworkError`."""
+    try:
+        with torch.inference_mode():
+            out = module(images)
+    except FAILURES as error:
+        reason = f"fails on images of {tuple(images.shape)}: {first_line(error)}"
+        raise NetworkError(name, reason) from error
+    if not isinstance(out, Tensor):
+        raise NetworkError(name, f"gives {kind_of(out)}, not a torch.Tensor")
+    if tuple(out.shape) != (len(images), classes):
+        raise NetworkError(
+            name,
+            f"gives {tuple(out.shape)} for {len(images)} images, not ({len(images)}, {classes}):"
+            " one logit a class",
+        )
