@@ -1,31 +1,33 @@
 """CIFAR-10: Python or binary batches, in a tar archive or extracted.
 
-A Python batch is a pickled dictionary with "data" (n, 3072) uint8 and "labels"; a binary batch
-is n records of a label byte and 3072 pixel bytes. Pixels run channel, row, column.
+A binary batch is n records of a label byte and 3072 pixel bytes. A Python batch is a pickled
+dictionary with "data" (n, 3072) uint8 and "labels". A pickle is a program: only the official
+batches, known by their MD5 sums, are unpickled. Pixels run channel, row, column.
 """
 
 import bz2
 import gzip
 import lzma
+import pickle
 import tarfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.data.batch_pickle import BatchPickleError, load_batch
 from fl.data.bounded import Bounded, read_exactly
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
 from fl.data.official import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, md5
-from fl.errors import DataDamagedError, DataMissingError
+from fl.errors import DataDamagedError, DataLayoutError, DataMissingError
 
 CLASSES = 10
 PIXELS = 3 * 32 * 32
-TRAIN = tuple(f"data_batch_{i}" for i in range(1, 6))
 TEST = "test_batch"
-BATCHES = (*TRAIN, TEST)
+BATCHES = (*(f"data_batch_{i}" for i in range(1, 6)), TEST)
+Batch = tuple[NDArray[np.uint8], NDArray[np.int64]]  # pixels (n, 3072), labels (n,)
 WANTED = (
     "cifar-10-python.tar.gz, cifar-10-binary.tar.gz (any cifar-10*.tar*), or the extracted"
     " cifar-10-batches-py or cifar-10-batches-bin, in the folder or in its sub-folder cifar10/"
@@ -38,11 +40,12 @@ def load(data_dir: Path) -> Dataset:
     for folder in folders:
         for place in (folder, folder / "cifar-10-batches-py", folder / "cifar-10-batches-bin"):
             if any((place / name).is_file() for name in (TEST, f"{TEST}.bin")):
-                return _decode(place, _read_folder(place), archive_md5=None)
+                return _decode(place, _read_folder(place))
     for folder in folders:
         for archive in sorted(folder.glob("cifar-10*.t*"), key=lambda p: (len(p.name), p.name)):
             if archive.is_file():
-                return _decode(archive, read_archive(archive), archive_md5=_md5_of(archive))
+                official = md5(archive.read_bytes()) in CIFAR_ARCHIVE_MD5.values()
+                return _decode(archive, read_archive(archive), official=official)
     raise DataMissingError("cifar10", data_dir, WANTED)
 
 
@@ -73,72 +76,50 @@ def read_archive(path: Path) -> dict[str, bytes]:
     return batches
 
 
-def decode_python(content: bytes, *, path: str) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """(pixels (n, 3072), labels (n,)) of a pickled batch, without running anything from it."""
-    try:
-        batch = load_batch(content)
-    except BatchPickleError as error:
-        raise DataDamagedError(path, f"not a CIFAR-10 batch: {error}") from error
-    lacking = [key for key in ("data", "labels") if key not in batch]
-    if lacking:
-        raise DataDamagedError(path, f"not a CIFAR-10 batch: it lacks {', '.join(lacking)}")
-    pixels, labels = batch["data"], batch["labels"]
-    if not isinstance(pixels, np.ndarray):
-        raise DataDamagedError(path, "its data are no array of bytes")
-    if pixels.ndim != 2 or pixels.shape[1] != PIXELS:
-        raise DataDamagedError(path, f"its data are {pixels.shape}, not (n, {PIXELS})")
-    if not isinstance(labels, list) or not all(type(label) is int for label in labels):
-        raise DataDamagedError(path, "its labels are no list of integers")
-    if not all(0 <= label <= 255 for label in labels):
-        raise DataDamagedError(path, "its labels do not fit into bytes")
-    if len(labels) != len(pixels):
-        raise DataDamagedError(path, f"{len(pixels)} images, but {len(labels)} labels")
-    return pixels, np.asarray(labels, dtype=np.int64)
+def decode_python(name: str, content: bytes, *, path: str) -> Batch:
+    """The official pickled batch of that name; no other is unpickled."""
+    if md5(content) != CIFAR_BATCH_MD5[name]:
+        raise DataLayoutError(
+            path,
+            f"not the official batch (its MD5 sum is {md5(content)}), and pickles of others are "
+            "not opened, as they may run anything: give the binary version, cifar-10-batches-bin",
+        )
+    batch = pickle.loads(content, encoding="latin-1")
+    return batch["data"], np.asarray(batch["labels"], dtype=np.int64)
 
 
-def decode_binary(content: bytes, *, path: str) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """(pixels (n, 3072), labels (n,)) of a binary batch."""
+def decode_binary(content: bytes, *, path: str) -> Batch:
+    """A binary batch."""
     if len(content) % (PIXELS + 1):
         raise DataDamagedError(
             path, f"{len(content)} bytes are no whole number of {PIXELS + 1}-byte records"
         )
     records = np.frombuffer(content, np.uint8).reshape(-1, PIXELS + 1)
-    return records[:, 1:], records[:, 0].astype(np.int64)
+    pixels, labels = records[:, 1:], records[:, 0].astype(np.int64)
+    if len(labels) and labels.max() >= CLASSES:
+        raise DataDamagedError(path, f"holds a label {labels.max()}, the classes are 0 to 9")
+    return pixels, labels
 
 
-def _decode(source: Path, batches: dict[str, bytes], *, archive_md5: str | None) -> Dataset:
+def _decode(source: Path, batches: dict[str, bytes], *, official: bool = False) -> Dataset:
+    """`official`: they come from an archive that has its official MD5 sum."""
     binary = f"{TEST}.bin" in batches
-    suffix = ".bin" if binary else ""
-    lacking = [f"{name}{suffix}" for name in BATCHES if f"{name}{suffix}" not in batches]
-    if lacking:
+    names = [f"{name}.bin" if binary else name for name in BATCHES]
+    if lacking := [name for name in names if name not in batches]:
         raise DataDamagedError(source, f"lacks {', '.join(lacking)}")
-    decoder = decode_binary if binary else decode_python
-    known_archive = archive_md5 in CIFAR_ARCHIVE_MD5.values()
-    files: list[SourceFile] = []
-    parts = {}
-    for name in BATCHES:
-        content = batches[f"{name}{suffix}"]
-        found = md5(content)
-        official = known_archive or (not binary and found == CIFAR_BATCH_MD5[name])
-        files.append(SourceFile(f"{name}{suffix}", found, official))
-        pixels, labels = decoder(content, path=f"{source}: {name}{suffix}")
-        if len(labels) and not 0 <= labels.min() <= labels.max() < CLASSES:
-            raise DataDamagedError(
-                f"{source}: {name}{suffix}",
-                f"labels from {labels.min()} to {labels.max()}, the classes are 0 to 9",
-            )
-        parts[name] = (pixels, labels)
-    provenance = Provenance(str(source), all(f.official for f in files), tuple(files))
-    return checked(
-        "cifar10",
-        _split([parts[name] for name in TRAIN]),
-        _split([parts[TEST]]),
-        classes=CLASSES,
-        provenance=provenance,
-    )
+    files = tuple(SourceFile(name, md5(batches[name]), official or not binary) for name in names)
+    parts = [
+        decode_binary(batches[name], path=f"{source}: {name}")
+        if binary
+        else decode_python(name, batches[name], path=f"{source}: {name}")
+        for name in names
+    ]
+    provenance = Provenance(str(source), all(file.official for file in files), files)
+    train, validation = _split(parts[:-1]), _split(parts[-1:])
+    return checked("cifar10", train, validation, classes=CLASSES, provenance=provenance)
 
 
-def _split(parts: list[tuple[NDArray[np.uint8], NDArray[np.int64]]]) -> Split:
+def _split(parts: Sequence[Batch]) -> Split:
     count = sum(len(labels) for _, labels in parts)
     images = np.empty((count, 32, 32, 3), dtype=np.uint8)
     start = 0
@@ -170,7 +151,3 @@ def _unpacked(raw: IO[bytes]) -> IO[bytes]:
     if start == b"BZ":
         return cast(IO[bytes], bz2.open(raw))
     return raw
-
-
-def _md5_of(path: Path) -> str:
-    return md5(path.read_bytes())

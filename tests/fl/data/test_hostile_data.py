@@ -1,114 +1,20 @@
 """Data files that somebody has made to do harm: one line, no crash, bounded memory."""
 
 import gzip
-import pickle
-import pickletools
 import struct
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from fl.config import CommunityConfig
-from fl.data import cifar, idx
-from fl.data.batch_pickle import BatchPickleError, load_batch
+from fl.data import idx
 from fl.data.bounded import LARGEST_BYTES
 from fl.data.load import load
 from fl.errors import DataDamagedError
-
-GOOD = {"data": np.arange(2 * 3072, dtype=np.uint8).reshape(2, 3072), "labels": [3, 7]}
-
-
-@pytest.mark.parametrize("protocol", range(5))
-def test_every_protocol_is_read_as_python_reads_it(protocol: int) -> None:
-    batch = {**GOOD, "batch_label": "one", "filenames": ["a.png", "b.png"]}
-    found = load_batch(pickle.dumps(batch, protocol=protocol))
-    np.testing.assert_array_equal(found.pop("data"), GOOD["data"])
-    assert found == {k: v for k, v in batch.items() if k != "data"}
-
-
-def test_bytes_made_pointers_by_a_data_type_without_its_object_flag() -> None:
-    """What crashed the interpreter: numpy's own state of a dtype says that bytes are objects."""
-    state = (3, "|", None, None, None, -1, -1, 0)  # flags 0: "no objects", of dtype O8
-
-    class Forged:
-        def __reduce__(self) -> tuple[object, ...]:
-            return (np.dtype, ("O8", False, True), state)
-
-    class Image:
-        def __reduce__(self) -> tuple[object, ...]:
-            raw = b"\x41" * 16
-            reduced: Any = np.empty(0, np.int8).__reduce__()
-            reconstruct, empty, _ = reduced
-            return (reconstruct, empty, (1, (2,), Forged(), False, raw))
-
-    content = pickle.dumps({"data": Image(), "labels": [1, 2]}, protocol=2)
-    with pytest.raises(DataDamagedError, match="no array of bytes"):
-        cifar.decode_python(content, path="batch")
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (b"\x80\x04r\xff\xff\xff\xff.", "damaged"),  # a memo of 4e9 places
-        (b"\x80\x02" + b")" * 100_000 + b"\x85" * 100_000 + b"\x85}\x86.", "no table"),
-        (b"\x80\x02}N\x85" + b"2\x86" * 90 + b"Ns.", "no place"),  # a key of 2^90 parts
-        (b"\x80\x04\x8b" + struct.pack("<i", 1 << 30) + b"\1.", "damaged"),
-        (b"\x80\x02cos\nsystem\n(U\x04true\x85R.", "os.system has no place"),
-        (b"\x80\x02cnumpy\ndtype\n)\x81.", "NEWOBJ has no place"),
-        (b"(" * 200_000 + b"t" * 200_000 + b".", "no table"),
-        (b"(t" * 500_000 + b".", "no table"),
-        (b"", "damaged"),
-    ],
-)  # fmt: skip
-def test_programs_that_a_batch_is_not(content: bytes, reason: str) -> None:
-    with pytest.raises(BatchPickleError, match=reason):
-        load_batch(content)
-
-
-def test_labels_of_any_size_are_refused() -> None:
-    for label in (-1, 256, 1 << 70):
-        with pytest.raises(DataDamagedError, match="do not fit into bytes"):
-            cifar.decode_python(pickle.dumps({**GOOD, "labels": [1, label]}, 2), path="batch")
-
-
-OPCODES = st.sampled_from([op.code.encode("latin-1") for op in pickletools.opcodes])
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.lists(OPCODES | st.binary(max_size=6), max_size=60), st.integers(0, 4))
-def test_any_program_is_a_batch_or_refused(parts: list[bytes], protocol: int) -> None:
-    whole = pickle.dumps(GOOD, protocol=protocol)
-    for content in (b"".join(parts), whole[: len(whole) // 2] + b"".join(parts)):
-        refused = ""
-        try:
-            pixels, labels = cifar.decode_python(content, path="batch")
-        except DataDamagedError as error:
-            refused = str(error)
-        assert refused or pixels.shape == (len(labels), 3072)
-        assert "\n" not in refused
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.data())
-def test_a_batch_with_bytes_changed_is_a_batch_or_refused(data: st.DataObject) -> None:
-    content = bytearray(pickle.dumps(GOOD, protocol=data.draw(st.integers(0, 4))))
-    places = [*range(120), *range(len(content) - 60, len(content))]
-    for _ in range(data.draw(st.integers(1, 4))):
-        content[data.draw(st.sampled_from(places))] = data.draw(st.integers(0, 255))
-    try:
-        pixels, labels = cifar.decode_python(bytes(content), path="batch")
-    except DataDamagedError:
-        return
-    assert pixels.dtype == np.uint8
-    assert pixels.shape == (len(labels), 3072)
-
 
 BOMB = r"""
 import sys
