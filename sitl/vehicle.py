@@ -55,7 +55,7 @@ class Vehicle:
         self._standalone = standalone
         self._logs = logs
         self._observers = list(observers)
-        self._boot(aircraft or self._new_aircraft(), _parameters(config))
+        self._boot(aircraft or self._new_aircraft(), parameters_of(config))
 
     def _new_aircraft(self) -> Aircraft:
         return Aircraft(self._config.aircraft, home=self._home, streams=self._streams)
@@ -199,7 +199,7 @@ class Vehicle:
             observer.happened(event)
 
 
-def _parameters(config: VehicleConfig) -> Parameters:
+def parameters_of(config: VehicleConfig) -> Parameters:
     """Defaults, then the parameter file, then what the configuration itself says."""
     parameters = Parameters()
     path = config.parameter_file

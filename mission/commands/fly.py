@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from mission.commands.options import LIVE_PORT, Flag, Overrides, console, load
+from mission.commands.options import LIVE_PORT, Flag, Json, Overrides, console, load
+from mission.commands.run import summary_of, write_page
 
 
 def fly(
@@ -14,7 +15,9 @@ def fly(
     vehicle: str | None = None,
     live: Flag = False,
     live_port: int = LIVE_PORT,
+    no_report: Flag = False,
     quiet: Flag = False,
+    as_json: Json = False,
 ) -> int:
     """Fly a QGroundControl plan or a waypoint file headless, and compare planned with flown.
 
@@ -40,15 +43,20 @@ def fly(
         --set link.speed=1 in real time.
     live_port
         Port of the live view; 0 takes a free one.
+    no_report
+        Leave out report.html, the page that is written into the folder at the end.
     quiet
         Print nothing but errors.
+    as_json
+        Print nothing but the flight's summary as JSON, at the end.
     """
-    watching = console(quiet=quiet, live=live, live_port=live_port)
+    watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder
-    from mission.run.planflight.fly import fly_plan
+    from mission.run.plan_flight import fly_plan
 
-    with output_folder(out, plan.stem) as folder:
-        return fly_plan(resolved, plan, folder, console=watching)
+    page = None if no_report else write_page
+    with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json):
+        return fly_plan(resolved, plan, folder, console=watching, page=page)

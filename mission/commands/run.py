@@ -112,14 +112,14 @@ def run(
             load_data(resolved, data_dir)
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
             from mission.run.session import fly_session
-        with _summary_of(folder, as_json=as_json):
+        with summary_of(folder, as_json=as_json):
             return fly_session(
                 resolved,
                 folder,
                 data_dir=data_dir,
                 console=watching,
                 stopwatch=stopwatch,
-                page=None if no_report else _page,
+                page=None if no_report else write_page,
             )
 
 
@@ -131,18 +131,19 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: 
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
-    with _summary_of(path, as_json=as_json):
-        return resume_session(path, console=watching, stopwatch=stopwatch, page=_page)
+    with summary_of(path, as_json=as_json):
+        return resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
 
 
-def _page(folder: Path) -> None:
+def write_page(folder: Path) -> None:
+    """Make report.html of a finished flight's folder, in it."""
     from mission.report.page import write_report
 
     write_report(folder)
 
 
 @contextmanager
-def _summary_of(folder: Path, *, as_json: bool) -> Iterator[None]:
+def summary_of(folder: Path, *, as_json: bool) -> Iterator[None]:
     """Print the summary of the run in a folder after the block, however that ends."""
     from mission.base.run_folder import RunFolder
 

@@ -28,8 +28,10 @@ from mission.flight.pilot.feed import TelemetryFeed
 from mission.flight.pilot.limits import Demand, Limits, read_limits
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath, wait_of
 from mission.flight.track import Flight, FlightRecorder, Passage
-from mission.scenario.scenario import Scenario
+from sitl.autopilot.values.enums import Command
 from sitl.autopilot.values.messages import MissionItem
 from sitl.observer import VehicleObserver
 
@@ -132,6 +134,35 @@ class ExternalFlyer(Flyer):
         self._believe_speed(plan, flight)
         self._believe_pace(plan, flight)
         return replace(flight, passages=found)
+
+    async def carry_out(
+        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+    ) -> None:
+        """Fly a plan file.
+
+        Its return is ordered, not part of the mission: each family of autopilots has its own idea
+        of when a mission with a return is over.
+        """
+        items = [item for item in plan.items if item.command != Command.NAV_RETURN_TO_LAUNCH]
+        lands = items[-1].command == Command.NAV_LAND
+        await self.ready()
+        await self.pilot.upload_surroundings(plan)
+        await self.pilot.upload_items(items)
+        if items[0].command == Command.NAV_TAKEOFF:
+            await self.pilot.arm()
+        else:  # not every autopilot leaves the ground for a waypoint
+            await self.pilot.take_off(-float(path.places[min(path.places)][2]))
+        begins()
+        flight = await self.record(lambda: self.pilot.carry_out(lands=lands))
+        sequence = sorted(path.places)
+        places = np.array([path.places[seq] for seq in sequence])
+        hold_s = [wait_of(plan.items[seq]) for seq in sequence]
+        passed = self.find_passages(flight, places, items=sequence, hold_s=hold_s)
+        check_end(float(np.linalg.norm((passed[-1].est_ned_m - places[-1])[:2])))
+        if lands:
+            await self.seen_down()
+        else:
+            await self.land()
 
     async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
         """What is flown while `fly` carries out a mission that was uploaded."""
@@ -320,18 +351,18 @@ class ExternalFlyers(Flyers):
 
     @property
     def position_source(self) -> str:
-        return telemetry_of(self.scenario.config.link)
+        return telemetry_of(self.task.config.link)
 
-    def await_vehicle(self, *, say: Say) -> None:
-        await_vehicle(self.scenario.config.link, area=self.scenario.area, say=say)
+    def await_vehicle(self, *, say: Say) -> Limits:
+        return await_vehicle(self.task.config.link, area=self.task.area, say=say)
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        scenario = self.scenario
+        task = self.task
         return open_external(
-            scenario.config.link,
-            mission=scenario.config.mission,
-            area=scenario.area,
-            demand=demand_of(scenario),
+            task.config.link,
+            mission=task.config.mission,
+            area=task.area,
+            demand=task.demand,
             observers=attached.observers,
             say=attached.say,
         )
@@ -340,18 +371,6 @@ class ExternalFlyers(Flyers):
 def telemetry_of(link: LinkConfig) -> str:
     """Where the positions of an external autopilot come from, for people."""
     return f"telemetry of {link.url}: truth and belief are what the autopilot says"
-
-
-def demand_of(scenario: Scenario) -> Demand:
-    """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
-    mission = scenario.config.mission
-    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
-    return Demand(
-        speed_mps=mission.speed_mps,
-        altitude_m=mission.heights_m[1],
-        distance_m=float(away_m.max(initial=0.0)),
-        acceptance_m=mission.acceptance_radius_m,
-    )
 
 
 async def limits_of(

@@ -8,7 +8,7 @@ takes orders, whose answers take it some of its own time.
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,16 +21,17 @@ from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import located
-from mission.flight.flyers.external import ExternalFlyer, demand_of, limits_of
+from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Say
+from mission.flight.flyers.flyers import Attached, Flyers, Say, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import NoVehicleError
 from mission.flight.pilot.feed import Known
 from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder
-from mission.scenario.scenario import Scenario
 from sitl.autopilot.codec.message import Fields
 from sitl.autopilot.values.messages import MissionItem
 from sitl.firmware.choice import check_firmware
@@ -70,6 +71,12 @@ class FirmwareFlyer(ExternalFlyer):
     async def fly(self, plan: FlightPlan) -> Flight:
         with self.vehicle.clock.going():
             return await super().fly(plan)
+
+    async def carry_out(
+        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+    ) -> None:
+        with self.vehicle.clock.going():
+            await super().carry_out(plan, path, begins=begins)
 
     async def land(self) -> None:
         with self.vehicle.clock.going():
@@ -185,30 +192,30 @@ class FirmwareFlyers(Flyers):
     plant: Plant  # on the ground at home
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Self:
+    def of(cls, task: Task) -> Self:
         """With the configured aircraft.
 
         Raises:
             InputError: one of its settings is refused.
         """
-        home, streams = scenario.area.home, scenario.streams
+        home, streams = task.area.home, task.streams
         with of_settings():
-            return cls(scenario, plant_for(scenario.config.vehicle, home=home, streams=streams))
+            return cls(task, plant_for(task.config.vehicle, home=home, streams=streams))
 
     @property
     def position_source(self) -> str:
-        name = NAMES[self.scenario.config.vehicle.autopilot]
+        name = NAMES[self.task.config.vehicle.autopilot]
         return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
 
     @property
     def no_resume(self) -> str:
-        name = NAMES[self.scenario.config.vehicle.autopilot]
+        name = NAMES[self.task.config.vehicle.autopilot]
         return f"flights of {name} do not repeat to the last bit"
 
     def check(self) -> None:
         """Refuse a binary that cannot be started or is another's, and ports that are taken."""
         try:
-            check_firmware(self.scenario.config.vehicle)
+            check_firmware(self.task.config.vehicle)
         except FirmwareSilentError as error:
             raise InputError(str(error)) from None
         super().check()
@@ -216,11 +223,11 @@ class FirmwareFlyers(Flyers):
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """Start the firmware, in a folder of its own below the run's."""
         return open_firmware(
-            self.scenario.config,
+            self.task.config,
             self.plant,
             attached.folder / FOLDER,
-            area=self.scenario.area,
-            demand=demand_of(self.scenario),
+            area=self.task.area,
+            demand=self.task.demand,
             observers=attached.observers,
             say=attached.say,
         )

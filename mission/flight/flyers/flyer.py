@@ -1,7 +1,7 @@
 """A vehicle with its pilot, as a run sees it: orders in area coordinates in, flights out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.config.models import MissionConfig
 from mission.flight.flight_plan import FlightPlan, climb, direct_flight
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, Passage
 from mission.planner.performance import Performance
 from mission.scenario.limits import performance_of
@@ -71,6 +73,20 @@ class Flyer(ABC):
     @abstractmethod
     async def land(self) -> None:
         """Return to home and land."""
+
+    async def carry_out(
+        self,
+        plan: PlanFile,  # noqa: ARG002  whoever flies uses them
+        path: PlannedPath,  # noqa: ARG002
+        *,
+        begins: Callable[[], None],  # noqa: ARG002
+    ) -> None:
+        """Fly a plan file from the ground to the ground; `begins` is called as its path does.
+
+        Raises:
+            FlightError, LinkLostError: see `Pilot`.
+        """
+        raise FlightError("nothing flies here, so no plan file either")
 
     @property
     @abstractmethod

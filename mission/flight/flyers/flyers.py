@@ -10,16 +10,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from flightdyn.random import RandomStreams
+from mission.base.area import Area
+from mission.config.models import RunConfig
 from mission.flight.fence_zones import airspace_zones
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.ports import check_link
+from mission.flight.pilot.limits import Demand, Limits
 from mission.log.values import Zone
-from mission.scenario.scenario import Scenario
 from sitl.links import Link
 from sitl.observer import VehicleObserver
 
 Say: TypeAlias = Callable[[str], None]
 Tap: TypeAlias = Callable[[Link], Link]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Where a vehicle is to fly, and what is asked of it."""
+
+    config: RunConfig
+    area: Area
+    streams: RandomStreams
+    demand: Demand
 
 
 @dataclass(frozen=True)
@@ -36,7 +49,7 @@ class Attached:
 class Flyers(ABC):
     """Opens the flyer of one run."""
 
-    scenario: Scenario
+    task: Task
 
     @property
     @abstractmethod
@@ -55,18 +68,21 @@ class Flyers(ABC):
             LinkLostError: a port is taken.
             InputError: the firmware's binary is not there.
         """
-        check_link(self.scenario.config.link)
+        check_link(self.task.config.link)
 
-    def await_vehicle(self, *, say: Say) -> None:  # noqa: B027  most wait for nothing
+    def await_vehicle(self, *, say: Say) -> Limits | None:  # noqa: ARG002
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
+
+        Returns its own limits; None of one that keeps to the configuration's.
 
         Raises:
             LinkLostError, FlightError, InputError: it is not, or not where the devices are.
         """
+        return None
 
     def fence(self) -> tuple[Zone, ...]:
         """What the vehicle keeps to, as far as it is known here: what the configuration draws."""
-        return airspace_zones(self.scenario.area)
+        return airspace_zones(self.task.area)
 
     @abstractmethod
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:

@@ -6,33 +6,32 @@ takes most of a second.
 
 from pathlib import Path
 
+import numpy as np
+
 from mission.config.models import RunConfig
-from mission.flight.flyers.flyers import Flyers
+from mission.flight.flyers.flyers import Flyers, Task
+from mission.flight.pilot.limits import Demand
 from mission.scenario.scenario import Scenario, build_scenario
 
 
-def flyers_for(scenario: Scenario) -> Flyers:
-    """Who flies in a scenario, as its configuration says.
+def flyers_for(task: Task) -> Flyers:
+    """Who flies, as the configuration says.
 
     Raises:
         InputError: a setting of the vehicle is refused.
     """
-    config = scenario.config
-    if scenario.strategy is None or config.mission.flight == "none":
-        from mission.flight.flyers.unflown import NoFlyers
-
-        return NoFlyers(scenario)
+    config = task.config
     if config.link.kind == "external":
         from mission.flight.flyers.external import ExternalFlyers
 
-        return ExternalFlyers(scenario)
+        return ExternalFlyers(task)
     if config.vehicle.autopilot == "built-in":
         from mission.flight.flyers.simulated import BuiltInFlyers
 
-        return BuiltInFlyers.of(scenario)
+        return BuiltInFlyers.of(task)
     from mission.flight.flyers.firmware import FirmwareFlyers
 
-    return FirmwareFlyers.of(scenario)
+    return FirmwareFlyers.of(task)
 
 
 def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyers]:
@@ -42,4 +41,21 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyer
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     scenario = build_scenario(config, data_dir=data_dir)
-    return scenario, flyers_for(scenario)
+    task = Task(config, scenario.area, scenario.streams, _demand(scenario))
+    if scenario.strategy is None or config.mission.flight == "none":
+        from mission.flight.flyers.unflown import NoFlyers
+
+        return scenario, NoFlyers(task)
+    return scenario, flyers_for(task)
+
+
+def _demand(scenario: Scenario) -> Demand:
+    """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
+    mission = scenario.config.mission
+    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
+    return Demand(
+        speed_mps=mission.speed_mps,
+        altitude_m=mission.heights_m[1],
+        distance_m=float(away_m.max(initial=0.0)),
+        acceptance_m=mission.acceptance_radius_m,
+    )

@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Self
@@ -17,15 +17,16 @@ from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.fence_zones import fence_of
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Tap
+from mission.flight.flyers.flyers import Attached, Flyers, Tap, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.mission_items import stop_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder, Passage
 from mission.log.values import Zone
 from mission.scenario.limits import guidance_of
-from mission.scenario.scenario import Scenario
 from sitl.autopilot.values.messages import MissionItem
 from sitl.config import VehicleConfig
 from sitl.links import Link, RawLink, UdpLink
@@ -93,6 +94,21 @@ class SimulatedFlyer(Flyer):
         self.recorder.start(self.here())
         await self.pilot.fly()
         return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
+
+    async def carry_out(
+        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+    ) -> None:
+        """Fly a plan file; simulated time stands still while the vehicle is given it."""
+        await self.pilot.ready()
+        await self.pilot.upload_surroundings(plan)
+        begins()
+        await self.pilot.upload_items(plan.items)
+        await self.pilot.arm()
+        await self.pilot.carry_out()
+        if path.returns:
+            await self.pilot.landed()
+        else:
+            await self.pilot.land()
 
     async def land(self) -> None:
         await self.go_home()
@@ -163,25 +179,25 @@ class BuiltInFlyers(Flyers):
     position_source = SIMULATED_POSITIONS
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Self:
+    def of(cls, task: Task) -> Self:
         """With the configured vehicle.
 
         Raises:
             InputError: one of its settings is refused.
         """
-        home, streams = scenario.area.home, scenario.streams
-        return cls(scenario, simulated_vehicle(scenario.config.vehicle, home=home, streams=streams))
+        home, streams = task.area.home, task.streams
+        return cls(task, simulated_vehicle(task.config.vehicle, home=home, streams=streams))
 
     def fence(self) -> tuple[Zone, ...]:
         """With what the vehicle's parameters make: a circle about home."""
         parameters = self.vehicle.autopilot.parameters
-        return (*super().fence(), *fence_of((), parameters, self.scenario.area))
+        return (*super().fence(), *fence_of((), parameters, self.task.area))
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         return open_simulated(
-            self.scenario.config,
+            self.task.config,
             self.vehicle,
-            area=self.scenario.area,
+            area=self.task.area,
             observers=attached.observers,
             tap=attached.tap,
         )

@@ -130,7 +130,5 @@ class NoFlyers(Flyers):
         """Refuse nothing: no link is needed."""
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        scenario = self.scenario
-        return open_unflown(
-            scenario.config.mission, area=scenario.area, observers=attached.observers
-        )
+        task = self.task
+        return open_unflown(task.config.mission, area=task.area, observers=attached.observers)

@@ -22,6 +22,7 @@ from mission.flight.pilot.parameters import Parameters
 from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.raw_messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
 from mission.flight.pilot.watch import Watch
+from mission.flight.plan_file import PlanFile
 from sitl.autopilot.values.messages import MissionItem
 
 logger = logging.getLogger(__name__)
@@ -193,11 +194,14 @@ class Pilot:
         """Upload a geofence."""
         await self._order("take the geofence", self._mission.upload_geofence(raw_items(items)))
 
-    async def upload_rally(self, items: Sequence[MissionItem]) -> None:
-        """Upload the places beside home that a return may lead to."""
-        await self._order(
-            "take the rally points", self._mission.upload_rally_points(raw_items(items))
-        )
+    async def upload_surroundings(self, plan: PlanFile) -> None:
+        """Upload a plan file's fence and rally points, where it has any."""
+        if plan.fence:
+            await self.upload_fence(plan.fence)
+        if plan.rally:
+            await self._order(
+                "take the rally points", self._mission.upload_rally_points(raw_items(plan.rally))
+            )
 
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from test_external import SMALL
-from test_fly import CORNERS, RETURN, TAKE_OFF, summary, written
+from test_plan_flight import CORNERS, RETURN, TAKE_OFF, summary, written
 
 from mission.cli import call
 

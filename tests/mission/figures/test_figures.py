@@ -414,7 +414,7 @@ def test_an_engine_that_dies_is_one_error_and_leaves_the_old_pictures(
 
 def test_nothing_that_draws_is_loaded_before_something_is_drawn() -> None:
     code = (
-        "import sys, mission.cli, mission.run.session, mission.run.planflight.fly\n"
+        "import sys, mission.cli, mission.run.session, mission.run.plan_flight\n"
         "sys.exit(bool({'altair', 'vl_convert', 'matplotlib.pyplot', 'jinja2'} & {*sys.modules}))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -10,7 +10,7 @@ import pytest
 from ardupilot_double import GUIDED, RTL, ArduPilotDouble
 from serving import free_port
 from test_external import SMALL, rows
-from test_fly import written
+from test_plan_flight import written
 from test_planfile import simple
 
 from mission.analysis.load import load_run

@@ -106,11 +106,15 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
 
 
 @pytest.mark.slow
-def test_landing_elsewhere(tmp_path: Path) -> None:
+def test_landing_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = written(
         tmp_path, TAKE_OFF, place(47.401, 8.5), simple(21, 0, 0, 0, None, 47.4015, 8.5, 0)
     )
-    assert call(["fly", str(plan), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    out = tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--json", "--no-report"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"folder": str(out), **summary(out)}
+    assert not (out / "report.html").exists()
     data = np.genfromtxt(tmp_path / "out" / "track.csv", delimiter=",", names=True)
     assert data["true_y_m"][-1] - data["true_y_m"][0] == pytest.approx(0.0015 * 111_180, abs=4)
     assert abs(data["true_alt_m"][-1]) < 0.5
@@ -330,7 +334,10 @@ def test_its_folder_has_the_after_care_of_a_run(
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
     assert all(path.stat().st_size > 5000 for path in (first / "figures").iterdir())
     assert call(["compare", str(first)]) == 0
-    assert capsys.readouterr().out.splitlines() == printed[: printed.index(f"results in {first}")]
+    assert (
+        capsys.readouterr().out.splitlines()
+        == printed[: printed.index(f"results in {first}: open report.html in a browser")]
+    )
     assert call(["compare", str(first), str(second / "flight.mcap"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
@@ -341,7 +348,6 @@ def test_its_folder_has_the_after_care_of_a_run(
     assert call(["compare", str(first), str(second), "--figure", str(profile)]) == 0
     assert "Runs side by side" in capsys.readouterr().out
     assert profile.stat().st_size > 10_000
-    assert call(["report", str(first)]) == 0
     page = (first / "report.html").read_text(encoding="utf-8")
     for words in ("4 / 4</b>", "Height above home", "Ground speed", "Wall time", "Places</h2>"):
         assert words in page
@@ -396,7 +402,7 @@ def test_a_flight_that_misses_its_end_has_failed(
     def short(run: FlightData) -> dict[int, EventRecord]:
         return {0: reached(run)[0]}
 
-    monkeypatch.setattr("mission.run.planflight.fly.reached", short)
+    monkeypatch.setattr("mission.run.plan_flight.reached", short)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
     said = "item 1 was never reached"

@@ -1,4 +1,4 @@
-"""From a plan file to everything that its flight needs; whatever can be refused is refused here.
+"""What the items of a plan file mean as a path, or why they may not be flown.
 
 What the autopilot would refuse is refused by the autopilot's own rules, and so is what it would
 take but what has no business in an unattended flight.
@@ -10,25 +10,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flightdyn.random import RandomStreams
+from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
-from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.config.models import AreaConfig, RunConfig
-from mission.flight.fence_zones import fence_of
-from mission.flight.flyers.simulated import simulated_vehicle
 from mission.flight.plan_file import PlanFile
-from mission.log.values import Zone
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.flying import route
+from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES, check_item, why_refused
 from sitl.autopilot.safety.fence import breach_of, compile_fence
 from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType
 from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import SitlInputError
-from sitl.vehicle import Vehicle
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0
@@ -47,7 +42,6 @@ _KINDS = {
     MissionType.FENCE: "fence point",
     MissionType.RALLY: "rally point",
 }
-_MARGIN_M = 50.0  # around the plan, for the map
 
 
 @dataclass(frozen=True)
@@ -71,46 +65,10 @@ class PlannedPath:
         return polyline.length(self.points_ned_m[:, :2])
 
 
-@dataclass(frozen=True)
-class PreparedPlan:
-    """A plan that may be flown, and the vehicle on the ground at its home."""
-
-    plan: PlanFile
-    path: PlannedPath
-    area: Area
-    fence: tuple[Zone, ...]
-    vehicle: Vehicle
-    config: RunConfig
-
-
-def prepare_plan(config: RunConfig, plan: PlanFile) -> PreparedPlan:
-    """Check a plan, and put a vehicle where it begins: at its planned home, else its first place.
-
-    Raises:
-        InputError: it holds what may not be flown, or the vehicle's settings are refused.
-    """
-    home = plan.home
-    if home is None:
-        first = next((item for item in plan.items if item.command in PLACES), None)
-        if first is None:
-            raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
-        home = GeodeticPoint(first.x, first.y, math.nan)
-    if math.isnan(home.alt_msl_m):
-        home = replace(home, alt_msl_m=config.area.home_alt_msl_m)
-    plan = replace(plan, items=_placed(plan.items, home))
-    vehicle = simulated_vehicle(config.vehicle, home=home, streams=RandomStreams(config.seed))
-    path = _check(plan, vehicle)
-    area_config = _area_around(path, home)
-    area = area_config.build()
-    fence = fence_of(plan.fence, vehicle.autopilot.parameters, area)
-    resolved = config.model_copy(update={"area": area_config})
-    return PreparedPlan(plan, path, area, fence, vehicle, resolved)
-
-
-def _placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
-    """With places for take-offs and landings that have none: where they happen."""
+def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
+    """Mission items with places for take-offs and landings that have none: where they happen."""
     lat_deg, lon_deg = home.lat_deg, home.lon_deg
-    placed = []
+    found_items = []
     for item in items:
         found = item
         nowhere = item.x == item.y == 0.0 or (math.isnan(item.x) and math.isnan(item.y))
@@ -118,17 +76,17 @@ def _placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionI
             found = replace(item, x=lat_deg, y=lon_deg)
         if found.command in PLACES:
             lat_deg, lon_deg = found.x, found.y
-        placed.append(found)
-    return tuple(placed)
+        found_items.append(found)
+    return tuple(found_items)
 
 
-def _check(plan: PlanFile, vehicle: Vehicle) -> PlannedPath:
-    """Refuse what cannot or should not be flown; else the path.
+def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) -> PlannedPath:
+    """The path of a plan that begins at `home`, for a vehicle with these parameters.
 
     Raises:
         InputError: names the file, the item, what is wrong and what is allowed.
     """
-    flight, p = vehicle.autopilot.flight, vehicle.autopilot.parameters
+    frame, p = LocalFrame(home), parameters
 
     def refuse(item: MissionItem, wrong: str) -> None:
         if wrong:
@@ -136,25 +94,23 @@ def _check(plan: PlanFile, vehicle: Vehicle) -> PlannedPath:
             raise InputError(f"{plan.path}: {name}: {wrong}")
 
     def bad_height(item: MissionItem, *, least_m: float) -> str:
-        height_m = route.item_altitude(item, flight.home) - flight.home.alt_msl_m
+        height_m = route.item_altitude(item, home) - home.alt_msl_m
         if least_m <= height_m <= MAX_HEIGHT_M:
             return ""
         return f"{height_m:.1f} m above home; {least_m:g} to {MAX_HEIGHT_M:g} m are allowed"
 
     def place_of(item: MissionItem) -> Floats:
-        return flight.frame.to_ned(item.x, item.y, route.item_altitude(item, flight.home))
+        return frame.to_ned(item.x, item.y, route.item_altitude(item, home))
 
     for item in plan.items:
         refuse(item, _wrong(item, last=item.seq == len(plan.items) - 1) or _refused(item))
     for item in plan.fence:
         refuse(item, _refused(item))
     try:
-        fence = compile_fence(plan.fence, flight.frame)
+        fence = compile_fence(plan.fence, frame)
     except SitlInputError as error:
         raise InputError(f"{plan.path}: {error}") from None
-    reason = route.check_mission(
-        plan.items, frame=flight.frame, home=flight.home, farthest_m=p["MIS_DIST_1WP"]
-    )
+    reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
     places = {item.seq: place_of(item) for item in plan.items if item.command in PLACES}
@@ -167,7 +123,7 @@ def _check(plan: PlanFile, vehicle: Vehicle) -> PlannedPath:
             refuse(item, bad_height(item, least_m=1.0))
         steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
         way = np.linspace(here, place, steps)
-        if breach := breach_of(fence, way, home_ned_m=flight.home_ned_m, parameters=p):
+        if breach := breach_of(fence, way, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"the way there leads {breach}")
         here = place
     for item in plan.rally:
@@ -176,9 +132,9 @@ def _check(plan: PlanFile, vehicle: Vehicle) -> PlannedPath:
         if (away_m := float(np.hypot(place[0], place[1]))) > p["MIS_DIST_1WP"]:
             refuse(item, f"{away_m:.0f} m from home; MIS_DIST_1WP allows {p['MIS_DIST_1WP']:g}")
         refuse(item, bad_height(item, least_m=0.0))
-        if breach := breach_of(fence, place, home_ned_m=flight.home_ned_m, parameters=p):
+        if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")
-    return _path(plan, places, tuple(place_of(item) for item in plan.rally), vehicle)
+    return _path(plan, places, tuple(place_of(item) for item in plan.rally), home, p)
 
 
 def _wrong(item: MissionItem, *, last: bool) -> str:
@@ -193,9 +149,8 @@ def _wrong(item: MissionItem, *, last: bool) -> str:
         return "a take-off has to come first"
     if item.command in _LAST and not last:
         return "nothing may come after it"
-    waits = item.command in (Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME)
-    if waits and item.params[0] > MAX_WAIT_S:
-        return f"waits {item.params[0]:g} s; {MAX_WAIT_S:g} s at most"
+    if wait_of(item) > MAX_WAIT_S:
+        return f"waits {wait_of(item):g} s; {MAX_WAIT_S:g} s at most"
     speed_mps = item.params[1] if item.command == Command.DO_CHANGE_SPEED else _KEEP
     if speed_mps not in (_KEEP, _DEFAULT) and not 0.5 <= speed_mps <= 30.0:
         return f"{speed_mps:g} m/s; 0.5 to 30 m/s are allowed"
@@ -209,15 +164,18 @@ def _refused(item: MissionItem) -> str:
 
 
 def _path(
-    plan: PlanFile, places: dict[int, Floats], rally_ned_m: tuple[Floats, ...], vehicle: Vehicle
+    plan: PlanFile,
+    places: dict[int, Floats],
+    rally_ned_m: tuple[Floats, ...],
+    home: GeodeticPoint,
+    p: Parameters,
 ) -> PlannedPath:
-    flight, p = vehicle.autopilot.flight, vehicle.autopilot.parameters
     stages = route.compile_route(
         plan.items,
         first=0,
         start=route.Start(np.zeros(3), on_ground=True),
-        frame=flight.frame,
-        home=flight.home,
+        frame=LocalFrame(home),
+        home=home,
         limits=route.Limits.of(p),
     )
     points: list[Floats] = [np.zeros(3)]
@@ -241,14 +199,7 @@ def _path(
     return PlannedPath(array, duration_s, places, rally_ned_m, ends in _LAST)
 
 
-def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
-    """The rectangle around the plan."""
-    points_m = np.vstack((path.points_ned_m, *path.rally_ned_m))[:, :2]
-    low, high = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
-    return AreaConfig(
-        size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
-        home_m=(float(-low[1]), float(-low[0])),
-        home_lat_deg=home.lat_deg,
-        home_lon_deg=home.lon_deg,
-        home_alt_msl_m=home.alt_msl_m,
-    )
+def wait_of(item: MissionItem) -> float:
+    """Seconds for which the vehicle hovers at an item."""
+    waits = item.command in (Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME)
+    return item.params[0] if waits and item.params[0] > 0.0 else 0.0

@@ -1,0 +1,315 @@
+"""One `aerofed fly`: a run of one flight, by a plan file, that serves no devices."""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.analysis.compare import RunComparison, compare_run, plain
+from mission.analysis.comparison_text import tables
+from mission.analysis.load import load_run, reached
+from mission.base import csv_text, polyline
+from mission.base.area import Area
+from mission.base.arrays import Floats
+from mission.base.console import RunConsole
+from mission.base.errors import AerofedError, FlightError, InputError
+from mission.base.run_folder import RunFolder, write_atomically
+from mission.base.stopwatch import Stopwatch
+from mission.config.models import AreaConfig, RunConfig
+from mission.flight.failures import of_settings
+from mission.flight.fence_zones import fence_of
+from mission.flight.flyers.flyer import Flyer
+from mission.flight.flyers.flyers import Attached, Flyers, Task
+from mission.flight.flyers.open import flyers_for
+from mission.flight.pilot.limits import Demand, Limits
+from mission.flight.plan_file import PlanFile, read_plan_file
+from mission.flight.plan_path import PlannedPath, placed, planned_path
+from mission.log.live.view import LiveView, live_views
+from mission.log.values import Devices, FlightData, PlanFileRecord, PlanRecord
+from mission.log.write.writer import FlightLog
+from mission.run.budget import RunTotals
+from mission.run.progress import Progress, make_progress
+from mission.run.recorded import Page, fly_recorded
+from mission.run.summary import Summary
+from sitl.autopilot.codec.names import command_name
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
+from sitl.vehicle import parameters_of
+
+_COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
+_MARGIN_M = 50.0  # around the plan, for the map
+_SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
+
+
+@dataclass(frozen=True)
+class _Order:
+    """A plan that may be flown, and where."""
+
+    plan: PlanFile
+    path: PlannedPath
+    config: RunConfig  # with the area around the plan
+    area: Area
+    parameters: Parameters  # of the vehicle that the plan is timed by
+
+    @property
+    def task(self) -> Task:
+        """What the vehicle is asked for."""
+        items, points = self.plan.items, self.path.points_ned_m
+        ordered = [item.params[1] for item in items if item.command == Command.DO_CHANGE_SPEED]
+        radii = [item.params[1] for item in items if item.command == Command.NAV_WAYPOINT]
+        demand = Demand(
+            speed_mps=max(ordered, default=0.0),
+            altitude_m=self.path.top_m,
+            distance_m=float(np.linalg.norm(points[:, :2], axis=1).max()),
+            acceptance_m=min((radius for radius in radii if radius > 0.0), default=math.inf),
+        )
+        return Task(self.config, self.area, RandomStreams(self.config.seed), demand)
+
+
+def fly_plan(
+    config: RunConfig, source: Path, path: Path, *, console: RunConsole, page: Page | None = None
+) -> int:
+    """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
+
+    `page` makes a page of the folder, last of all.
+
+    Raises:
+        InputError: the plan is damaged or holds what may not be flown; nothing is written then.
+        FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
+    """
+    stopwatch = Stopwatch()
+    with ExitStack() as opened:
+        with stopwatch("setup"):
+            plan = read_plan_file(source)
+            order = _order(config, plan)
+            flyers = flyers_for(order.task)
+            if config.link.kind == "external":
+                _refuse_heights_above_sea(plan)
+            flyers.check()
+            folder = opened.enter_context(RunFolder.taken(path))
+            with folder.unless_refused():
+                limits = flyers.await_vehicle(say=console.say)
+                live = opened.enter_context(live_views(console))
+            if limits is not None:
+                order = _order(config, plan, _speeds(config, limits))
+                flyers = flyers_for(order.task)
+            write_atomically(folder.config, order.config.to_toml())
+            write_atomically(folder.path / source.name, plan.content)
+        summary = Summary(
+            folder,
+            name=source.stem,
+            plan=source.name,
+            seed=config.seed,
+            resumable=False,
+            position_source=flyers.position_source,
+        )
+        opening = _recording(order, flyers, folder, console, stopwatch, live)
+        return fly_recorded(opening, summary, console=console, stopwatch=stopwatch, page=page)
+
+
+@dataclass
+class _PlanFlight:
+    """The plan while it is flown, and what became of it."""
+
+    order: _Order
+    flyers: Flyers
+    log: FlightLog
+    attached: Attached
+    progress: Progress
+    stopwatch: Stopwatch
+    totals: RunTotals = field(default_factory=lambda: RunTotals.before(0))
+    comparison: RunComparison | None = None
+    ended: bool = False  # by itself: neither failed nor interrupted
+
+    async def run(self) -> None:
+        """Fly it."""
+        flyer: Flyer | None = None
+        self.progress.phase(f"flying {self.order.plan.path.name}")
+        try:
+            with self.stopwatch("fly"):
+                async with self.flyers.open(self.attached) as flyer:
+                    try:
+                        await flyer.carry_out(
+                            self.order.plan, self.order.path, begins=lambda: self._begins(flyer)
+                        )
+                    finally:
+                        self.totals.sim_s = flyer.t_ns / 1e9
+            self.ended = True
+        except AerofedError as failure:
+            t_s = self.totals.sim_s
+            raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure.__cause__
+
+    def _begins(self, flyer: Flyer) -> None:
+        """Log the planned path, as rounds have theirs."""
+        area, path = self.order.area, self.order.path
+        points = area_xyz(area, path.points_ned_m)
+        speed_mps = polyline.length(points) / path.duration_s
+        self.log.plan_record(
+            PlanRecord(
+                round=1,
+                t_ns=flyer.t_ns,
+                waypoints_m=points[:, :2],
+                schedule=np.zeros((len(points), 0), dtype=bool),
+                importance=np.zeros(0),
+                value=0.0,
+                upper_bound=math.nan,
+                path_budget_m=path.path_m,
+                speed_mps=speed_mps,
+                altitude_m=path.top_m,
+                height_m=points[:, 2],
+                slot_s=polyline.along(points) / speed_mps,
+                duration_s=path.duration_s,
+                route_m=points[:, :2],
+                stops_at=np.arange(len(points)),
+            )
+        )
+
+    def conclude(self, summary: Summary) -> None:
+        """Compare what was flown with its plan; nothing where nothing was.
+
+        Raises:
+            FlightError: the plan was flown to its end, and the last place never reached.
+        """
+        run = load_run(summary.folder.path)
+        if not run.data.rounds:
+            return
+        self.totals.add(run.data.rounds[0])
+        write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
+        self.comparison = compare_run(run)
+        numbers = plain(self.comparison.total).items()
+        summary.add(planned_and_flown={key: value for key, value in numbers if value is not None})
+        last = max(self.order.path.places)
+        if self.ended and last not in reached(run.data):
+            raise FlightError(f"item {last} was never reached")
+
+    def show(self, console: RunConsole) -> None:
+        """The comparison."""
+        for table in tables(self.comparison) if self.comparison else ():
+            console.show(table)
+
+
+@contextmanager
+def _recording(
+    order: _Order,
+    flyers: Flyers,
+    folder: RunFolder,
+    console: RunConsole,
+    stopwatch: Stopwatch,
+    live: tuple[LiveView, ...],
+) -> Iterator[_PlanFlight]:
+    """The flight with its log, and what is needed to understand that."""
+    plan, area = order.plan, order.area
+    fence = fence_of(plan.fence, order.parameters, area)
+    with ExitStack() as stack:
+        progress = make_progress(console.out, rounds=1, flown=True, quiet=console.quiet)
+        stack.callback(progress.close)
+        log = stack.enter_context(
+            FlightLog(
+                folder.log, area=area, devices=Devices(np.zeros((0, 2)), ()), fence=fence,
+                mirrors=live,
+            )
+        )  # fmt: skip
+        log.attach("config.toml", "application/toml", order.config.to_toml().encode())
+        log.attach(plan.path.name, "text/plain", plan.content)
+        log.metadata(PlanFileRecord.KEY, _places(order).to_text())
+
+        def say(text: str) -> None:
+            log.note(text, severity=4)
+            progress.notice(text)
+
+        attached = Attached((log,), folder.path, say)
+        yield _PlanFlight(order, flyers, log, attached, progress, stopwatch)
+
+
+def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:
+    """A plan from its planned home, else from its first place, timed by the configured vehicle's
+    parameters and `speeds`.
+
+    Raises:
+        InputError: it holds what may not be flown, or the vehicle's settings are refused.
+    """
+    home = plan.home
+    if home is None:
+        first = next((item for item in plan.items if item.command in PLACES), None)
+        if first is None:
+            raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
+        home = GeodeticPoint(first.x, first.y, math.nan)
+    if math.isnan(home.alt_msl_m):
+        home = replace(home, alt_msl_m=config.area.home_alt_msl_m)
+    with of_settings():
+        parameters = parameters_of(config.vehicle)
+        parameters.apply(speeds or {}, "the vehicle's parameters")
+    plan = replace(plan, items=placed(plan.items, home))
+    path = planned_path(plan, home, parameters)
+    around = _area_around(path, home)
+    return _Order(
+        plan, path, config.model_copy(update={"area": around}), around.build(), parameters
+    )
+
+
+def _speeds(config: RunConfig, limits: Limits) -> dict[str, float]:
+    """Parameters of a simulated vehicle that is as fast as an external one."""
+    known = {
+        "MPC_XY_CRUISE": limits.value("cruise_mps", otherwise=math.nan),
+        "MPC_XY_VEL_MAX": math.inf if config.link.set_parameters else limits.speed_mps,
+    }
+    return {
+        name: float(np.clip(value, *_SPEEDS_MPS))
+        for name, value in known.items()
+        if not math.isnan(value)
+    }
+
+
+def _refuse_heights_above_sea(plan: PlanFile) -> None:
+    for item in plan.items:
+        if item.command in PLACES and item.frame in ABSOLUTE_FRAMES:
+            raise InputError(
+                f"{plan.path}: item {item.seq}, {command_name(item.command)}: its height is "
+                "above sea level; an external vehicle (--vehicle) is sent to heights above its home"
+            )
+
+
+def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
+    """The rectangle around the plan."""
+    points_m = np.vstack((path.points_ned_m, *path.rally_ned_m))[:, :2]
+    low, high = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
+    return AreaConfig(
+        size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
+        home_m=(float(-low[1]), float(-low[0])),
+        home_lat_deg=home.lat_deg,
+        home_lon_deg=home.lon_deg,
+        home_alt_msl_m=home.alt_msl_m,
+    )
+
+
+def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:
+    """(n, 3) NED -> x east, y north in area coordinates, height above home."""
+    return np.column_stack((area.from_ned(pos_ned_m), -pos_ned_m[:, 2]))
+
+
+def _places(order: _Order) -> PlanFileRecord:
+    area, path = order.area, order.path
+    return PlanFileRecord(
+        source=order.plan.path.name,
+        places_m={seq: area_xyz(area, ned[None])[0] for seq, ned in path.places.items()},
+        rally_m=tuple(area_xyz(area, ned[None])[0] for ned in path.rally_ned_m),
+    )
+
+
+def _track_csv(data: FlightData) -> str:
+    rows = np.hstack((data.truth.pos_m, data.belief.pos_m)).tolist()
+    return csv_text.lines(
+        [
+            _COLUMNS,
+            *(
+                [t_ns / 1e9, *(f"{value:.3f}" for value in row)]
+                for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True)
+            ),
+        ]
+    )

@@ -1,1 +1,0 @@
-"""One `aerofed fly`: a plan file checked, flown and recorded."""
