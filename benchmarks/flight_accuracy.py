@@ -1,17 +1,16 @@
-"""How exactly the aircraft flies and knows where it is: the figures promised, and pictures.
+"""How exactly the aircraft flies and knows where it is: the figures promised.
 
-    python benchmarks/flight_accuracy.py                # the table
-    python benchmarks/flight_accuracy.py --figures DIR  # and square.png, outage.png
+    python benchmarks/flight_accuracy.py
+
+`flight_figures.py` beside it draws the flights.
 
 Five legs of 400 m at 20 m/s with corners of 90, 90, 45 and 135 degrees, 5 m acceptance; a hover at
 60 m; and a minute of rounds on default sensors. Wind is 8 m/s with turbulence of severity 4.
 """
 
-import argparse
 import math
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
@@ -218,26 +217,5 @@ def outage() -> Outage:
     return Outage(20.0, 30.0, np.array(track.t_s), track.error, np.array(stds), shifted)
 
 
-def main() -> None:
-    """Print the table; draw on demand."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into this folder")
-    options = parser.parse_args()
-    accuracy_table()
-    if options.figures:
-        from flight_figures import draw_outage, draw_square
-
-        options.figures.mkdir(parents=True, exist_ok=True)
-        squares = {}
-        for windy, name in ((False, "calm"), (True, "8 m/s wind, severity 4")):
-            aircraft = hovering("perfect", windy=windy)
-            squares[name] = fly(aircraft, legs(aircraft.belief.pos_ned_m, SQUARE_DEG))
-        draw_square(squares, options.figures / "square.png")
-        draw_outage(outage(), options.figures / "outage.png")
-        print(f"figures in {options.figures}")
-
-
 if __name__ == "__main__":
-    main()
+    accuracy_table()

@@ -1,5 +1,9 @@
-"""Pictures of flights: a square at 20 m/s, and an outage of GNSS."""
+"""Pictures of the flights of `flight_accuracy.py`: a square at 20 m/s, and an outage of GNSS.
 
+python benchmarks/flight_figures.py DIR  # square.png, outage.png
+"""
+
+import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -7,7 +11,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import numpy as np
-from flight_accuracy import Outage, Track, off_track
+from flight_accuracy import SQUARE_DEG, Outage, Track, fly, hovering, legs, off_track, outage
 from matplotlib import pyplot as plt
 
 _COLOURS = ("#0072b2", "#d55e00")
@@ -82,3 +86,22 @@ def draw_outage(flight: Outage, path: Path) -> None:
         ax.set_xlim(0, flight.t_s[-1])
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def main() -> None:
+    """Fly, and draw into a folder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    squares = {}
+    for windy, name in ((False, "calm"), (True, "8 m/s wind, severity 4")):
+        aircraft = hovering("perfect", windy=windy)
+        squares[name] = fly(aircraft, legs(aircraft.belief.pos_ned_m, SQUARE_DEG))
+    draw_square(squares, folder / "square.png")
+    draw_outage(outage(), folder / "outage.png")
+    print(f"figures in {folder}")
+
+
+if __name__ == "__main__":
+    main()
