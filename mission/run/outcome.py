@@ -1,4 +1,4 @@
-"""How a flight ended: the first thing that went wrong counts."""
+"""How a flight ended, and the summary that says so: the first thing that went wrong counts."""
 
 import traceback
 from collections.abc import Iterator
@@ -9,7 +9,9 @@ from typing import Literal
 
 from fl.errors import first_line
 from mission.base.errors import AerofedError, FlightError, PlanError, TrainingError, UsersCodeError
-from mission.base.run_folder import write_atomically
+from mission.base.run_folder import RunFolder, environment, write_atomically
+from mission.base.stopwatch import Stopwatch
+from mission.run.budget import RunTotals
 
 TRACEBACK = "traceback.txt"  # in the folder of a run that a researcher's own code ended
 
@@ -89,3 +91,45 @@ class Outcome:
         if not isinstance(self.error, PlanError | FlightError | TrainingError):
             left += goes_on
         raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__
+
+
+class Summary:
+    """`summary.json`: what a run is, how it ended, what it added up to.
+
+    It is written whole each time; "finished" last of all, so that such a folder has everything.
+    """
+
+    def __init__(self, folder: RunFolder, **about: object) -> None:
+        """`about`: what the run is."""
+        self.folder = folder
+        self._about = {**about, **environment()}
+
+    def add(self, **about: object) -> None:
+        """Say more of the run the next time."""
+        self._about |= about
+
+    def started(self) -> None:
+        """Nothing has happened yet."""
+        self.folder.write_summary({"status": "running", **self._about})
+
+    def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
+        """How, and how far it came."""
+        self.folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
+
+
+def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:
+    flight_s = stopwatch.wall_s.get("fly", 0.0)
+    return {
+        "rounds": totals.rounds_done,
+        "flown_in_rounds_m": totals.flown_m,
+        "budget_used_m": totals.used.metres,
+        **totals.limited,
+        "simulated_s": totals.sim_s,
+        "real_time_factor": totals.sim_s / flight_s if flight_s > 0.0 else 0.0,
+        "battery_changes": totals.battery_changes,
+        "delivered": totals.delivered,
+        "scheduled": totals.scheduled,
+        "accuracy": totals.accuracy,
+        "untrained_accuracy": totals.untrained,
+        "wall_s": {**stopwatch.wall_s, "total": stopwatch.total_s},
+    }

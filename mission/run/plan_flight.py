@@ -33,9 +33,9 @@ from mission.log.live.view import LiveView, live_views
 from mission.log.values import Devices, FlightData, PlanFileRecord, PlanRecord
 from mission.log.write.writer import FlightLog
 from mission.run.budget import RunTotals
+from mission.run.outcome import Summary
 from mission.run.progress import Progress, make_progress
 from mission.run.recorded import Page, fly_recorded
-from mission.run.summary import Summary
 from sitl.autopilot.codec.names import command_name
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES

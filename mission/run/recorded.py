@@ -11,8 +11,7 @@ from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import one_interruption, run_flight
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
-from mission.run.outcome import TRACEBACK, Outcome
-from mission.run.summary import Summary
+from mission.run.outcome import TRACEBACK, Outcome, Summary
 
 Page: TypeAlias = Callable[[Path], object]  # makes a page of a flight's folder, in it
 

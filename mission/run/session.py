@@ -24,13 +24,12 @@ from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
 from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
-from mission.run.experiment import Experiment
+from mission.run.experiment import Experiment, IdealExperiment
 from mission.run.flown_experiment import FlownExperiment
-from mission.run.ideal_experiment import IdealExperiment
+from mission.run.outcome import Summary
 from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
 from mission.run.resume import data_dir_of, read_checkpoint, refuse_others
-from mission.run.summary import Summary
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
