@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from difflib import get_close_matches
 
-from sitl.autopilot.parameters import SPECS, Parameters, known_names
-from sitl.autopilot.protocol.parameter_file import load_parameters
+from sitl.autopilot.parameters import SPECS, Parameters, known_names, load_parameters
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 
@@ -29,7 +28,7 @@ def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, object, str]]:
             hint = f"; did you mean {close[0]}?" if close else ""
             reason = f"no such parameter{hint} (known: {known_names()})"
             yield f"parameters.{name}", value, reason
-        elif parameters.check(name, value) is not None:
+        elif not spec.allows(value):
             unit = f", in {spec.unit}" if spec.unit else ""
             reason = f"must be a number from {spec.low:g} to {spec.high:g}{unit}"
             yield f"parameters.{name}", value, reason

@@ -7,11 +7,10 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot, Storage
-from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.parameter_file import load_parameters, save_parameters
-from sitl.autopilot.values.files import LogFolder
+from sitl.autopilot.parameters import Parameters, load_parameters, save_parameters
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
+from sitl.logfolder import LogFolder
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
 _WATCH_HZ = 10.0  # how often the autopilot looks at its health, simulated time

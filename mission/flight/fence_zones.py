@@ -4,22 +4,22 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log.values import Zone
+from sitl.autopilot.codec.orders import MissionItem
+from sitl.autopilot.fence import Circle, Polygon, compile_fence
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.safety.fence import Circle, Polygon, compile_fence
-from sitl.autopilot.values.enums import Command, Frame, MissionType
-from sitl.autopilot.values.messages import MissionItem
 
 
 def fence_items(area: Area) -> list[MissionItem]:
     """The fence of an area's airspace as it is uploaded; nothing where it is open."""
     space = area.airspace
-    rings = [(Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION, ring) for ring in space.keep_out]
+    rings = [(mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, ring) for ring in space.keep_out]
     if space.keep_in is not None:
-        rings.append((Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, space.keep_in))
+        rings.append((mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, space.keep_in))
     items: list[MissionItem] = []
     for command, ring in rings:
         for ned in area.to_ned(ring, 0.0):
@@ -28,12 +28,12 @@ def fence_items(area: Area) -> list[MissionItem]:
                 MissionItem(
                     seq=len(items),
                     command=command,
-                    frame=Frame.GLOBAL,
+                    frame=mav.MAV_FRAME_GLOBAL,
                     params=(float(len(ring)), 0.0, 0.0, 0.0),
                     x=place.lat_deg,
                     y=place.lon_deg,
                     z=0.0,
-                    mission_type=MissionType.FENCE,
+                    mission_type=mav.MAV_MISSION_TYPE_FENCE,
                 )
             )
     return items

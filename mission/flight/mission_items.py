@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 
+from pymavlink.dialects.v20 import common as mav
+
 from flightdyn.state import GeodeticPoint
 from mission.flight.flight_plan import FlightPlan
-from sitl.autopilot.values.enums import Command, Frame
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 
 DEG_E7 = 1e7  # places travel in whole ten-millionths of a degree
 _GROUND_SPEED = 1.0
@@ -22,8 +23,8 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     waypoints = [
         MissionItem(
             seq=seq,
-            command=Command.NAV_WAYPOINT,
-            frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+            command=mav.MAV_CMD_NAV_WAYPOINT,
+            frame=mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
             params=(stop.hold_s, plan.acceptance_m, 0.0, math.nan),
             x=round(position.lat_deg * DEG_E7) / DEG_E7,
             y=round(position.lon_deg * DEG_E7) / DEG_E7,
@@ -33,8 +34,8 @@ def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[
     ]
     speed = MissionItem(
         seq=1,
-        command=Command.DO_CHANGE_SPEED,
-        frame=Frame.MISSION,
+        command=mav.MAV_CMD_DO_CHANGE_SPEED,
+        frame=mav.MAV_FRAME_MISSION,
         params=(_GROUND_SPEED, plan.speed_mps, _UNCHANGED, 0.0),
         x=0.0,
         y=0.0,

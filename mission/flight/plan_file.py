@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
@@ -19,8 +20,7 @@ from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
-from sitl.autopilot.values.enums import Command, Frame, MissionType
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 
 HEADER = "QGC WPL 110"
 MAX_BYTES = 10_000_000  # thousands of items; more is no mission
@@ -148,7 +148,13 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
         params = tuple(math.nan if value is None else value for value in part.params)
         items.append(_item(seq, part.command, part.frame, params, autocontinue=part.autoContinue))
     rally = [
-        _item(seq, Command.NAV_RALLY_POINT, 3, (0, 0, 0, 0, *point), kind=MissionType.RALLY)
+        _item(
+            seq,
+            mav.MAV_CMD_NAV_RALLY_POINT,
+            3,
+            (0, 0, 0, 0, *point),
+            kind=mav.MAV_MISSION_TYPE_RALLY,
+        )
         for seq, point in enumerate(document.rallyPoints.points)
     ]
     planned, home = document.mission.plannedHomePosition, None
@@ -176,7 +182,7 @@ def _item(
     frame: int,
     params: Sequence[float],
     *,
-    kind: MissionType = MissionType.MISSION,
+    kind: int = mav.MAV_MISSION_TYPE_MISSION,
     autocontinue: bool = True,
 ) -> MissionItem:
     """An item of seven parameters; places as exact as they travel, 1e-7 degrees."""
@@ -186,10 +192,10 @@ def _item(
 
 def _fence_items(fence: _Fence) -> Iterable[MissionItem]:
     inclusions = (
-        Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
-        Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     )
-    circles = Command.NAV_FENCE_CIRCLE_EXCLUSION, Command.NAV_FENCE_CIRCLE_INCLUSION
+    circles = mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
     drawn = [
         (inclusions[ring.inclusion], float(len(ring.polygon)), place)
         for ring in fence.polygons
@@ -197,7 +203,7 @@ def _fence_items(fence: _Fence) -> Iterable[MissionItem]:
     ]
     drawn += [(circles[c.inclusion], c.circle.radius, c.circle.center) for c in fence.circles]
     for seq, (command, size, place) in enumerate(drawn):
-        yield _item(seq, command, 0, (size, 0, 0, 0, *place, 0), kind=MissionType.FENCE)
+        yield _item(seq, command, 0, (size, 0, 0, 0, *place, 0), kind=mav.MAV_MISSION_TYPE_FENCE)
 
 
 def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
@@ -210,7 +216,7 @@ def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
             raise InputError(f"{path}: damaged: item {index} is missing, {row[0]:g} stands there")
     home = None
     # By convention row 0 is the home: a waypoint at a height above the sea.
-    if rows and rows[0][2] == Frame.GLOBAL and rows[0][3] == Command.NAV_WAYPOINT:
+    if rows and rows[0][2] == mav.MAV_FRAME_GLOBAL and rows[0][3] == mav.MAV_CMD_NAV_WAYPOINT:
         home = _home(path, *rows[0][8:11])
         del rows[0]
     if not rows:
@@ -253,7 +259,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
     """
     items = []
     for item in mission_items(plan, plan.positions(area)):
-        place = item.command != Command.DO_CHANGE_SPEED
+        place = item.command != mav.MAV_CMD_DO_CHANGE_SPEED
         where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
         items.append(
             {
@@ -261,7 +267,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
                 "autoContinue": True,
                 "command": item.command,
                 "doJumpId": item.seq + 1,
-                "frame": Frame.GLOBAL_RELATIVE_ALT if place else Frame.MISSION,
+                "frame": mav.MAV_FRAME_GLOBAL_RELATIVE_ALT if place else mav.MAV_FRAME_MISSION,
                 "params": [*map(_or_null, item.params), item.x, item.y, item.z],
                 "type": "SimpleItem",
             }

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
@@ -16,31 +17,29 @@ from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.flight.plan_file import PlanFile
-from sitl.autopilot.codec.names import command_name
+from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, command_name
+from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES, check_item, why_refused
-from sitl.autopilot.safety.fence import breach_of, compile_fence
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, MissionResult, MissionType
-from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import SitlInputError
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0
 ALLOWED = (
-    Command.NAV_TAKEOFF,
-    Command.NAV_WAYPOINT,
-    Command.NAV_LOITER_TIME,
-    Command.DO_CHANGE_SPEED,
-    Command.NAV_RETURN_TO_LAUNCH,
-    Command.NAV_LAND,
+    mav.MAV_CMD_NAV_TAKEOFF,
+    mav.MAV_CMD_NAV_WAYPOINT,
+    mav.MAV_CMD_NAV_LOITER_TIME,
+    mav.MAV_CMD_DO_CHANGE_SPEED,
+    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    mav.MAV_CMD_NAV_LAND,
 )
-_LAST = (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND)
+_LAST = (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LAND)
 _KEEP, _DEFAULT = -1.0, -2.0  # DO_CHANGE_SPEED's other values
 _KINDS = {
-    MissionType.MISSION: "item",
-    MissionType.FENCE: "fence point",
-    MissionType.RALLY: "rally point",
+    mav.MAV_MISSION_TYPE_MISSION: "item",
+    mav.MAV_MISSION_TYPE_FENCE: "fence point",
+    mav.MAV_MISSION_TYPE_RALLY: "rally point",
 }
 
 
@@ -72,7 +71,7 @@ def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionIt
     for item in items:
         found = item
         nowhere = item.x == item.y == 0.0 or (math.isnan(item.x) and math.isnan(item.y))
-        if item.command in (Command.NAV_TAKEOFF, Command.NAV_LAND) and nowhere:
+        if item.command in (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_LAND) and nowhere:
             found = replace(item, x=lat_deg, y=lon_deg)
         if found.command in PLACES:
             lat_deg, lon_deg = found.x, found.y
@@ -119,7 +118,7 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
     here = np.zeros(3)
     for seq, place in places.items():
         item = plan.items[seq]
-        if item.command != Command.NAV_LAND:
+        if item.command != mav.MAV_CMD_NAV_LAND:
             refuse(item, bad_height(item, least_m=1.0))
         steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
         way = np.linspace(here, place, steps)
@@ -140,18 +139,18 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
 def _wrong(item: MissionItem, *, last: bool) -> str:
     """Why an item has no business in an unattended flight; empty if it has."""
     if item.command not in ALLOWED:
-        return "not supported; allowed are " + ", ".join(command.name for command in ALLOWED)
+        return "not supported; allowed are " + ", ".join(map(bare_name, ALLOWED))
     if not item.autocontinue:
         return "stops without autocontinue, and nobody is there to go on"
     if item.command in PLACES and item.frame in GLOBAL_FRAMES and item.x == item.y == 0.0:
         return "it has no position"
-    if item.command == Command.NAV_TAKEOFF and item.seq != 0:
+    if item.command == mav.MAV_CMD_NAV_TAKEOFF and item.seq != 0:
         return "a take-off has to come first"
     if item.command in _LAST and not last:
         return "nothing may come after it"
     if wait_of(item) > MAX_WAIT_S:
         return f"waits {wait_of(item):g} s; {MAX_WAIT_S:g} s at most"
-    speed_mps = item.params[1] if item.command == Command.DO_CHANGE_SPEED else _KEEP
+    speed_mps = item.params[1] if item.command == mav.MAV_CMD_DO_CHANGE_SPEED else _KEEP
     if speed_mps not in (_KEEP, _DEFAULT) and not 0.5 <= speed_mps <= 30.0:
         return f"{speed_mps:g} m/s; 0.5 to 30 m/s are allowed"
     return ""
@@ -160,7 +159,7 @@ def _wrong(item: MissionItem, *, last: bool) -> str:
 def _refused(item: MissionItem) -> str:
     """What the autopilot has against an item; empty if nothing."""
     verdict = check_item(item)
-    return "" if verdict is MissionResult.ACCEPTED else why_refused(item, verdict)
+    return "" if verdict == mav.MAV_MISSION_ACCEPTED else why_refused(item, verdict)
 
 
 def _path(
@@ -190,7 +189,7 @@ def _path(
         elif isinstance(stage, route.Wait) and (stage.reports or stage.seq != last):
             duration_s += stage.duration_s
     ends = plan.items[-1].command
-    if ends == Command.NAV_LAND:
+    if ends == mav.MAV_CMD_NAV_LAND:
         height_m = -float(points[-1][2])
         slow_m = min(height_m, p["MPC_LAND_ALT2"])
         duration_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
@@ -201,5 +200,5 @@ def _path(
 
 def wait_of(item: MissionItem) -> float:
     """Seconds for which the vehicle hovers at an item."""
-    waits = item.command in (Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME)
+    waits = item.command in (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME)
     return item.params[0] if waits and item.params[0] > 0.0 else 0.0

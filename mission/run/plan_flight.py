@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
@@ -36,10 +37,9 @@ from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
 from mission.run.progress import Progress, make_progress
 from mission.run.recorded import Page, fly_recorded
-from sitl.autopilot.codec.names import command_name
+from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.autopilot.values.enums import ABSOLUTE_FRAMES, Command
 from sitl.vehicle import parameters_of
 
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
@@ -61,8 +61,8 @@ class _Order:
     def task(self) -> Task:
         """What the vehicle is asked for."""
         items, points = self.plan.items, self.path.points_ned_m
-        ordered = [item.params[1] for item in items if item.command == Command.DO_CHANGE_SPEED]
-        radii = [item.params[1] for item in items if item.command == Command.NAV_WAYPOINT]
+        ordered = [item.params[1] for item in items if item.command == mav.MAV_CMD_DO_CHANGE_SPEED]
+        radii = [item.params[1] for item in items if item.command == mav.MAV_CMD_NAV_WAYPOINT]
         demand = Demand(
             speed_mps=max(ordered, default=0.0),
             altitude_m=self.path.top_m,

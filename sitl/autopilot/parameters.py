@@ -6,9 +6,13 @@ Names, units and meanings are PX4's where PX4 has the parameter; defaults are th
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
-from sitl.autopilot.values.enums import ParamError, ParamType
+from pymavlink.dialects.v20 import common as mav
+
 from sitl.errors import SitlInputError
+
+INT32, REAL32 = mav.MAV_PARAM_TYPE_INT32, mav.MAV_PARAM_TYPE_REAL32  # the types that there are
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +25,23 @@ class Spec:
     high: float
     unit: str
     text: str
-    kind: ParamType = ParamType.REAL32
+    kind: int = REAL32
+
+    def allows(self, value: float) -> bool:
+        """Whether the parameter can take a value."""
+        return math.isfinite(value) and self.low <= self.stored(value) <= self.high
+
+    def stored(self, value: float) -> float:
+        """What the wire can carry of a finite value, without the noise of single precision.
+
+        MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
+        digits it is 0.7 again, and stays the same however often it is read and written.
+        """
+        return float(round(value)) if self.kind == INT32 else float(f"{value:.6g}")
 
 
 def _choice(name: str, default: int, high: int, text: str) -> Spec:
-    return Spec(name, default, 0, high, "", text, ParamType.INT32)
+    return Spec(name, default, 0, high, "", text, INT32)
 
 
 _FLIGHT = (
@@ -124,31 +140,24 @@ class Parameters:
             SitlInputError: a name or value is not acceptable; says which, and what is.
         """
         for name, value in values.items():
-            error = self.check(name, value)
-            if error is ParamError.DOES_NOT_EXIST:
+            spec = SPECS.get(name)
+            if spec is None:
                 raise SitlInputError(f"{origin}: no parameter {name}; there are {known_names()}")
-            if error is not None:
-                spec = SPECS[name]
+            if not spec.allows(value):
                 raise SitlInputError(
                     f"{origin}: {name} = {value:g} is not within [{spec.low:g}, {spec.high:g}]"
                 )
-        self._values.update({name: _stored(SPECS[name], value) for name, value in values.items()})
+        self._values.update({name: SPECS[name].stored(value) for name, value in values.items()})
 
-    def check(self, name: str, value: float) -> ParamError | None:
-        """Why `name` cannot take `value`; None if it can."""
+    def set(self, name: str, value: float) -> int | None:
+        """Set one parameter; the MAV_PARAM_ERROR if it cannot be."""
         spec = SPECS.get(name)
         if spec is None:
-            return ParamError.DOES_NOT_EXIST
-        if not (math.isfinite(value) and spec.low <= _stored(spec, value) <= spec.high):
-            return ParamError.VALUE_OUT_OF_RANGE
+            return mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
+        if not spec.allows(value):
+            return mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        self._values[name] = spec.stored(value)
         return None
-
-    def set(self, name: str, value: float) -> ParamError | None:
-        """Set one parameter; the reason if it cannot be."""
-        error = self.check(name, value)
-        if error is None:
-            self._values[name] = _stored(SPECS[name], value)
-        return error
 
     def reset(self) -> None:
         """Back to the defaults."""
@@ -164,12 +173,50 @@ def known_names() -> str:
     return ", ".join(spec.name for spec in TABLE)
 
 
-def _stored(spec: Spec, value: float) -> float:
-    """What the wire can carry of `value`, without the noise of single precision.
+def load_parameters(path: Path) -> dict[str, float]:
+    """Values by name from a parameter file; names and limits are not checked here.
 
-    MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
-    digits it is 0.7 again, and stays the same however often it is read and written.
+    Reads "NAME VALUE" (MAVProxy, Mission Planner; comma or white space) and QGroundControl's
+    "system component NAME VALUE type". Lines starting with # are comments.
+
+    Raises:
+        SitlInputError: the file cannot be read, or a line is neither.
     """
-    if spec.kind is ParamType.INT32:
-        return float(round(value)) if math.isfinite(value) else value
-    return float(f"{value:.6g}")
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SitlInputError(f"{path}: cannot be read: {error}") from None
+    values: dict[str, float] = {}
+    for number, line in enumerate(lines, start=1):
+        words = line.replace(",", " ").split("#")[0].split()
+        if not words:
+            continue
+        name, value = (words[2], words[3]) if len(words) == 5 else (words[0], words[-1])
+        try:
+            if len(words) not in (2, 5):
+                raise ValueError
+            values[name] = float(value)
+        except ValueError:
+            raise SitlInputError(
+                f"{path}, line {number}: {line.strip()!r} is no 'NAME VALUE'"
+            ) from None
+    return values
+
+
+def save_parameters(path: Path, values: Mapping[str, float]) -> None:
+    """Write all values as "NAME VALUE" with unit and meaning beside them; whole or not at all.
+
+    Raises:
+        SitlInputError: the file cannot be written.
+    """
+    lines = ["# Parameters of the Aerofed autopilot"]
+    for name, value in values.items():
+        spec = SPECS[name]
+        remark = f"{spec.unit}: {spec.text}" if spec.unit else spec.text
+        lines.append(f"{name:<16} {value:.9g}  # {remark}")
+    temporary = path.with_name(path.name + ".part")
+    try:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        temporary.replace(path)
+    except OSError as error:
+        raise SitlInputError(f"{path}: cannot be written: {error}") from None

@@ -4,10 +4,14 @@ import logging
 from collections.abc import Callable
 from types import TracebackType
 
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.orders import Outbox
 from sitl.autopilot.modes import Mode
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import Message, Severity
 from sitl.observer import EventKind
+
+_STATE = {mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE}
+_TEXT_BYTES = 50  # of one STATUSTEXT
 
 logger = logging.getLogger(__name__)
 
@@ -17,12 +21,13 @@ EventSink = Callable[[EventKind, str, int | None, int], None]
 class Reporter:
     """Sends news out at once; `nudged` are the telemetry messages that have changed."""
 
-    def __init__(self, outbox: m.Outbox, sink: EventSink) -> None:
+    def __init__(self, outbox: Outbox, sink: EventSink) -> None:
         self._outbox = outbox
         self._to = sink
         self._outside: Exception | None = None  # what an observer raised
         self._told: set[tuple[str, str]] = set()
-        self.nudged: set[Message] = set()
+        self._last_text = 0  # number of the last text that took more than one message
+        self.nudged: set[int] = set()
 
     def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
         """The guard round whatever handles a message, an order or a look around.
@@ -40,7 +45,17 @@ class Reporter:
         if (what, kind) not in self._told:
             self._told.add((what, kind))
             logger.error("internal error in %s", what, exc_info=error)
-            self.say(Severity.ERROR, f"Internal error in {what}: {kind}")
+            self.say(mav.MAV_SEVERITY_ERROR, f"Internal error in {what}: {kind}")
+
+    def _text(self, severity: int, text: str) -> None:
+        """A status text, in as many messages as it takes; one that is not full ends it."""
+        data, number = text.encode("ascii", "replace"), 0
+        if len(data) > _TEXT_BYTES:
+            number = self._last_text = self._last_text % 65535 + 1
+        ends = range(0, len(data) + (number > 0), _TEXT_BYTES) or (0,)
+        for chunk, at in enumerate(ends):
+            part = data[at : at + _TEXT_BYTES]
+            self._outbox.append(mav.MAVLink_statustext_message(severity, part, number, chunk))
 
     def _sink(self, kind: EventKind, text: str, seq: int | None, severity: int) -> None:
         try:
@@ -49,49 +64,53 @@ class Reporter:
             self._outside = error
             raise
 
-    def say(self, severity: Severity, text: str) -> None:
+    def say(self, severity: int, text: str) -> None:
         """A status text."""
-        self._outbox.append(m.Envelope(m.StatusText(severity, text)))
-        self._sink("status", text, None, int(severity))
+        self._text(severity, text)
+        self._sink("status", text, None, severity)
 
     def mode(self, mode: Mode, why: str) -> None:
         """The flight mode has changed."""
-        self.nudged |= {Message.HEARTBEAT, Message.EXTENDED_SYS_STATE, Message.MISSION_CURRENT}
-        self._sink("mode", f"{mode.name} ({why})", None, int(Severity.INFO))
+        self.nudged |= {
+            mav.MAVLINK_MSG_ID_HEARTBEAT,
+            mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+            mav.MAVLINK_MSG_ID_MISSION_CURRENT,
+        }
+        self._sink("mode", f"{mode.name} ({why})", None, mav.MAV_SEVERITY_INFO)
 
     def armed(self, armed: bool) -> None:
         """The motors have been released or stopped."""
-        self.nudged |= {Message.HEARTBEAT, Message.EXTENDED_SYS_STATE}
-        self._sink("armed", "armed" if armed else "disarmed", None, int(Severity.INFO))
+        self.nudged |= _STATE
+        self._sink("armed", "armed" if armed else "disarmed", None, mav.MAV_SEVERITY_INFO)
 
     def landed_state(self) -> None:
         """The landed state has changed."""
-        self.nudged.add(Message.EXTENDED_SYS_STATE)
+        self.nudged.add(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
 
     def mission_changed(self) -> None:
         """Current item, total or state of the mission have changed."""
-        self.nudged.add(Message.MISSION_CURRENT)
+        self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def home_changed(self) -> None:
         """Home is elsewhere."""
-        self.nudged.add(Message.HOME_POSITION)
+        self.nudged.add(mav.MAVLINK_MSG_ID_HOME_POSITION)
 
     def reached(self, seq: int, *, place: bool) -> None:
         """A mission item has been reached (`place`) or carried out."""
-        self._outbox.append(m.Envelope(m.MissionItemReached(seq)))
-        self.nudged.add(Message.MISSION_CURRENT)
+        self._outbox.append(mav.MAVLink_mission_item_reached_message(seq))
+        self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         if place:
-            self._sink("reached", f"item {seq}", seq, int(Severity.INFO))
+            self._sink("reached", f"item {seq}", seq, mav.MAV_SEVERITY_INFO)
 
     def failsafe(self, text: str) -> None:
         """A failsafe has acted, or has ended."""
-        self._outbox.append(m.Envelope(m.StatusText(Severity.CRITICAL, text)))
-        self._sink("failsafe", text, None, int(Severity.CRITICAL))
+        self._text(mav.MAV_SEVERITY_CRITICAL, text)
+        self._sink("failsafe", text, None, mav.MAV_SEVERITY_CRITICAL)
 
     def fault(self, text: str) -> None:
         """A fault has been injected or removed."""
-        self._outbox.append(m.Envelope(m.StatusText(Severity.WARNING, text)))
-        self._sink("fault", text, None, int(Severity.WARNING))
+        self._text(mav.MAV_SEVERITY_WARNING, text)
+        self._sink("fault", text, None, mav.MAV_SEVERITY_WARNING)
 
 
 class _Contained:

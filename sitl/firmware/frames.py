@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.physics.battery import CELLS
 from flightdyn.state import BatteryState
-from sitl.autopilot.codec.message import Fields, MavlinkMessage
+from sitl.autopilot.codec.orders import Fields
 
 HEARTBEAT = mav.MAVLINK_MSG_ID_HEARTBEAT
 # What a ground station says again and again, whatever it wants.
@@ -77,10 +77,12 @@ class Reader:
     def read(self, frame: Frame) -> tuple[str, Fields] | None:
         """The message's name and fields; None where the frame is damaged."""
         try:
-            fields = self._mav.decode(bytearray(frame.data)).to_dict()
+            message = self._mav.decode(bytearray(frame.data))
         except mav.MAVError:
             return None
-        return fields.pop("mavpackettype"), fields
+        fields = message.to_dict()
+        del fields["mavpackettype"]
+        return message.get_type(), fields
 
 
 class Writer:
@@ -112,7 +114,7 @@ class Writer:
             mav.MAVLink_param_set_message(0, 0, name.encode(), value, mav.MAV_PARAM_TYPE_REAL32)
         )
 
-    def _pack(self, message: MavlinkMessage) -> bytes:
+    def _pack(self, message: mav.MAVLink_message) -> bytes:
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return data

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, suppress
 from typing import TypeAlias
 
-from sitl.autopilot.codec.message import Fields
+from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
 from sitl.firmware.frames import CHATTER, EACH_COUNTS, HEARTBEAT, Frame, Reader, frames
 from sitl.links import Link

@@ -8,8 +8,8 @@ from sitl_point_mass import PointMass
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
-from sitl.autopilot.values.files import LogFolder
 from sitl.config import VehicleConfig
+from sitl.logfolder import LogFolder
 from sitl.vehicle import Vehicle
 
 
@@ -83,8 +83,9 @@ class Desk:
         self, number: int, frame: int, params: tuple[float, ...], x: int, y: int, z: float
     ) -> int:
         """Send a COMMAND_INT; the result of its acknowledgement."""
+        p1, p2, p3, p4 = params
         heard = self.send(
-            mav.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params, x, y, z)
+            mav.MAVLink_command_int_message(1, 1, frame, number, 0, 0, p1, p2, p3, p4, x, y, z)
         )
         return the(heard, "COMMAND_ACK").result
 

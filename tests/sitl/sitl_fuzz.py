@@ -209,7 +209,8 @@ class Attack:
         self._ears = mav.MAVLink(None)
         self._ears.robust_parsing = True
         for message in self._ears.parse_buffer(frame) or ():
-            if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
+            orders = (mav.MAVLink_command_long_message, mav.MAVLink_command_int_message)
+            if not isinstance(message, orders):
                 continue
             to_us = message.target_system in (0, 1) and message.target_component in (0, 1)
             if to_us and (message.get_srcSystem(), message.get_srcComponent()) != (1, 1):

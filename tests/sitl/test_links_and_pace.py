@@ -16,7 +16,7 @@ from sitl_desk import Desk
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from flightdyn.frames import LocalFrame
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import LinkError
 from sitl.links import RawLink, UdpLink, _packed
 from sitl.pace import Simulation
@@ -90,7 +90,8 @@ def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
             sockets[0].send(hello)
             while True:
                 data = await asyncio.wait_for(loop.sock_recv(sockets[0], 2048), HANG_S)
-                if any(m.get_type() == "HEARTBEAT" for m in mav.MAVLink(None).parse_buffer(data)):
+                heard = mav.MAVLink(None).parse_buffer(data) or ()
+                if any(m.get_type() == "HEARTBEAT" for m in heard):
                     break
             sockets[0].close()
 

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from patience import HANG_S
 from pymavlink import mavftp, mavutil, mavwp
+from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
-from sitl.autopilot.values.enums import MissionType
 from sitl.config import VehicleConfig
 from sitl.links import UdpLink
-from sitl.logfolder import DiskLogs
+from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
@@ -242,7 +242,7 @@ def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
     rally.write_text(_drawn([(20, 30)], 5100, 0))
 
     async def run() -> None:
-        disk = DiskLogs(logs, being_written=lambda: None)
+        disk = LogFolder(logs, being_written=lambda: None)
         vehicle = Vehicle(
             VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk, standalone=True
         )
@@ -252,9 +252,9 @@ def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
             await console.hears("online system 1")
             await console.hears(f"Received {len(TABLE)} parameters")
             await console.type(f"fence load {fence}")
-            await until(lambda: len(vehicle.autopilot.lists[MissionType.FENCE]) == 4)
+            await until(lambda: len(vehicle.autopilot.lists[mav.MAV_MISSION_TYPE_FENCE]) == 4)
             await console.type(f"rally load {rally}")
-            await until(lambda: len(vehicle.autopilot.lists[MissionType.RALLY]) == 1)
+            await until(lambda: len(vehicle.autopilot.lists[mav.MAV_MISSION_TYPE_RALLY]) == 1)
             await console.type("log list", answer="Log 1")
             await console.type("log download 1 fetched.mcap", answer="Finished downloading")
             await console.type("long DO_GRIPPER 1 1", answer="UNSUPPORTED")
@@ -296,6 +296,7 @@ def fetch_by_pymavlink(port: int) -> bytes:
     client.cmd_get(["@PARAM/param.pck"], callback=lambda file: got.append(file.read()))
     client.process_ftp_reply("OpenFileRO", timeout=HANG_S)
     values = client.ftp_param_decode(got[-1])
+    assert values is not None
     assert len(values.params) == len(TABLE)
     station.link.close()
     return got[0]
@@ -306,7 +307,7 @@ def test_pymavlink_reads_files(tmp_path: Path) -> None:
     (tmp_path / "flight-0001.mcap").write_bytes(whole)
 
     async def run() -> None:
-        disk = DiskLogs(tmp_path, being_written=lambda: None)
+        disk = LogFolder(tmp_path, being_written=lambda: None)
         vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1), logs=disk)
         link = UdpLink("udpin://127.0.0.1:0")
         async with Simulation(vehicle, link):

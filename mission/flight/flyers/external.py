@@ -11,6 +11,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.config import LimitsConfig
 from mission.base import polyline
@@ -31,8 +32,7 @@ from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath, wait_of
 from mission.flight.track import Flight, FlightRecorder, Passage
-from sitl.autopilot.values.enums import Command
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.observer import VehicleObserver
 
 LAST_SAMPLE_S = 2.0  # wall time
@@ -143,12 +143,12 @@ class ExternalFlyer(Flyer):
         Its return is ordered, not part of the mission: each family of autopilots has its own idea
         of when a mission with a return is over.
         """
-        items = [item for item in plan.items if item.command != Command.NAV_RETURN_TO_LAUNCH]
-        lands = items[-1].command == Command.NAV_LAND
+        items = [item for item in plan.items if item.command != mav.MAV_CMD_NAV_RETURN_TO_LAUNCH]
+        lands = items[-1].command == mav.MAV_CMD_NAV_LAND
         await self.ready()
         await self.pilot.upload_surroundings(plan)
         await self.pilot.upload_items(items)
-        if items[0].command == Command.NAV_TAKEOFF:
+        if items[0].command == mav.MAV_CMD_NAV_TAKEOFF:
             await self.pilot.arm()
         else:  # not every autopilot leaves the ground for a waypoint
             await self.pilot.take_off(-float(path.places[min(path.places)][2]))

@@ -32,8 +32,7 @@ from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder
-from sitl.autopilot.codec.message import Fields
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import Fields, MissionItem
 from sitl.firmware.choice import check_firmware
 from sitl.firmware.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for

@@ -16,7 +16,7 @@ from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, Passage
 from mission.planner.performance import Performance
 from mission.scenario.limits import performance_of
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 # Of a charge (0..1): what a battery just changed reads at least, and after take-off and the way to

@@ -27,7 +27,7 @@ from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder, Passage
 from mission.log.values import Zone
 from mission.scenario.limits import guidance_of
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.config import VehicleConfig
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleObserver

@@ -14,7 +14,7 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers
 from mission.flight.track import Flight, FlightRecorder, Passage
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
 
 PLANNED_POSITIONS = "nothing is flown: what is planned is met exactly, at the planned speed"

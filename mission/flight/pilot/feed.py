@@ -20,7 +20,7 @@ from mission.flight.pilot.clock import VehicleClock
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
-from sitl.autopilot.codec.message import Fields
+from sitl.autopilot.codec.orders import Fields
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
 # Message number and rate: what this package and MAVSDK's plugins live on. Nobody but the vehicle

@@ -23,7 +23,7 @@ from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.raw_messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
 from mission.flight.pilot.watch import Watch
 from mission.flight.plan_file import PlanFile
-from sitl.autopilot.values.messages import MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 
 logger = logging.getLogger(__name__)
 

@@ -6,12 +6,12 @@ from copy import copy
 
 import numpy as np
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
+from pymavlink.dialects.v20 import common as mav
 
 from mission.flight.mission_items import DEG_E7
 from mission.flight.pilot.dialects import Dialect
+from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem
 from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, Command, Frame, MissionType
-from sitl.autopilot.values.messages import MissionItem
 
 
 def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
@@ -24,10 +24,10 @@ def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
 
 def _to_raw(item: MissionItem) -> RawItem:
     scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    placeless = item.mission_type == MissionType.MISSION and item.command not in PLACES
+    placeless = item.mission_type == mav.MAV_MISSION_TYPE_MISSION and item.command not in PLACES
     return RawItem(
         seq=item.seq,
-        frame=Frame.MISSION if placeless else item.frame,
+        frame=mav.MAV_FRAME_MISSION if placeless else item.frame,
         command=item.command,
         current=int(item.seq == 0),
         autocontinue=int(item.autocontinue),
@@ -38,7 +38,7 @@ def _to_raw(item: MissionItem) -> RawItem:
         x=round(item.x * scale),
         y=round(item.y * scale),
         z=item.z,
-        mission_type=item.mission_type.value,
+        mission_type=item.mission_type,
     )
 
 
@@ -48,7 +48,7 @@ def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
     if dialect.home_first:
         # The autopilot puts its own home there.
         home = copy(taken[0])
-        home.command, home.frame = Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT_INT
+        home.command, home.frame = mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
         home.autocontinue = 1
         home.param1 = home.param2 = home.param3 = home.param4 = home.z = 0.0
         taken.insert(0, home)
@@ -60,7 +60,7 @@ def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
             )
     if dialect.whole_holds:
         for item in taken:
-            if item.command == Command.NAV_WAYPOINT:
+            if item.command == mav.MAV_CMD_NAV_WAYPOINT:
                 item.param1 = float(math.ceil(item.param1))
     return _numbered(taken, current=dialect.first_item)
 
@@ -87,7 +87,7 @@ def _essence(items: list[RawItem], dialect: Dialect) -> list[tuple[int, ...]]:
             item.x,
             item.y,
             round(item.z * 100),
-            _thousandths(item.param1) if item.command == Command.NAV_WAYPOINT else 0,
+            _thousandths(item.param1) if item.command == mav.MAV_CMD_NAV_WAYPOINT else 0,
             _thousandths(item.param2) if dialect.keeps_radius else 0,
         )
         for item in items

@@ -10,7 +10,7 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
 from mission.flight.pilot.calls import settled
-from sitl.autopilot.codec.message import Fields
+from sitl.autopilot.codec.orders import Fields
 
 logger = logging.getLogger(__name__)
 

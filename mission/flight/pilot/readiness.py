@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission.flight.pilot.raw_messages import Messages
-from sitl.autopilot.codec.message import Fields
+from sitl.autopilot.codec.orders import Fields
 
 FIX_3D = 3  # GPS_FIX_TYPE
 

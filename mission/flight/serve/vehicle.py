@@ -19,7 +19,7 @@ from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
 from sitl.errors import LinkError
 from sitl.links import UdpLink
-from sitl.logfolder import DiskLogs
+from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
@@ -104,7 +104,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
             observers=() if recorder is None else (recorder,),
             logs=None
             if logs is None or recorder is None
-            else DiskLogs(logs, being_written=lambda: recorder.being_written),
+            else LogFolder(logs, being_written=lambda: recorder.being_written),
             standalone=True,
         )
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]

@@ -1,1 +1,1 @@
-"""MAVLink bytes and units: the one home of pymavlink. Inside it degE7, mm and cm/s; outside SI."""
+"""MAVLink bytes and units: framing, telemetry, and what comes in as values in SI units."""

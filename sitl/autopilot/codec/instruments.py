@@ -1,17 +1,16 @@
 """Telemetry of the parts: sensors, setpoints, motors, filter. From our values to pymavlink's."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple, euler_from_quaternion, rotation_matrix
 from flightdyn.instruments import Instruments
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
+from flightdyn.state import Vector
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.codec.message import MavlinkMessage
-from sitl.autopilot.values.enums import Frame, Message
-from sitl.autopilot.values.snapshot import Dials, Snapshot
+from sitl.autopilot.codec.snapshot import Snapshot
 
 _NAN3 = (math.nan, math.nan, math.nan)
 _ZERO_C_K = 273.15
@@ -31,54 +30,53 @@ def _temperature_c(i: Instruments) -> float:
     return temperature_k(altitude_m(i.readings.pressure_pa)) - _ZERO_C_K
 
 
-def _highres_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
-    r = d.instruments.readings
+def _highres_imu(s: Snapshot) -> mav.MAVLink_message:
+    r = s.dials.instruments.readings
     return mav.MAVLink_highres_imu_message(
         u.us(s.t_ns),
         *r.specific_force_mps2,
         *r.rates_radps,
-        *_field(d.instruments),
+        *_field(s.dials.instruments),
         abs_pressure=r.pressure_pa / 100,  # hPa
         diff_pressure=0.0,  # there is no such sensor, and no bit for it below
         pressure_alt=altitude_m(r.pressure_pa),
-        temperature=_temperature_c(d.instruments),
+        temperature=_temperature_c(s.dials.instruments),
         fields_updated=_FIELDS_WITHOUT_FIELD | (0 if r.field_gauss is None else _FIELD),
     )
 
 
-def _thousandths(i: Instruments) -> list[int]:
-    """Specific force in mG, rates in mrad/s, field in mgauss."""
+def _imu(i: Instruments) -> dict[str, int]:
+    """Fields of SCALED_IMU: mG, mrad/s, mgauss and hundredths of a degree."""
     r = i.readings
-    force = [u.int16(part / _G_MPS2 * 1e3) for part in r.specific_force_mps2]
-    return [*force, *(u.int16(part * 1e3) for part in (*r.rates_radps, *_field(i)))]
+    force_g = [part / _G_MPS2 for part in r.specific_force_mps2]
+    names = (f"{axis}{kind}" for kind in ("acc", "gyro", "mag") for axis in "xyz")
+    fields = zip(names, (*force_g, *r.rates_radps, *_field(i)), strict=True)
+    imu = {name: u.int16(value * 1e3) for name, value in fields}
+    return imu | {"temperature": u.int16(_temperature_c(i) * 100)}
 
 
-def _scaled_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
-    cdeg_c = u.int16(_temperature_c(d.instruments) * 100)
-    return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), *_thousandths(d.instruments), cdeg_c)
+def _scaled_imu(s: Snapshot) -> mav.MAVLink_message:
+    return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), **_imu(s.dials.instruments))
 
 
-def _raw_imu(s: Snapshot, d: Dials) -> MavlinkMessage:
-    cdeg_c = u.int16(_temperature_c(d.instruments) * 100)
-    return mav.MAVLink_raw_imu_message(
-        u.us(s.t_ns), *_thousandths(d.instruments), id=0, temperature=cdeg_c
-    )
+def _raw_imu(s: Snapshot) -> mav.MAVLink_message:
+    return mav.MAVLink_raw_imu_message(u.us(s.t_ns), **_imu(s.dials.instruments))
 
 
-def _scaled_pressure(s: Snapshot, d: Dials) -> MavlinkMessage:
+def _scaled_pressure(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_scaled_pressure_message(
         time_boot_ms=u.ms(s.t_ns),
-        press_abs=d.instruments.readings.pressure_pa / 100,
+        press_abs=s.dials.instruments.readings.pressure_pa / 100,
         press_diff=0.0,
-        temperature=u.int16(_temperature_c(d.instruments) * 100),
+        temperature=u.int16(_temperature_c(s.dials.instruments) * 100),
     )
 
 
-def _odometry(s: Snapshot, d: Dials) -> MavlinkMessage:
+def _odometry(s: Snapshot) -> mav.MAVLink_message:
     r = rotation_matrix(tuple(map(float, s.belief.q_frd_to_ned)))  # type: ignore[arg-type]
     n, e, w = map(float, s.belief.vel_ned_mps)
     body = [r[i] * n + r[3 + i] * e + r[6 + i] * w for i in range(3)]
-    stds = d.instruments.readings.stds
+    stds = s.dials.instruments.readings.stds
     return mav.MAVLink_odometry_message(
         time_usec=u.us(s.t_ns),
         frame_id=mav.MAV_FRAME_LOCAL_NED,
@@ -106,8 +104,8 @@ def _covariance(stds: list[float] | None) -> list[float]:
     return [float(stds[i]) ** 2 if i == j else 0.0 for i in range(6) for j in range(i, 6)]
 
 
-def _attitude_target(s: Snapshot, d: Dials) -> MavlinkMessage:
-    i = d.instruments
+def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
+    i = s.dials.instruments
     return mav.MAVLink_attitude_target_message(
         time_boot_ms=u.ms(s.t_ns),
         type_mask=0b111,  # the rates are the attitude loop's own
@@ -119,9 +117,9 @@ def _attitude_target(s: Snapshot, d: Dials) -> MavlinkMessage:
     )
 
 
-def _position_target(s: Snapshot, d: Dials) -> MavlinkMessage:
-    to = d.instruments.setpoint
-    head = (u.ms(s.t_ns), int(Frame.LOCAL_NED))
+def _position_target(s: Snapshot) -> mav.MAVLink_message:
+    to = s.dials.instruments.setpoint
+    head = (u.ms(s.t_ns), mav.MAV_FRAME_LOCAL_NED)
     if to is None:
         return mav.MAVLink_position_target_local_ned_message(
             *head, _IGNORE_ALL, *_NAN3, *_NAN3, *_NAN3, math.nan, math.nan
@@ -131,9 +129,9 @@ def _position_target(s: Snapshot, d: Dials) -> MavlinkMessage:
     )
 
 
-def _position_target_global(s: Snapshot, d: Dials) -> MavlinkMessage:
-    to, place = d.instruments.setpoint, d.target
-    head = (u.ms(s.t_ns), int(Frame.GLOBAL_INT))
+def _position_target_global(s: Snapshot) -> mav.MAVLink_message:
+    to, place = s.dials.instruments.setpoint, s.dials.target
+    head = (u.ms(s.t_ns), mav.MAV_FRAME_GLOBAL_INT)
     if to is None or place is None:
         return mav.MAVLink_position_target_global_int_message(
             *head, _IGNORE_ALL, 0, 0, *_NAN3[:1], *_NAN3, *_NAN3, math.nan, math.nan
@@ -151,22 +149,22 @@ def _position_target_global(s: Snapshot, d: Dials) -> MavlinkMessage:
     )
 
 
-def _servos(s: Snapshot, d: Dials) -> MavlinkMessage:
-    pwm = [round(_PWM_LEAST + _PWM_SPAN * share) for share in d.instruments.motors]
+def _servos(s: Snapshot) -> mav.MAVLink_message:
+    pwm = [round(_PWM_LEAST + _PWM_SPAN * share) for share in s.dials.instruments.motors]
     return mav.MAVLink_servo_output_raw_message(
         u.us(s.t_ns) % 2**32, 0, *(pwm + _UNUSED)[:8], *_UNUSED
     )
 
 
-def _actuators(s: Snapshot, d: Dials) -> MavlinkMessage:
-    motors = d.instruments.motors
+def _actuators(s: Snapshot) -> mav.MAVLink_message:
+    motors = s.dials.instruments.motors
     return mav.MAVLink_actuator_output_status_message(
         time_usec=u.us(s.t_ns), active=len(motors), actuator=[*motors, *[0.0] * (32 - len(motors))]
     )
 
 
-def _wind(s: Snapshot, d: Dials) -> MavlinkMessage:
-    north, east, down = map(float, d.instruments.wind_ned_mps)
+def _wind(s: Snapshot) -> mav.MAVLink_message:
+    north, east, down = map(float, s.dials.instruments.wind_ned_mps)
     return mav.MAVLink_wind_cov_message(
         time_usec=u.us(s.t_ns),
         wind_x=north,
@@ -180,23 +178,20 @@ def _wind(s: Snapshot, d: Dials) -> MavlinkMessage:
     )
 
 
-def _vibration(s: Snapshot, d: Dials) -> MavlinkMessage:
+def _vibration(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_vibration_message(
-        u.us(s.t_ns), *d.instruments.readings.vibration_mps2, 0, 0, 0
+        u.us(s.t_ns), *s.dials.instruments.readings.vibration_mps2, 0, 0, 0
     )
 
 
-def _estimator_status(s: Snapshot, d: Dials) -> MavlinkMessage:
+def _estimator_status(s: Snapshot) -> mav.MAVLink_message:
     flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_VELOCITY_HORIZ | mav.ESTIMATOR_VELOCITY_VERT
     flags |= mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_VERT_ABS
     flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL
     if s.gnss is not None:
         flags |= mav.ESTIMATOR_POS_HORIZ_ABS | mav.ESTIMATOR_PRED_POS_HORIZ_ABS
-    stds = d.instruments.readings.stds
-    across, upright = (0.0, 0.0)
-    if stds is not None:
-        across, upright = math.hypot(stds[0], stds[1]), float(stds[2])
-    ratio = d.innovation_ratios
+    across, upright = _position_stds(s.dials.instruments.readings.stds)
+    ratio = s.dials.innovation_ratios
     return mav.MAVLink_estimator_status_message(
         time_usec=u.us(s.t_ns),
         flags=flags,
@@ -211,62 +206,61 @@ def _estimator_status(s: Snapshot, d: Dials) -> MavlinkMessage:
     )
 
 
-def _sim_state(s: Snapshot, d: Dials) -> MavlinkMessage:
+def _sim_state(s: Snapshot) -> mav.MAVLink_message:
     w, x, y, z = (float(part) for part in s.truth.q_frd_to_ned)
-    place, std = s.true_position, d.instruments.readings.stds
+    roll, pitch, yaw = euler_from_quaternion((w, x, y, z))
+    xacc, yacc, zacc = s.dials.instruments.readings.specific_force_mps2
+    xgyro, ygyro, zgyro = map(float, s.truth.omega_frd_radps)
+    place, stds = s.true_position, s.dials.instruments.readings.stds
+    across, upright = _position_stds(stds)
+    vn, ve, vd = map(float, s.truth.vel_ned_mps)
     return mav.MAVLink_sim_state_message(
-        w,
-        x,
-        y,
-        z,
-        *euler_from_quaternion((w, x, y, z)),
-        *d.instruments.readings.specific_force_mps2,
-        *map(float, s.truth.omega_frd_radps),
-        place.lat_deg,
-        place.lon_deg,
-        place.alt_msl_m,
-        0.0 if std is None else math.hypot(std[0], std[1]),
-        0.0 if std is None else float(std[2]),
-        *map(float, s.truth.vel_ned_mps),
+        *(w, x, y, z),
+        *(roll, pitch, yaw),
+        *(xacc, yacc, zacc),
+        *(xgyro, ygyro, zgyro),
+        *(place.lat_deg, place.lon_deg, place.alt_msl_m),
+        *(across, upright),
+        *(vn, ve, vd),
         lat_int=u.deg_e7(place.lat_deg),
         lon_int=u.deg_e7(place.lon_deg),
     )
 
 
-def _orbit(s: Snapshot, d: Dials) -> MavlinkMessage:
-    place = d.orbit
-    radius, point = (0.0, s.position) if place is None else place
+def _position_stds(stds: Vector | None) -> tuple[float, float]:
+    """Standard deviations of the estimate (m), horizontal and vertical; 0 where unknown."""
+    return (0.0, 0.0) if stds is None else (math.hypot(stds[0], stds[1]), float(stds[2]))
+
+
+def _orbit(s: Snapshot) -> mav.MAVLink_message | None:
+    """Sent only in an orbit."""
+    if s.dials.orbit is None:
+        return None
+    radius, point = s.dials.orbit
     return mav.MAVLink_orbit_execution_status_message(
         time_usec=u.us(s.t_ns),
         radius=radius,
-        frame=int(Frame.GLOBAL_INT),
+        frame=mav.MAV_FRAME_GLOBAL_INT,
         x=u.deg_e7(point.lat_deg),
         y=u.deg_e7(point.lon_deg),
         z=point.alt_msl_m,
     )
 
 
-_ENCODERS: dict[Message, Callable[[Snapshot, Dials], MavlinkMessage]] = {
-    Message.RAW_IMU: _raw_imu,
-    Message.SCALED_IMU: _scaled_imu,
-    Message.SCALED_PRESSURE: _scaled_pressure,
-    Message.SERVO_OUTPUT_RAW: _servos,
-    Message.ATTITUDE_TARGET: _attitude_target,
-    Message.POSITION_TARGET_LOCAL_NED: _position_target,
-    Message.POSITION_TARGET_GLOBAL_INT: _position_target_global,
-    Message.HIGHRES_IMU: _highres_imu,
-    Message.SIM_STATE: _sim_state,
-    Message.ESTIMATOR_STATUS: _estimator_status,
-    Message.WIND_COV: _wind,
-    Message.VIBRATION: _vibration,
-    Message.ODOMETRY: _odometry,
-    Message.ORBIT_EXECUTION_STATUS: _orbit,
-    Message.ACTUATOR_OUTPUT_STATUS: _actuators,
+INSTRUMENTS: Mapping[int, Callable[[Snapshot], mav.MAVLink_message | None]] = {
+    mav.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
+    mav.MAVLINK_MSG_ID_SCALED_IMU: _scaled_imu,
+    mav.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
+    mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servos,
+    mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _position_target,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global,
+    mav.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
+    mav.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
+    mav.MAVLINK_MSG_ID_WIND_COV: _wind,
+    mav.MAVLINK_MSG_ID_VIBRATION: _vibration,
+    mav.MAVLINK_MSG_ID_ODOMETRY: _odometry,
+    mav.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: _orbit,
+    mav.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: _actuators,
 }
-
-INSTRUMENTED = frozenset(_ENCODERS)
-
-
-def encode_instruments(kind: Message, snapshot: Snapshot, dials: Dials) -> MavlinkMessage:
-    """The pymavlink message of `kind`, which is one of `INSTRUMENTED`."""
-    return _ENCODERS[kind](snapshot, dials)

@@ -1,15 +1,14 @@
 """Telemetry out: from a snapshot of the vehicle to pymavlink's objects."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import euler_from_quaternion
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.codec.message import MavlinkMessage
-from sitl.autopilot.values.enums import Message
-from sitl.autopilot.values.snapshot import Snapshot
+from sitl.autopilot.codec.instruments import INSTRUMENTS
+from sitl.autopilot.codec.snapshot import Snapshot
 
 _UNKNOWN_U16 = 65535
 _ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED
@@ -40,22 +39,22 @@ def _euler(s: Snapshot) -> tuple[float, float, float]:
     return euler_from_quaternion((w, x, y, z))
 
 
-def _heartbeat(s: Snapshot) -> MavlinkMessage:
+def _heartbeat(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_heartbeat_message(
         mav.MAV_TYPE_QUADROTOR,
         mav.MAV_AUTOPILOT_PX4,
         _BASE_MODE.get(s.custom_mode >> 16 & 0xFF, _BY_STICKS) | (_ARMED_FLAG if s.armed else 0),
         s.custom_mode,
-        int(s.system_state),
+        s.system_state,
         3,
     )
 
 
-def _sys_status(s: Snapshot) -> MavlinkMessage:
+def _sys_status(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_sys_status_message(
-        onboard_control_sensors_present=int(s.sensors_present),
-        onboard_control_sensors_enabled=int(s.sensors_present),
-        onboard_control_sensors_health=int(s.sensors_healthy),
+        onboard_control_sensors_present=s.sensors_present,
+        onboard_control_sensors_enabled=s.sensors_present,
+        onboard_control_sensors_health=s.sensors_healthy,
         load=0,
         voltage_battery=u.mv(s.battery.voltage_v),
         current_battery=u.ca(s.battery.current_a),
@@ -69,11 +68,11 @@ def _sys_status(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _system_time(s: Snapshot) -> MavlinkMessage:
+def _system_time(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_system_time_message(time_unix_usec=0, time_boot_ms=u.ms(s.t_ns))
 
 
-def _gps_raw(s: Snapshot) -> MavlinkMessage:
+def _gps_raw(s: Snapshot) -> mav.MAVLink_message:
     fix, position = s.gnss, s.gnss_position
     if fix is None or position is None:
         return mav.MAVLink_gps_raw_int_message(
@@ -107,26 +106,26 @@ def _gps_raw(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _attitude(s: Snapshot) -> MavlinkMessage:
+def _attitude(s: Snapshot) -> mav.MAVLink_message:
     roll, pitch, yaw = _euler(s)
     return mav.MAVLink_attitude_message(
         u.ms(s.t_ns), roll, pitch, yaw, *map(float, s.belief.omega_frd_radps)
     )
 
 
-def _attitude_quaternion(s: Snapshot) -> MavlinkMessage:
-    return mav.MAVLink_attitude_quaternion_message(
-        u.ms(s.t_ns), *map(float, s.belief.q_frd_to_ned), *map(float, s.belief.omega_frd_radps)
-    )
+def _attitude_quaternion(s: Snapshot) -> mav.MAVLink_message:
+    w, x, y, z = map(float, s.belief.q_frd_to_ned)
+    p, q, r = map(float, s.belief.omega_frd_radps)
+    return mav.MAVLink_attitude_quaternion_message(u.ms(s.t_ns), w, x, y, z, p, q, r)
 
 
-def _local_position(s: Snapshot) -> MavlinkMessage:
+def _local_position(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_local_position_ned_message(
         u.ms(s.t_ns), *map(float, s.belief.pos_ned_m), *map(float, s.belief.vel_ned_mps)
     )
 
 
-def _global_position(s: Snapshot) -> MavlinkMessage:
+def _global_position(s: Snapshot) -> mav.MAVLink_message:
     _, _, yaw = _euler(s)
     vx, vy, vz = map(float, s.belief.vel_ned_mps)
     return mav.MAVLink_global_position_int_message(
@@ -142,7 +141,7 @@ def _global_position(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _vfr_hud(s: Snapshot) -> MavlinkMessage:
+def _vfr_hud(s: Snapshot) -> mav.MAVLink_message:
     _, _, yaw = _euler(s)
     vx, vy, vz = map(float, s.belief.vel_ned_mps)
     return mav.MAVLink_vfr_hud_message(
@@ -155,7 +154,7 @@ def _vfr_hud(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _altitude(s: Snapshot) -> MavlinkMessage:
+def _altitude(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_altitude_message(
         time_usec=u.us(s.t_ns),
         altitude_monotonic=s.position.alt_msl_m,
@@ -167,7 +166,7 @@ def _altitude(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _home(s: Snapshot) -> MavlinkMessage:
+def _home(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_home_position_message(
         latitude=u.deg_e7(s.home.lat_deg),
         longitude=u.deg_e7(s.home.lon_deg),
@@ -183,7 +182,7 @@ def _home(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _origin(s: Snapshot) -> MavlinkMessage:
+def _origin(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_gps_global_origin_message(
         latitude=u.deg_e7(s.origin.lat_deg),
         longitude=u.deg_e7(s.origin.lon_deg),
@@ -192,11 +191,11 @@ def _origin(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _extended_state(s: Snapshot) -> MavlinkMessage:
-    return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, int(s.landed_state))
+def _extended_state(s: Snapshot) -> mav.MAVLink_message:
+    return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, s.landed_state)
 
 
-def _battery(s: Snapshot) -> MavlinkMessage:
+def _battery(s: Snapshot) -> mav.MAVLink_message:
     charge = mav.MAV_BATTERY_CHARGE_STATE_OK
     if s.battery_critical:
         charge = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
@@ -216,7 +215,7 @@ def _battery(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _version(_: Snapshot) -> MavlinkMessage:
+def _version(_: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_autopilot_version_message(
         capabilities=_CAPABILITIES,
         flight_sw_version=_SOFTWARE_VERSION,
@@ -232,7 +231,7 @@ def _version(_: Snapshot) -> MavlinkMessage:
     )
 
 
-def _flight_information(s: Snapshot) -> MavlinkMessage:
+def _flight_information(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_flight_information_message(
         time_boot_ms=u.ms(s.t_ns),
         arming_time_utc=u.us(s.armed_t_ns),
@@ -241,7 +240,7 @@ def _flight_information(s: Snapshot) -> MavlinkMessage:
     )
 
 
-def _ground_truth(s: Snapshot) -> MavlinkMessage:
+def _ground_truth(s: Snapshot) -> mav.MAVLink_message:
     vx, vy, vz = map(float, s.truth.vel_ned_mps)
     rates = tuple(map(float, s.truth.omega_frd_radps))
     return mav.MAVLink_hil_state_quaternion_message(
@@ -264,29 +263,25 @@ def _ground_truth(s: Snapshot) -> MavlinkMessage:
     )
 
 
-_ENCODERS: dict[Message, Callable[[Snapshot], MavlinkMessage]] = {
-    Message.HEARTBEAT: _heartbeat,
-    Message.SYS_STATUS: _sys_status,
-    Message.SYSTEM_TIME: _system_time,
-    Message.GPS_RAW_INT: _gps_raw,
-    Message.ATTITUDE: _attitude,
-    Message.ATTITUDE_QUATERNION: _attitude_quaternion,
-    Message.LOCAL_POSITION_NED: _local_position,
-    Message.GLOBAL_POSITION_INT: _global_position,
-    Message.VFR_HUD: _vfr_hud,
-    Message.ALTITUDE: _altitude,
-    Message.HOME_POSITION: _home,
-    Message.GPS_GLOBAL_ORIGIN: _origin,
-    Message.EXTENDED_SYS_STATE: _extended_state,
-    Message.BATTERY_STATUS: _battery,
-    Message.AUTOPILOT_VERSION: _version,
-    Message.FLIGHT_INFORMATION: _flight_information,
-    Message.HIL_STATE_QUATERNION: _ground_truth,
+# By the message's number; one that has nothing to say is not sent.
+TELEMETRY: Mapping[int, Callable[[Snapshot], mav.MAVLink_message | None]] = {
+    mav.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
+    mav.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
+    mav.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
+    mav.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw,
+    mav.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
+    mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
+    mav.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
+    mav.MAVLINK_MSG_ID_ALTITUDE: _altitude,
+    mav.MAVLINK_MSG_ID_HOME_POSITION: _home,
+    mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _origin,
+    mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_state,
+    mav.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
+    mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _version,
+    mav.MAVLINK_MSG_ID_FLIGHT_INFORMATION: _flight_information,
+    mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _ground_truth,
+    mav.MAVLINK_MSG_ID_MISSION_CURRENT: lambda s: s.mission,
+    **INSTRUMENTS,
 }
-
-TELEMETRY = frozenset(_ENCODERS)
-
-
-def encode_telemetry(kind: Message, snapshot: Snapshot) -> MavlinkMessage:
-    """The pymavlink message of `kind`, which is one of `TELEMETRY`."""
-    return _ENCODERS[kind](snapshot)

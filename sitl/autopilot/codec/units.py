@@ -25,8 +25,8 @@ def int32(value: float) -> int:
 
 
 def deg_e7(angle_deg: float) -> int:
-    """Degrees to 1e-7 degrees."""
-    return int32(angle_deg * 1e7)
+    """Degrees to 1e-7 degrees; NaN to the "unknown" of MAVLink (INT32_MAX)."""
+    return _INT32 if math.isnan(angle_deg) else int32(angle_deg * 1e7)
 
 
 def from_deg_e7(value: int) -> float:

@@ -4,21 +4,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
-from sitl.autopilot.flying.mission_flight import MissionFlight
-from sitl.autopilot.flying.motors import Motors
+from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.navigator import Navigator
-from sitl.autopilot.flying.permissions import Permissions
-from sitl.autopilot.flying.rally import refuge
+from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.values.enums import LandedState, Severity
-from sitl.autopilot.values.messages import MissionItem
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
 _STARTING = "starting up"
@@ -41,39 +40,35 @@ class Flight:
     """
 
     def __init__(
-        self,
-        aircraft: Aircraft,
-        parameters: Parameters,
-        *,
-        home: GeodeticPoint,
-        permissions: Permissions,
-        reporter: Reporter,
+        self, aircraft: Aircraft, parameters: Parameters, *, guard: Guard, reporter: Reporter
     ) -> None:
         self.mode = Mode.HOLD
-        self.home = home
+        self.home = aircraft.frame.origin
         self.rally: tuple[MissionItem, ...] = ()
-        self.position_ok = permissions.position_ok
+        self.flights = 0  # how often the motors were released
+        self.armed_t_ns = 0  # when last
+        self.position_ok = guard.position_ok
         # What modes need; each pilot adds what its own mode does.
         self.needs: dict[Need, Callable[[], bool]] = {
             Need.ARMED: lambda: aircraft.armed,
             Need.ON_GROUND: lambda: aircraft.on_ground,
             Need.AIRBORNE: lambda: not aircraft.on_ground,
             Need.MISSION: lambda: bool(self.mission.items),
-            Need.POSITION: permissions.position_ok,
+            Need.POSITION: guard.position_ok,
         }
-        self.motors = Motors(aircraft, reporter)
         self.frame = aircraft.frame
+        self.navigator = Navigator(aircraft, parameters)
+        self.mission = Mission()
         self._aircraft = aircraft
         self._parameters = parameters
         self._report = reporter
+        self._guard = guard
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
-        self._permissions = permissions
-        self.navigator = Navigator(aircraft, parameters)
-        self._mission_flight = MissionFlight(self.navigator, reporter)
-        self.mission = self._mission_flight.mission
+        self._last_stage: route.Stage | None = None  # that ended the mission by itself
         self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
         self._settling = True
+        self._released = False  # the motors, by an order; a crash stops them without one
         self._wrecked = False
 
     # --- what is going on -----------------------------------------------------------------------
@@ -94,15 +89,19 @@ class Flight:
         return self._aircraft.armed and not self._aircraft.on_ground
 
     @property
-    def landed_state(self) -> LandedState:
-        """Whether the aircraft is on the ground, climbing from it, sinking to it, or in the air."""
+    def landed_state(self) -> int:
+        """MAV_LANDED_STATE: on the ground, climbing from it, sinking to it, or in the air."""
         if self._aircraft.crashed:
-            return LandedState.UNDEFINED  # down, but whoever waits for a landing has not got one
+            return (
+                mav.MAV_LANDED_STATE_UNDEFINED
+            )  # down, but whoever waits for a landing has not got one
         if self._aircraft.on_ground:
-            return LandedState.ON_GROUND
+            return mav.MAV_LANDED_STATE_ON_GROUND
         if self.mode is Mode.TAKEOFF:
-            return LandedState.TAKEOFF
-        return LandedState.LANDING if self.mode is Mode.LAND else LandedState.IN_AIR
+            return mav.MAV_LANDED_STATE_TAKEOFF
+        return (
+            mav.MAV_LANDED_STATE_LANDING if self.mode is Mode.LAND else mav.MAV_LANDED_STATE_IN_AIR
+        )
 
     @property
     def home_ned_m(self) -> Vector:
@@ -111,7 +110,7 @@ class Flight:
 
     def forbidden(self, places_ned_m: Vector) -> str:
         """How places, (3,) or (n, 3), may not be; empty if they may."""
-        return self._permissions.forbidden(places_ned_m, home_ned_m=self.home_ned_m)
+        return self._guard.forbidden(places_ned_m, home_ned_m=self.home_ned_m)
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
@@ -121,7 +120,7 @@ class Flight:
             return "flight was terminated"
         if self._settling:
             return _STARTING
-        return self._permissions.arming_denied()
+        return self._guard.arming_denied()
 
     def here(self) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
@@ -174,9 +173,14 @@ class Flight:
         """Release the motors."""
         if self._aircraft.armed:
             return None
-        if not (reason := self.not_ready()):
-            self.motors.release()
-        return reason or None
+        if reason := self.not_ready():
+            return reason
+        self._aircraft.arm()
+        self._released = True
+        self.flights += 1
+        self.armed_t_ns = self._aircraft.t_ns
+        self._report.armed(True)
+        return None
 
     def disarm(self, *, force: bool = False) -> str | None:
         """Stop the motors; in the air only by force, which ends the flight."""
@@ -201,7 +205,9 @@ class Flight:
         impact_mps = self._aircraft.impact_mps
         if impact_mps is not None and not self._wrecked:
             self._wrecked = True
-            self._report.say(Severity.CRITICAL, f"Crashed: hit the ground at {impact_mps:.1f} m/s")
+            self._report.say(
+                mav.MAV_SEVERITY_CRITICAL, f"Crashed: hit the ground at {impact_mps:.1f} m/s"
+            )
             self._settling = False
             self._stop_motors()
             self._enter(Mode.TERMINATED, "crashed", None)
@@ -244,7 +250,8 @@ class Flight:
             if self.moving:
                 return "Mission is being flown: hold before a new one"
             self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
-        self._mission_flight.replace(items)
+        self.mission.replace(items)
+        self._report.mission_changed()
         return None
 
     def rewind_mission(self, seq: int) -> str | None:
@@ -324,7 +331,7 @@ class Flight:
             if not self.needs[need]():
                 return need.value
         lifts = trigger in _LIFTS and not self.airborne
-        if lifts and (denied := self._permissions.arming_denied()):
+        if lifts and (denied := self._guard.arming_denied()):
             return denied  # what keeps it from being armed may have come since it was
         if row.target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()
@@ -348,9 +355,11 @@ class Flight:
         if self._settling:
             self._settling = False
             if self._aircraft.ready:
-                self._report.say(Severity.INFO, "Ready for takeoff")
+                self._report.say(mav.MAV_SEVERITY_INFO, "Ready for takeoff")
             else:
-                self._report.say(Severity.ERROR, f"Not ready: {self._aircraft.why_not_ready}")
+                self._report.say(
+                    mav.MAV_SEVERITY_ERROR, f"Not ready: {self._aircraft.why_not_ready}"
+                )
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
@@ -365,9 +374,11 @@ class Flight:
             self._enter(row.target, Trigger.DONE.value, None)
 
     def _mission_ended(self) -> None:
-        last = self._mission_flight.finish()
+        last = self._last_stage
         if isinstance(last, route.Loiter):
             return  # stays in the mission, at an item without end
+        self.mission.finish()
+        self._report.mission_changed()
         if isinstance(last, route.GoHome) and self.return_home("mission") is None:
             return
         if isinstance(last, route.Land):
@@ -380,7 +391,10 @@ class Flight:
         self._done()
 
     def _stop_motors(self) -> None:
-        if self.motors.stop():
+        if self._released:
+            self._released = False
+            self._aircraft.disarm()
+            self._report.armed(False)
             self._ordered_speed_mps = None
 
     def _go(self, goal: _Goal) -> do.Manoeuvre:
@@ -393,24 +407,39 @@ class Flight:
 
     def _return(self) -> do.Manoeuvre:
         here = self.here()
-        goal = refuge(here, self.rally, home=self.home, frame=self.frame, forbidden=self.forbidden)
-        self._report.say(Severity.INFO, f"Returning to {goal.name}")
-        return self.navigator.return_to(
-            here,
-            goal.pos_ned_m,
-            home_down_m=float(self.home_ned_m[2]),
-            speed_mps=self._ordered_speed_mps,
+        name, goal = self.navigator.refuge(
+            here, self.rally, home=self.home, forbidden=self.forbidden
         )
+        self._report.say(mav.MAV_SEVERITY_INFO, f"Returning to {name}")
+        home_down_m, speed_mps = float(self.home_ned_m[2]), self._ordered_speed_mps
+        return self.navigator.return_to(here, goal, home_down_m=home_down_m, speed_mps=speed_mps)
 
     def _land_here(self) -> do.Manoeuvre:
         return self.navigator.land(
             self.here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
         )
 
-    def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
-        return self._mission_flight.fly(stages, ground_down_m=float(self.home_ned_m[2]))
-
     def _stages(self) -> tuple[route.Stage, ...]:
-        return self._mission_flight.stages(
-            self.here(), home=self.home, speed_mps=self._ordered_speed_mps
+        """What is left of the mission from here on."""
+        return self.navigator.stages(
+            self.mission, self.here(), home=self.home, speed_mps=self._ordered_speed_mps
         )
+
+    def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
+        """Begin the stages of the mission, or go on with them."""
+        self.mission.start()
+        self._last_stage = None
+        self._report.mission_changed()
+        return self.navigator.fly(
+            stages,
+            reached=self._reached,
+            ended=self._ended_by,
+            ground_down_m=float(self.home_ned_m[2]),
+        )
+
+    def _ended_by(self, stage: route.Stage) -> None:
+        self._last_stage = stage
+
+    def _reached(self, seq: int) -> None:
+        self.mission.reached(seq)
+        self._report.reached(seq, place=self.mission.items[seq].command in NAVIGATION)

@@ -3,17 +3,18 @@
 from collections.abc import Mapping
 from itertools import islice
 
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import flown_order, repeats
 from sitl.autopilot.protocol.item_rules import NAVIGATION
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import Command, MissionState
 
 
 class Mission:
     """Items and progress. What MISSION_CURRENT says is computed, never stored."""
 
     def __init__(self) -> None:
-        self.items: tuple[m.MissionItem, ...] = ()
+        self.items: tuple[MissionItem, ...] = ()
         self.current = 0
         self.complete = False
         self.item_speed_mps: float | None = None  # of the last DO_CHANGE_SPEED carried out
@@ -21,7 +22,7 @@ class Mission:
         self._next = 0  # in the order in which they are flown; `current` is where it leads
         self._jumps_left: dict[int, int] = {}
 
-    def replace(self, items: tuple[m.MissionItem, ...]) -> None:
+    def replace(self, items: tuple[MissionItem, ...]) -> None:
         """Another mission, to be flown from its beginning."""
         self.items = items
         self.rewind(0)
@@ -69,23 +70,26 @@ class Mission:
         self.complete = True
         self.current = max(len(self.items) - 1, 0)
 
-    def message(self, *, in_mission_mode: bool) -> m.MissionCurrent:
+    def message(self, *, in_mission_mode: bool) -> mav.MAVLink_message:
         """MISSION_CURRENT as things stand."""
-        return m.MissionCurrent(
-            self.current, len(self.items), self._state(in_mission_mode), in_mission_mode
+        return mav.MAVLink_mission_current_message(
+            self.current,
+            len(self.items),
+            self._state(in_mission_mode),
+            1 if in_mission_mode else 2,
         )
 
-    def _state(self, in_mission_mode: bool) -> MissionState:
+    def _state(self, in_mission_mode: bool) -> int:
         if not self.items:
-            return MissionState.NO_MISSION
+            return mav.MISSION_STATE_NO_MISSION
         if self.complete:
-            return MissionState.COMPLETE
+            return mav.MISSION_STATE_COMPLETE
         if in_mission_mode:
-            return MissionState.ACTIVE
-        return MissionState.PAUSED if self._started else MissionState.NOT_STARTED
+            return mav.MISSION_STATE_ACTIVE
+        return mav.MISSION_STATE_PAUSED if self._started else mav.MISSION_STATE_NOT_STARTED
 
-    def _note_speed(self, item: m.MissionItem) -> None:
-        if item.command == Command.DO_CHANGE_SPEED:
+    def _note_speed(self, item: MissionItem) -> None:
+        if item.command == mav.MAV_CMD_DO_CHANGE_SPEED:
             speed = item.params[1]
             if speed == -2.0:
                 self.item_speed_mps = None

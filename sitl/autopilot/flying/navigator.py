@@ -10,6 +10,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
@@ -94,6 +95,27 @@ class Navigator:
         above_start = np.array([start[0], start[1], down])
         above_goal = np.array([goal[0], goal[1], down])
         return self._follow([start, above_start, above_goal], self._speed(speed_mps))
+
+    def refuge(
+        self,
+        here: Vector,
+        rally: Sequence[MissionItem],
+        *,
+        home: GeodeticPoint,
+        forbidden: Callable[[Vector], str],
+    ) -> tuple[str, Vector]:
+        """Where a return leads, by name and in NED: home, or a rally point that is closer.
+
+        Rally points that are `forbidden` are none. Home is always one.
+        """
+        frame = self._aircraft.frame
+        name, found = "home", frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
+        for item in rally:
+            place = frame.to_ned(item.x, item.y, route.item_altitude(item, home))
+            closer = np.hypot(*(here - place)[:2]) < np.hypot(*(here - found)[:2])
+            if closer and not forbidden(place):
+                name, found = f"rally point {item.seq}", place
+        return name, found
 
     def land(self, start: Vector, *, ground_down_m: float, sure: bool = True) -> do.Manoeuvre:
         """Straight down until on the ground; keeping the position where that is `sure`."""

@@ -5,18 +5,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.pursuit import Target
 from flightdyn.state import Vector
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Trigger
-from sitl.autopilot.protocol.commands import Answer, Refusal
-from sitl.autopilot.values import ranges
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, OrbitYaw, Result
-from sitl.autopilot.values.messages import CommandOrder
+from sitl.autopilot.protocol.commands import (
+    Commands,
+    RefusedError,
+    demand,
+    demand_global,
+    demand_within,
+)
 
 _DEFAULT_RADIUS_M, _DEFAULT_SPEED_MPS = 10.0, 2.0
 _INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
@@ -30,7 +36,7 @@ class Orbit:
     center_ned_m: tuple[float, float, float]
     radius_m: float
     speed_mps: float
-    yaw: OrbitYaw
+    yaw: int  # ORBIT_YAW_BEHAVIOUR
 
     def point(self, phase_rad: float) -> Vector:
         """On the circle, in the direction `phase_rad` from its middle."""
@@ -70,11 +76,11 @@ class Circle(do.Manoeuvre):
 
     def _yaw(self) -> float:
         match self._orbit.yaw:
-            case OrbitYaw.FRONT_TO_CENTER:
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER:
                 return self._phase + math.pi
-            case OrbitYaw.INITIAL_HEADING:
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING:
                 return self._heading
-            case OrbitYaw.TANGENT:
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE:
                 return self._phase + math.copysign(math.pi / 2, self._orbit.speed_mps)
             case _:
                 return math.nan
@@ -93,56 +99,45 @@ class Orbits:
         """The circle being flown."""
         return self._orbit if self._flight.mode is Mode.ORBIT else None
 
-    def command(self, order: CommandOrder, _now: float) -> Answer:
-        """Fly round a place, or round another one."""
-        orbit = self._asked(order)
-        if isinstance(orbit, Refusal):
-            return orbit
-        if far := self._flight.navigator.too_far(np.array(orbit.center_ned_m)):
-            return Refusal(Result.DENIED, f"the orbit is {far}")
-        circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
-        if forbidden := self._flight.forbidden(circle):
-            return Refusal(Result.DENIED, f"the orbit leads {forbidden}")
-        if orbit == self.current:
-            return None
-        reason = self._flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit))
-        if reason is not None:
-            return Refusal(Result.TEMPORARILY_REJECTED, reason)
-        self._orbit = orbit
-        return None
+    def commands(self) -> Commands:
+        """Who answers which command."""
+        return {mav.MAV_CMD_DO_ORBIT: self._command}
 
-    def _asked(self, order: CommandOrder) -> Orbit | Refusal:
+    def _command(self, order: CommandOrder) -> None:
+        orbit, flight = self._asked(order), self._flight
+        if far := flight.navigator.too_far(np.array(orbit.center_ned_m)):
+            raise RefusedError(f"the orbit is {far}")
+        circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
+        if forbidden := flight.forbidden(circle):
+            raise RefusedError(f"the orbit leads {forbidden}")
+        if orbit != self.current:
+            demand(flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit)))
+            self._orbit = orbit
+
+    def _asked(self, order: CommandOrder) -> Orbit:
+        demand_global(order)
         radius, speed, yaw, _, lat_deg, lon_deg, z = order.params
-        if order.frame is not None and order.frame not in GLOBAL_FRAMES:
-            return Refusal(Result.DENIED, f"frame {order.frame} is not a global one")
         radius = _DEFAULT_RADIUS_M if math.isnan(radius) else radius
         speed = _DEFAULT_SPEED_MPS if math.isnan(speed) else speed
-        if abs(radius) not in ranges.ORBIT_RADIUS:
-            return Refusal(Result.DENIED, f"radius {radius:g} m: {ranges.ORBIT_RADIUS}")
-        if abs(speed) not in ranges.ORBIT_SPEED:
-            return Refusal(Result.DENIED, f"speed {speed:g} m/s: {ranges.ORBIT_SPEED}")
-        if not (math.isnan(yaw) or yaw in OrbitYaw.__members__.values()):
-            return Refusal(Result.DENIED, f"yaw behaviour {yaw:g}, 0 to 5 are allowed")
-        here = self._aircraft.belief.pos_ned_m
-        center = [float(here[0]), float(here[1]), float(here[2])]
+        yaw = 0.0 if math.isnan(yaw) else yaw
+        demand_within("radius", abs(radius), ranges.ORBIT_RADIUS)
+        demand_within("speed", abs(speed), ranges.ORBIT_SPEED)
+        if not ranges.whole(yaw, ranges.ORBIT_YAW):
+            raise RefusedError(f"yaw behaviour {yaw:g}, {ranges.ORBIT_YAW} are allowed")
+        north, east, down = map(float, self._aircraft.belief.pos_ned_m)
         frame = self._flight.frame
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):
             if not (lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE):
-                return Refusal(Result.DENIED, f"no such place: {lat_deg:g}, {lon_deg:g}")
-            center[:2] = map(float, frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m)[:2])
-        if not (math.isnan(z) or z in ranges.ALTITUDE):
-            return Refusal(Result.DENIED, f"altitude {z:g} m: {ranges.ALTITUDE}")
+                raise RefusedError(f"no such place: {lat_deg:g}, {lon_deg:g}")
+            north, east, _ = map(float, frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m))
         if not math.isnan(z):
             # Above mean sea level in every frame, as PX4 has it: MAVSDK names a relative one.
-            center[2] = frame.origin.alt_msl_m - z
+            demand_within("altitude", z, ranges.ALTITUDE)
+            down = frame.origin.alt_msl_m - z
         # The sign of the radius is the direction; a speed that would press too hard is lowered.
         fastest = math.sqrt(_INWARDS_MPS2 * abs(radius))
-        return Orbit(
-            (center[0], center[1], center[2]),
-            abs(radius),
-            math.copysign(min(abs(speed), fastest), radius * (speed or 1.0)),
-            OrbitYaw.FRONT_TO_CENTER if math.isnan(yaw) else OrbitYaw(int(yaw)),
-        )
+        speed_mps = math.copysign(min(abs(speed), fastest), radius * (speed or 1.0))
+        return Orbit((north, east, down), abs(radius), speed_mps, int(yaw))
 
     def _fly(self, orbit: Orbit) -> do.Manoeuvre:
         def parts() -> Iterator[do.Manoeuvre]:

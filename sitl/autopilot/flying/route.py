@@ -11,18 +11,18 @@ from dataclasses import dataclass, field
 from typing import Self, TypeAlias
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import RELATIVE_FRAMES, MissionItem
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.autopilot.values import ranges
-from sitl.autopilot.values.enums import RELATIVE_FRAMES, Command
-from sitl.autopilot.values.messages import MissionItem
 
-_JUMPS = frozenset({Command.DO_JUMP})
-_ENDS = frozenset({Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LOITER_UNLIM})
+_JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
+_ENDS = frozenset({mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM})
 MAX_STEPS = 10_000  # items carried out, jumps included
 MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 
@@ -162,31 +162,31 @@ class _Compiler:
     def add(self, item: MissionItem) -> None:
         """Carry out one item after those added before."""
         match item.command:
-            case Command.NAV_WAYPOINT:
+            case mav.MAV_CMD_NAV_WAYPOINT:
                 self._go(self._place(item), item.seq, acceptance_m=item.params[1])
                 if item.params[0] > 0:
                     self._then(Wait(item.params[0], item.seq, reports=False))
-            case Command.NAV_LOITER_TIME:
+            case mav.MAV_CMD_NAV_LOITER_TIME:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
                 self._then(Wait(max(item.params[0], 0.0), item.seq, reports=True))
-            case Command.NAV_LOITER_UNLIM:
+            case mav.MAV_CMD_NAV_LOITER_UNLIM:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan)
                 self._then(Loiter(item.seq))
-            case Command.NAV_TAKEOFF:
+            case mav.MAV_CMD_NAV_TAKEOFF:
                 self._takeoff(item)
-            case Command.NAV_LAND:
+            case mav.MAV_CMD_NAV_LAND:
                 place = self._place(item)
                 above = np.array([place[0], place[1], min(self._here[2], place[2])])
                 self._go(above, item.seq, acceptance_m=math.nan, report=False)
                 self._then(Land(item.seq))
-            case Command.NAV_RETURN_TO_LAUNCH:
+            case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
                 self._then(GoHome(item.seq))
-            case Command.NAV_DELAY | Command.CONDITION_DELAY:
+            case mav.MAV_CMD_NAV_DELAY | mav.MAV_CMD_CONDITION_DELAY:
                 self._then(Wait(item.params[0], item.seq, reports=True))
-            case Command.CONDITION_YAW:
+            case mav.MAV_CMD_CONDITION_YAW:
                 yaw_rad, relative = turn_of(item.params)
                 self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
-            case Command.DO_CHANGE_SPEED:
+            case mav.MAV_CMD_DO_CHANGE_SPEED:
                 self.change_speed(item.params[1])
                 self._leg.reached[-1].append(item.seq)
 

@@ -2,16 +2,16 @@
 
 import math
 
-import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple, wrap_pi
 from flightdyn.guidance.pursuit import Target
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import Handlers, Peer
+from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Trigger
 from sitl.autopilot.pilots.stream import Cockpit
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values import ranges
-from sitl.autopilot.values import setpoints as s
 
 _KEPT_S = 3.0  # wall time for which a target that has fallen silent is thought to go on
 _COURSE_MPS = 1.0  # slower than that a target has no course; its last one counts
@@ -24,35 +24,36 @@ class Follower:
 
     def __init__(self, cockpit: Cockpit) -> None:
         self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
-        self._parameters, self._clock = cockpit.parameters, cockpit.clock
+        self._parameters, self._cockpit = cockpit.parameters, cockpit
         self._heard_at = -math.inf
         self._pos: Triple = (0.0, 0.0, 0.0)
         self._vel: Triple = (0.0, 0.0, 0.0)
         self._course_rad = 0.0
 
-    def receive(self, body: m.Incoming) -> bool:
-        """Take a position of the target; False for what is none. An impossible one is dropped."""
-        if not isinstance(body, s.FollowTarget):
-            return False
-        vel = tuple(0.0 if math.isnan(part) else part for part in body.vel_mps)
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {mav.MAVLink_follow_target_message: self._receive}
+
+    def _receive(self, _peer: Peer, msg: mav.MAVLink_follow_target_message, _now: float) -> None:
+        """Take a position of the target; an impossible one is dropped."""
+        lat_deg, lon_deg = from_deg_e7(msg.lat), from_deg_e7(msg.lon)
+        vx, vy, vz = (0.0 if math.isnan(part) else part for part in msg.vel)
         possible = (
-            body.lat_deg in ranges.LATITUDE
-            and body.lon_deg in ranges.LONGITUDE
-            and body.alt_msl_m in ranges.ALTITUDE
-            and all(part in ranges.VELOCITY for part in vel)
+            lat_deg in ranges.LATITUDE
+            and lon_deg in ranges.LONGITUDE
+            and msg.alt in ranges.ALTITUDE
+            and all(part in ranges.VELOCITY for part in (vx, vy, vz))
         )
         if not possible:
-            return True
-        place = self._flight.frame.to_ned(body.lat_deg, body.lon_deg, body.alt_msl_m)
-        if np.hypot(place[0], place[1]) not in ranges.AWAY:
-            return True
-        self._heard_at = self._clock.now
-        self._pos = (float(place[0]), float(place[1]), float(place[2]))
-        self._vel = (vel[0], vel[1], vel[2])
-        if math.hypot(vel[0], vel[1]) > _COURSE_MPS:
-            turn = wrap_pi(math.atan2(vel[1], vel[0]) - self._course_rad)
+            return
+        x, y, z = map(float, self._flight.frame.to_ned(lat_deg, lon_deg, msg.alt))
+        if math.hypot(x, y) not in ranges.AWAY:
+            return
+        self._heard_at = self._cockpit.now
+        self._pos, self._vel = (x, y, z), (vx, vy, vz)
+        if math.hypot(vx, vy) > _COURSE_MPS:
+            turn = wrap_pi(math.atan2(vy, vx) - self._course_rad)
             self._course_rad += (1 - self._parameters["FLW_TGT_RS"]) * turn
-        return True
 
     def enter(self) -> str | None:
         """Follow from now on; until there is a target the vehicle stays where it is."""
@@ -70,7 +71,7 @@ class Follower:
         )
 
     def _fly(self) -> None:
-        age_s = self._clock.now - self._heard_at
+        age_s = self._cockpit.now - self._heard_at
         if age_s > _KEPT_S:
             self._aircraft.pursue(Target())
             return

@@ -5,21 +5,29 @@ The rules are PX4's: the mode is granted while setpoints stream in, and their lo
 """
 
 import math
+from typing import TypeAlias
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
 from flightdyn.guidance.pursuit import OPEN, Target
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, Handlers, Peer
+from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
-from sitl.autopilot.reporter import Reporter
 from sitl.autopilot.safety.failsafe import Cause
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values import ranges
-from sitl.autopilot.values import setpoints as s
-from sitl.autopilot.values.enums import GLOBAL_FRAMES, RELATIVE_FRAMES, Frame, Severity
+
+_LocalTarget: TypeAlias = mav.MAVLink_set_position_target_local_ned_message
+_GlobalTarget: TypeAlias = mav.MAVLink_set_position_target_global_int_message
+_AttitudeTarget: TypeAlias = mav.MAVLink_set_attitude_target_message
+# Bits of the type masks of positions and attitudes that say what to ignore.
+_POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6  # the first of three
+_FORCE, _YAW, _YAW_RATE = 1 << 9, 1 << 10, 1 << 11
+_NO_THRUST, _NO_ATTITUDE = 1 << 6, 1 << 7
 
 
 class _InvalidError(Exception):
@@ -29,33 +37,39 @@ class _InvalidError(Exception):
 class Offboard(StreamPilot):
     """Takes setpoints, and flies by them in the mode OFFBOARD."""
 
-    def __init__(self, cockpit: Cockpit, reporter: Reporter) -> None:
+    def __init__(self, cockpit: Cockpit) -> None:
         parameters, cause = cockpit.parameters, Cause.SETPOINTS_LOST
         super().__init__(
             cockpit, {Mode.OFFBOARD}, cause, patience_s=lambda: parameters["COM_OF_LOSS_T"]
         )
-        self._report = reporter
+        self._report = cockpit.reporter
         self._order: Target | AttitudeOrder = Target()
         self._complaint = ""
         self._flight.needs[Need.SETPOINTS] = self._flyable
 
-    def receive(self, body: m.Incoming) -> bool:
-        """Take a setpoint; False for what is none."""
-        if not isinstance(body, s.PositionTarget | s.AttitudeTarget):
-            return False
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {
+            _LocalTarget: self._receive,
+            _GlobalTarget: self._receive,
+            _AttitudeTarget: self._receive,
+        }
+
+    def _receive(
+        self, _peer: Peer, msg: _LocalTarget | _GlobalTarget | _AttitudeTarget, _now: float
+    ) -> None:
         try:
-            if isinstance(body, s.PositionTarget):
-                self._order = self._target(body)
+            if isinstance(msg, _AttitudeTarget):
+                self._order = _attitude_order(msg)
             else:
-                self._order = _attitude_order(body)
+                self._order = self._target(msg)
         except _InvalidError as error:
             self._complain(f"Setpoint refused: {error}")
-            return True
+            return
         self._complaint = ""
         self._heard()
         if self._flies:
             self._fly()
-        return True
 
     def enter(self) -> str | None:
         """Fly by setpoints from now on; the reason if that cannot be."""
@@ -81,29 +95,41 @@ class Offboard(StreamPilot):
         """Once, not at every setpoint of a stream."""
         if text != self._complaint:
             self._complaint = text
-            self._report.say(Severity.ERROR, text)
+            self._report.say(mav.MAV_SEVERITY_ERROR, text)
 
-    def _target(self, body: s.PositionTarget) -> Target:
-        _check(body)
-        vel, acc, pos = body.vel_mps, body.acc_mps2, body.place
-        if body.frame in GLOBAL_FRAMES:
-            pos = self._local(body)
-        elif body.frame == Frame.BODY_NED:
+    def _target(self, msg: _LocalTarget | _GlobalTarget) -> Target:
+        mask, frame = msg.type_mask, msg.coordinate_frame
+        if mask & _FORCE:
+            raise _InvalidError("force is not supported")
+        if isinstance(msg, _GlobalTarget):
+            place = (from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt)
+        else:
+            place = (msg.x, msg.y, msg.z)
+        globe = (ranges.LATITUDE, ranges.LONGITUDE, ranges.ALTITUDE)
+        allowed = globe if frame in GLOBAL_FRAMES else (ranges.AWAY,)
+        pos = _three("position", place, mask >> _POSITION, *allowed)
+        vel = _three("velocity", (msg.vx, msg.vy, msg.vz), mask >> _VELOCITY, ranges.VELOCITY)
+        force = (msg.afx, msg.afy, msg.afz)
+        acc = _three("acceleration", force, mask >> _ACCELERATION, ranges.ACCELERATION)
+        yaw = _number("yaw", msg.yaw, mask & _YAW, ranges.HEADING)
+        yaw_rate = _number("yaw rate", msg.yaw_rate, mask & _YAW_RATE, ranges.SPIN)
+        if frame in GLOBAL_FRAMES:
+            pos = self._local(pos, frame)
+        elif frame == mav.MAV_FRAME_BODY_NED:
             pos = OPEN
-            yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
-            vel, acc = _turned(vel, yaw), _turned(acc, yaw)
-        elif body.frame != Frame.LOCAL_NED:
-            raise _InvalidError(f"frame {body.frame}; 0, 1, 3, 5, 6 and 8 are supported")
+            nose = yaw_of(self._aircraft.belief.q_frd_to_ned)
+            vel, acc = _turned(vel, nose), _turned(acc, nose)
+        elif frame != mav.MAV_FRAME_LOCAL_NED:
+            raise _InvalidError(f"frame {frame}; 0, 1, 3, 5, 6 and 8 are supported")
         if all(map(math.isnan, (*pos, *vel, *acc))):
             raise _InvalidError("neither position nor velocity nor acceleration")
-        limits = self._flight.navigator.speed_limits
-        return Target(pos, vel, acc, body.yaw_rad, body.yaw_rate_radps, *limits)
+        return Target(pos, vel, acc, yaw, yaw_rate, *self._flight.navigator.speed_limits)
 
-    def _local(self, body: s.PositionTarget) -> Triple:
-        lat_deg, lon_deg, altitude = body.place
+    def _local(self, place: Triple, frame: int) -> Triple:
+        lat_deg, lon_deg, altitude = place
         if math.isnan(lat_deg) or math.isnan(lon_deg) or math.isnan(altitude):
             return OPEN  # PX4: all of a global position, or nothing
-        if body.frame in RELATIVE_FRAMES:
+        if frame in RELATIVE_FRAMES:
             altitude += self._flight.home.alt_msl_m
         north, east, down = self._flight.frame.to_ned(lat_deg, lon_deg, altitude)
         if math.hypot(north, east) not in ranges.AWAY:
@@ -111,40 +137,38 @@ class Offboard(StreamPilot):
         return float(north), float(east), float(down)
 
 
-def _check(body: s.PositionTarget) -> None:
-    """Everything that is given is finite and physically possible."""
-    if body.force:
-        raise _InvalidError("force is not supported")
-    place = (ranges.AWAY,) * 3
-    if body.frame in GLOBAL_FRAMES:
-        place = (ranges.LATITUDE, ranges.LONGITUDE, ranges.ALTITUDE)
-    for what, values, within in (
-        ("position", body.place, place),
-        ("velocity", body.vel_mps, (ranges.VELOCITY,) * 3),
-        ("acceleration", body.acc_mps2, (ranges.ACCELERATION,) * 3),
-        ("yaw", (body.yaw_rad,), (ranges.HEADING,)),
-        ("yaw rate", (body.yaw_rate_radps,), (ranges.SPIN,)),
-    ):
-        for value, allowed in zip(values, within, strict=True):
-            if not (math.isnan(value) or value in allowed):
-                raise _InvalidError(f"{what} {value:g}: {allowed}")
+def _number(what: str, value: float, ignored: int, allowed: ranges.Range) -> float:
+    """A number of a setpoint: open (NaN), or in range."""
+    if ignored or math.isnan(value):
+        return math.nan
+    if value not in allowed:
+        raise _InvalidError(f"{what} {value:g}: {allowed}")
+    return value
 
 
-def _attitude_order(body: s.AttitudeTarget) -> AttitudeOrder:
+def _three(what: str, values: Triple, mask: int, *allowed: ranges.Range) -> Triple:
+    """Three numbers, each ignored where its bit of the mask, from the first on, is set."""
+    numbers = zip(values, allowed * (3 // len(allowed)), strict=True)
+    x, y, z = (_number(what, value, mask >> i & 1, r) for i, (value, r) in enumerate(numbers))
+    return x, y, z
+
+
+def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
     """Raises _InvalidError."""
-    if body.thrust not in ranges.THRUST:
-        raise _InvalidError(f"thrust {body.thrust:g}: {ranges.THRUST}")
-    if not all(math.isnan(rate) or rate in ranges.SPIN for rate in body.rates_radps):
-        raise _InvalidError(f"body rates {body.rates_radps}: {ranges.SPIN}")
-    roll, pitch, yaw = body.rates_radps
+    mask = msg.type_mask
+    thrust = math.nan if mask & _NO_THRUST else msg.thrust
+    if thrust not in ranges.THRUST:
+        raise _InvalidError(f"thrust {thrust:g}: {ranges.THRUST}")
+    rates = (msg.body_roll_rate, msg.body_pitch_rate, msg.body_yaw_rate)
+    roll, pitch, yaw = _three("body rate", rates, mask, ranges.SPIN)
     spin = 0.0 if math.isnan(yaw) else yaw
     # The rotors' thrust grows with the square of their speed, which is what `thrust` is a share of.
-    collective = body.thrust**2
-    if body.q_frd_to_ned is None:
+    collective = thrust**2
+    if mask & _NO_ATTITUDE:
         if math.isnan(roll) or math.isnan(pitch):
             raise _InvalidError("neither attitude nor body rates")
         return AttitudeOrder(None, (roll, pitch, spin), collective)
-    q = np.array(body.q_frd_to_ned)
+    q = np.array(msg.q)
     norm = float(np.linalg.norm(q))
     if not 0.9 < norm < 1.1:
         raise _InvalidError(f"attitude: a quaternion of length {norm:g}")

@@ -6,16 +6,18 @@ NAV_RCL_ACT).
 
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import quaternion_from_euler, wrap_pi, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
 from flightdyn.guidance.pursuit import Target
+from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 from sitl.autopilot.safety.failsafe import Cause
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values import setpoints as s
 
 _MIDDLE_US, _HALF_US = 1500, 500
 _DEADZONE = 0.1  # of the throttle's middle, and of sticks that hold a position
@@ -28,29 +30,40 @@ _ORDERS: Mapping[Mode, Trigger] = {
 }
 
 
+class Position(NamedTuple):
+    """Where the sticks are, from -1 to 1 each; a throttle of 0 is in the middle."""
+
+    pitch: float = 0.0
+    roll: float = 0.0
+    throttle: float = 0.0
+    yaw: float = 0.0
+
+
 class Sticks(StreamPilot):
     """Takes the position of the sticks, and flies by it in the modes for that."""
 
     def __init__(self, cockpit: Cockpit) -> None:
         parameters, cause = cockpit.parameters, Cause.STICKS_LOST
         super().__init__(cockpit, _ORDERS, cause, patience_s=lambda: parameters["COM_RC_LOSS_T"])
-        self._at = s.ManualControl(0.0, 0.0, 0.0, 0.0)
-        self._channels_us = [0] * 8
+        self._at = Position()
+        self._channels_us = [0] * 4  # 0: let go of
         self._yaw_rad = 0.0  # wanted
         self._flight.needs[Need.STICKS] = lambda: self._alive
 
-    def receive(self, body: m.Incoming) -> bool:
-        """Take a position of the sticks; False for what is none."""
-        match body:
-            case s.ManualControl():
-                self._at = body
-            case s.RcOverride(channels_us):
-                if not self._override(channels_us):
-                    return True
-            case _:
-                return False
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {
+            mav.MAVLink_manual_control_message: self._manual_control,
+            mav.MAVLink_rc_channels_override_message: self._override,
+        }
+
+    def _manual_control(
+        self, _peer: Peer, msg: mav.MAVLink_manual_control_message, _now: float
+    ) -> None:
+        # The throttle from 0 to 1000, as PX4 takes it.
+        throttle = msg.z / 500 - 1 if 0 <= msg.z <= 1000 else 0.0
+        self._at = Position(_stick(msg.x), _stick(msg.y), throttle, _stick(msg.r))
         self._heard()
-        return True
 
     def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
         """What enters each mode; the reason if that cannot be."""
@@ -62,19 +75,20 @@ class Sticks(StreamPilot):
             return None
         return self._flight.order(_ORDERS[mode], lambda: self._piloted(mode), why)
 
-    def _override(self, channels_us: tuple[int, ...]) -> bool:
-        """Take channels in the usual order: roll, pitch, throttle, yaw. False: all let go."""
-        for i, width in enumerate(channels_us):
-            if width != 65535:
+    def _override(
+        self, _peer: Peer, msg: mav.MAVLink_rc_channels_override_message, _now: float
+    ) -> None:
+        """Take channels in the usual order (us): roll, pitch, throttle, yaw."""
+        for i, width in enumerate((msg.chan1_raw, msg.chan2_raw, msg.chan3_raw, msg.chan4_raw)):
+            if width != 65535:  # else it stays as it is
                 self._channels_us[i] = width
-        if not any(self._channels_us[:4]):
-            return False
-        roll, pitch, throttle, yaw = (
-            0.0 if width == 0 else min(1.0, max(-1.0, (width - _MIDDLE_US) / _HALF_US))
-            for width in self._channels_us[:4]
-        )
-        self._at = s.ManualControl(pitch, roll, throttle, yaw)
-        return True
+        if any(self._channels_us):  # else all are let go
+            roll, pitch, throttle, yaw = (
+                0.0 if width == 0 else min(1.0, max(-1.0, (width - _MIDDLE_US) / _HALF_US))
+                for width in self._channels_us
+            )
+            self._at = Position(pitch, roll, throttle, yaw)
+            self._heard()
 
     def _piloted(self, mode: Mode) -> do.Manoeuvre:
         self._yaw_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
@@ -126,6 +140,11 @@ class Sticks(StreamPilot):
 
     def _yaw_rate(self) -> float:
         return _beyond_deadzone(self._at.yaw) * math.radians(self._parameters["MPC_MAN_Y_MAX"])
+
+
+def _stick(value: int) -> float:
+    """Thousandths; what is out of range (32767: no such axis) is a stick in the middle."""
+    return value / 1000 if abs(value) <= 1000 else 0.0
 
 
 def _beyond_deadzone(stick: float) -> float:

@@ -2,30 +2,25 @@
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.reporter import Reporter
 from sitl.autopilot.safety.failsafe import Cause, Failsafes
 
 
 @dataclass(slots=True)
-class WallClock:
-    """The wall time (s) that the autopilot was told last."""
-
-    now: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class Cockpit:
     """What whoever flies the vehicle from outside has at hand."""
 
     aircraft: Aircraft
     flight: Flight
     parameters: Parameters
-    clock: WallClock = field(default_factory=WallClock)
+    reporter: Reporter
+    now: float = 0.0  # wall time (s) that the autopilot was told last
 
 
 class StreamPilot:
@@ -41,14 +36,14 @@ class StreamPilot:
     ) -> None:
         self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
         self._parameters = cockpit.parameters
-        self._clock = cockpit.clock
+        self._cockpit = cockpit
         self._modes, self._cause, self._patience_s = modes, cause, patience_s
         self._heard_at = -math.inf
 
     @property
     def _alive(self) -> bool:
         """Whether it was heard a short while ago."""
-        return self._clock.now - self._heard_at < self._patience_s()
+        return self._cockpit.now - self._heard_at < self._patience_s()
 
     @property
     def _flies(self) -> bool:
@@ -56,15 +51,16 @@ class StreamPilot:
 
     def _heard(self) -> None:
         """Note that it was heard now."""
-        self._heard_at = self._clock.now
+        self._heard_at = self._cockpit.now
 
     def watch(self, failsafes: Failsafes) -> None:
         """Look for a loss; one that was acted on stays until the stream is back or nobody flies."""
         missed = self._flies or failsafes.acted(self._cause)
         lost = self._aircraft.armed and missed and not self._alive
-        silence_s = self._clock.now - self._heard_at
+        silence_s = self._cockpit.now - self._heard_at
         failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")
 
-    def due(self) -> float | None:
-        """When a loss will show; None where there is nothing to lose."""
-        return self._heard_at + self._patience_s() if self._flies and self._alive else None
+    def due(self) -> float:
+        """When a loss will show; infinite where there is nothing to lose."""
+        lose = self._flies and self._alive
+        return self._heard_at + self._patience_s() if lose else math.inf

@@ -3,39 +3,73 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-from sitl.autopilot.codec.names import command_name
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import (
+    GLOBAL_FRAMES,
+    CommandOrder,
+    Handlers,
+    Outbox,
+    Peer,
+    bare_name,
+    command_name,
+    read_order,
+)
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import Command, Result, Severity
 
 _RETRANSMISSION_S = 5.0  # a repeated command gets the first one's answer for so long
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Why a command is not carried out."""
+class RefusedError(Exception):
+    """A command that is not carried out; what it says is told, if anything."""
 
-    result: Result
-    reason: str = ""
-
-
-Answer: TypeAlias = Refusal | None  # None: accepted
-Handler: TypeAlias = Callable[[m.CommandOrder, float], Answer]
+    def __init__(self, reason: str = "", result: int = mav.MAV_RESULT_DENIED) -> None:
+        """`result`: the MAV_RESULT that the command is answered with."""
+        super().__init__(reason)
+        self.result = result
 
 
-_UNKNOWN = Refusal(Result.UNSUPPORTED, "this vehicle has nothing for that")
+class UnsupportedError(RefusedError):
+    """The vehicle cannot do what is asked for."""
+
+    def __init__(self, reason: str = "") -> None:
+        super().__init__(reason, mav.MAV_RESULT_UNSUPPORTED)
+
+
+# Carries out a command, or raises RefusedError; by MAV_CMD.
+Commands: TypeAlias = Mapping[int, Callable[[CommandOrder], None]]
+
+
+def demand(reason: str | None) -> None:
+    """Raise the reason why something cannot be now, if there is one."""
+    if reason:
+        raise RefusedError(reason, mav.MAV_RESULT_TEMPORARILY_REJECTED)
+
+
+def demand_within(what: str, value: float, allowed: ranges.Range) -> None:
+    """Refuse a number that lies outside of what is allowed."""
+    if value not in allowed:
+        number = f"{value:g} {allowed.unit}".rstrip()
+        raise RefusedError(f"{what} {number}: {allowed}")
+
+
+def demand_global(order: CommandOrder) -> None:
+    """Refuse coordinates that are none on the globe."""
+    if order.frame is not None and order.frame not in GLOBAL_FRAMES:
+        raise RefusedError(f"frame {order.frame} is not a global one")
 
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    peer: m.Peer
-    order: m.CommandOrder
-    result: Result
+    peer: Peer
+    order: CommandOrder
+    result: int
     at: float
 
-    def again(self, peer: m.Peer, order: m.CommandOrder, now: float) -> bool:
+    def again(self, peer: Peer, order: CommandOrder, now: float) -> bool:
         """Whether `order` is a retransmission of this one."""
         return (
             order.confirmation > 0
@@ -50,37 +84,58 @@ def _same(a: float, b: float) -> bool:
 
 
 class CommandServer:
-    """Carries out COMMAND_LONG and COMMAND_INT, by the handler of each command."""
+    """Carries out COMMAND_LONG and COMMAND_INT by one table of `commands`."""
 
-    def __init__(
-        self, outbox: m.Outbox, reporter: Reporter, handlers: Mapping[Command, Handler]
-    ) -> None:
+    def __init__(self, outbox: Outbox, reporter: Reporter, commands: Commands) -> None:
         self._outbox = outbox
         self._report = reporter
         self._last: _Done | None = None
-        self._handlers = {int(command): handler for command, handler in handlers.items()}
+        self._commands = commands
 
     @property
     def known(self) -> frozenset[int]:
         """The commands that are not answered UNSUPPORTED."""
-        return frozenset(self._handlers)
+        return frozenset(self._commands)
 
-    def receive(self, peer: m.Peer, order: m.CommandOrder, now: float) -> None:
-        """Carry out a command and answer it."""
-        last = self._last
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {
+            mav.MAVLink_command_long_message: self._receive,
+            mav.MAVLink_command_int_message: self._receive,
+        }
+
+    def give_up(self, peer: Peer, msg: Any) -> None:
+        """Handling `msg` has failed."""
+        self._answer(peer, msg.command, mav.MAV_RESULT_FAILED)
+
+    def _answer(self, peer: Peer, command: int, result: int) -> None:
+        self._outbox.append(
+            mav.MAVLink_command_ack_message(
+                command, result, target_system=peer.system, target_component=peer.component
+            )
+        )
+
+    def _receive(
+        self,
+        peer: Peer,
+        msg: mav.MAVLink_command_long_message | mav.MAVLink_command_int_message,
+        now: float,
+    ) -> None:
+        order, last = read_order(msg), self._last
         if last is not None and last.again(peer, order, now):
             # Our answer was late or lost: answer again, do nothing again.
-            self._answer(peer, order, last.result)
+            self._answer(peer, order.command, last.result)
             return
-        handler = self._handlers.get(order.command)
-        refusal = _UNKNOWN if handler is None else handler(order, now)
-        result = Result.ACCEPTED if refusal is None else refusal.result
+        command = self._commands.get(order.command)
+        result, reason = mav.MAV_RESULT_ACCEPTED, ""
+        try:
+            if command is None:
+                raise UnsupportedError("this vehicle has nothing for that")
+            command(order)
+        except RefusedError as refused:
+            result, reason = refused.result, str(refused)
         self._last = _Done(peer, order, result, now)
-        self._answer(peer, order, result)
-        if refusal is not None and refusal.reason:
-            known = order.command in self._handlers
-            name = Command(order.command).name if known else command_name(order.command)
-            self._report.say(Severity.WARNING, f"{name} refused: {refusal.reason}")
-
-    def _answer(self, peer: m.Peer, order: m.CommandOrder, result: Result) -> None:
-        self._outbox.append(m.Envelope(m.CommandAck(order.command, result), peer))
+        self._answer(peer, order.command, result)
+        if reason:
+            name = command_name if command is None else bare_name
+            self._report.say(mav.MAV_SEVERITY_WARNING, f"{name(order.command)} refused: {reason}")

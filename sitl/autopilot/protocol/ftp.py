@@ -4,16 +4,17 @@ https://mavlink.io/en/services/ftp.html. Nothing can be written; what is not the
 allowed, is answered by FTP's own errors.
 """
 
+import math
 import struct
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
-from sitl.autopilot.parameters import SPECS, Parameters
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import ParamType
-from sitl.autopilot.values.files import FtpMessage, LogFolder
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
+from sitl.autopilot.parameters import INT32, SPECS, Parameters
+from sitl.logfolder import LogFolder
 
 _HEADER = struct.Struct("<HBBBBBxI")  # number, session, opcode, size, asked, complete, offset
 _DATA = 239
@@ -24,46 +25,22 @@ _BURST_EVERY_S = 0.005
 _LOGS = ("/log", "/fs/microsd/log")  # where PX4 has them, on a file system of its own and not
 _PARAMETERS = "@PARAM/param.pck"
 _PACK_MAGIC = 0x671B
-_PACK_TYPES = {ParamType.INT32: (3, "<i"), ParamType.REAL32: (4, "<f")}
-
-
-class Op(IntEnum):
-    """FTP opcodes."""
-
-    NONE = 0
-    TERMINATE_SESSION = 1
-    RESET_SESSIONS = 2
-    LIST_DIRECTORY = 3
-    OPEN_FILE_RO = 4
-    READ_FILE = 5
-    CREATE_FILE = 6
-    WRITE_FILE = 7
-    REMOVE_FILE = 8
-    CREATE_DIRECTORY = 9
-    REMOVE_DIRECTORY = 10
-    OPEN_FILE_WO = 11
-    TRUNCATE_FILE = 12
-    RENAME = 13
-    CALC_FILE_CRC32 = 14
-    BURST_READ_FILE = 15
-    ACK = 128
-    NAK = 129
-
-
-class ErrorCode(IntEnum):
-    """Why a request is refused (MAV_FTP_ERR)."""
-
-    FAIL = 1
-    INVALID_DATA_SIZE = 3
-    INVALID_SESSION = 4
-    END_OF_FILE = 6
-    UNKNOWN_COMMAND = 7
-    FILE_PROTECTED = 9
-    FILE_NOT_FOUND = 10
+_PROTECTED = (  # requests to write
+    mav.MAV_FTP_OPCODE_CREATEFILE,
+    mav.MAV_FTP_OPCODE_WRITEFILE,
+    mav.MAV_FTP_OPCODE_REMOVEFILE,
+    mav.MAV_FTP_OPCODE_CREATEDIRECTORY,
+    mav.MAV_FTP_OPCODE_REMOVEDIRECTORY,
+    mav.MAV_FTP_OPCODE_OPENFILEWO,
+    mav.MAV_FTP_OPCODE_TRUNCATEFILE,
+    mav.MAV_FTP_OPCODE_RENAME,
+)
 
 
 class _RefusedError(Exception):
-    def __init__(self, code: ErrorCode) -> None:
+    """A request that cannot be granted; `code` is its MAV_FTP_ERR."""
+
+    def __init__(self, code: int) -> None:
         self.code = code
 
 
@@ -89,7 +66,7 @@ class _File:
 
 @dataclass(slots=True)
 class _Burst:
-    peer: m.Peer
+    peer: Peer
     number: int
     session: int
     offset: int
@@ -99,64 +76,54 @@ class _Burst:
 class FtpServer:
     """A few sessions; at most one of them in a burst."""
 
-    def __init__(self, outbox: m.Outbox, folder: LogFolder, parameters: Parameters) -> None:
+    def __init__(self, outbox: Outbox, folder: LogFolder, parameters: Parameters) -> None:
         self._outbox = outbox
         self._folder = folder
         self._parameters = parameters
         self._sessions: dict[int, _File] = {}  # the least recently used one first
         self._burst: _Burst | None = None
         self._next_burst = 0.0
-        self._last: tuple[m.Peer, bytes, bytes] | None = None  # request and answer
+        self._last: tuple[Peer, bytes, bytes] | None = None  # request and answer
         self._handlers: dict[int, Callable[[_Request], tuple[int, bytes]]] = {
-            Op.NONE: lambda r: (r.session, b""),
-            Op.TERMINATE_SESSION: self._terminate,
-            Op.RESET_SESSIONS: self._reset,
-            Op.LIST_DIRECTORY: self._list,
-            Op.OPEN_FILE_RO: self._open,
-            Op.READ_FILE: self._read,
-            Op.CALC_FILE_CRC32: self._checksum,
-            **dict.fromkeys(
-                (
-                    Op.CREATE_FILE,
-                    Op.WRITE_FILE,
-                    Op.REMOVE_FILE,
-                    Op.CREATE_DIRECTORY,
-                    Op.REMOVE_DIRECTORY,
-                    Op.OPEN_FILE_WO,
-                    Op.TRUNCATE_FILE,
-                    Op.RENAME,
-                ),
-                _protected,
-            ),
+            mav.MAV_FTP_OPCODE_NONE: lambda r: (r.session, b""),
+            mav.MAV_FTP_OPCODE_TERMINATESESSION: self._terminate,
+            mav.MAV_FTP_OPCODE_RESETSESSION: self._reset,
+            mav.MAV_FTP_OPCODE_LISTDIRECTORY: self._list,
+            mav.MAV_FTP_OPCODE_OPENFILERO: self._open,
+            mav.MAV_FTP_OPCODE_READFILE: self._read,
+            mav.MAV_FTP_OPCODE_CALCFILECRC: self._checksum,
+            **dict.fromkeys(_PROTECTED, _protected),
         }
 
-    def receive(self, peer: m.Peer, body: m.Incoming, now: float) -> bool:
-        """Handle a message of FTP; False for one that is none."""
-        if not isinstance(body, FtpMessage):
-            return False
-        last = self._last
-        if last is not None and last[:2] == (peer, body.payload):
-            self._outbox.append(m.Envelope(FtpMessage(last[2]), peer))  # our answer was lost
-            return True
-        number, session, opcode, size, _, _, offset = _HEADER.unpack_from(body.payload)
-        data = body.payload[_HEADER.size : _HEADER.size + min(size, _DATA)]
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {mav.MAVLink_file_transfer_protocol_message: self._receive}
+
+    def _receive(
+        self, peer: Peer, msg: mav.MAVLink_file_transfer_protocol_message, now: float
+    ) -> None:
+        payload, last = bytes(msg.payload), self._last
+        if last is not None and last[:2] == (peer, payload):
+            self._send(peer, last[2])  # our answer was lost
+            return
+        number, session, opcode, size, _, _, offset = _HEADER.unpack_from(payload)
+        data = payload[_HEADER.size : _HEADER.size + min(size, _DATA)]
         request = _Request(number, session, opcode, size, offset, data)
         try:
             if size > _DATA:
-                raise _RefusedError(ErrorCode.INVALID_DATA_SIZE)
-            if opcode == Op.BURST_READ_FILE:
+                raise _RefusedError(mav.MAV_FTP_ERR_INVALIDDATASIZE)
+            if opcode == mav.MAV_FTP_OPCODE_BURSTREADFILE:
                 self._begin_burst(peer, request, now)
-                return True
+                return
             handler = self._handlers.get(opcode)
             if handler is None:
-                raise _RefusedError(ErrorCode.UNKNOWN_COMMAND)
+                raise _RefusedError(mav.MAV_FTP_ERR_UNKNOWNCOMMAND)
             opened, answer = handler(request)
-            packed = _packed(request, Op.ACK, answer, session=opened)
+            packed = _packed(request, mav.MAV_FTP_OPCODE_ACK, answer, session=opened)
         except _RefusedError as refused:
-            packed = _packed(request, Op.NAK, bytes((refused.code,)))
-        self._last = (peer, body.payload, packed)
-        self._outbox.append(m.Envelope(FtpMessage(packed), peer))
-        return True
+            packed = _packed(request, mav.MAV_FTP_OPCODE_NAK, bytes((refused.code,)))
+        self._last = (peer, payload, packed)
+        self._send(peer, packed)
 
     def poll(self, now: float) -> None:
         """Send the next parts of a burst."""
@@ -169,24 +136,26 @@ class FtpServer:
             data = b"" if file is None else file.read(burst.offset, burst.part)
             left = 0 if file is None else file.size - burst.offset - len(data)
             burst.number = (burst.number + 1) % 2**16
-            head = (burst.number, burst.session, Op.ACK, len(data), Op.BURST_READ_FILE)
             complete = left <= 0 or not data
-            packed = _HEADER.pack(*head, complete, burst.offset) + data
-            envelope = m.Envelope(FtpMessage(packed.ljust(_PAYLOAD, b"\0")), burst.peer)
-            self._outbox.append(envelope)
+            ack, read = mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_BURSTREADFILE
+            head = (burst.number, burst.session, ack, len(data), read, complete, burst.offset)
+            self._send(burst.peer, (_HEADER.pack(*head) + data).ljust(_PAYLOAD, b"\0"))
             burst.offset += len(data)
             if complete:
                 self._burst = None
                 return
 
-    def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
-        return None if self._burst is None else self._next_burst
+    def due(self) -> float:
+        """When `poll` has something to do; infinite for never."""
+        return math.inf if self._burst is None else self._next_burst
 
-    def _begin_burst(self, peer: m.Peer, request: _Request, now: float) -> None:
+    def _send(self, peer: Peer, payload: bytes) -> None:
+        self._outbox.append(mav.MAVLink_file_transfer_protocol_message(0, *peer, list(payload)))
+
+    def _begin_burst(self, peer: Peer, request: _Request, now: float) -> None:
         file = self._file(request)
         if request.offset >= file.size:
-            raise _RefusedError(ErrorCode.END_OF_FILE)
+            raise _RefusedError(mav.MAV_FTP_ERR_EOF)
         part = request.size or _DATA
         self._burst = _Burst(peer, request.number, request.session, request.offset, part)
         self._next_burst = now
@@ -194,7 +163,7 @@ class FtpServer:
     def _file(self, request: _Request) -> _File:
         file = self._used(request.session)
         if file is None:
-            raise _RefusedError(ErrorCode.INVALID_SESSION)
+            raise _RefusedError(mav.MAV_FTP_ERR_INVALIDSESSION)
         return file
 
     def _used(self, session: int) -> _File | None:
@@ -216,7 +185,7 @@ class FtpServer:
     def _list(self, request: _Request) -> tuple[int, bytes]:
         entries = self._entries(request.path)[request.offset :]
         if not entries:
-            raise _RefusedError(ErrorCode.END_OF_FILE)
+            raise _RefusedError(mav.MAV_FTP_ERR_EOF)
         data = b""
         for entry in entries:
             line = entry.encode("ascii", "replace") + b"\0"
@@ -234,7 +203,7 @@ class FtpServer:
         if plain.strip("/") == "@PARAM":
             return [f"Fparam.pck\t{len(self._parameter_pack())}"]
         if plain not in inner:
-            raise _RefusedError(ErrorCode.FILE_NOT_FOUND)
+            raise _RefusedError(mav.MAV_FTP_ERR_FILENOTFOUND)
         return inner[plain]
 
     def _find(self, path: str) -> _File:
@@ -248,7 +217,7 @@ class FtpServer:
                     return _File(
                         log.size, lambda offset, count: self._folder.read(name, offset, count)
                     )
-        raise _RefusedError(ErrorCode.FILE_NOT_FOUND)
+        raise _RefusedError(mav.MAV_FTP_ERR_FILENOTFOUND)
 
     def _open(self, request: _Request) -> tuple[int, bytes]:
         file = self._find(request.path)
@@ -264,7 +233,7 @@ class FtpServer:
     def _read(self, request: _Request) -> tuple[int, bytes]:
         file = self._file(request)
         if request.offset >= file.size:
-            raise _RefusedError(ErrorCode.END_OF_FILE)
+            raise _RefusedError(mav.MAV_FTP_ERR_EOF)
         return request.session, file.read(request.offset, request.size or _DATA)
 
     def _checksum(self, request: _Request) -> tuple[int, bytes]:
@@ -283,7 +252,7 @@ class FtpServer:
             while common < min(len(name) - 1, len(before), 15) and name[common] == before[common]:
                 common += 1
             rest = name[common:].encode()
-            number, form = _PACK_TYPES[SPECS[name].kind]
+            number, form = (3, "<i") if SPECS[name].kind == INT32 else (4, "<f")
             pack += bytes((number, (len(rest) - 1) << 4 | common)) + rest
             pack += struct.pack(form, int(value) if form == "<i" else value)
             before = name
@@ -291,10 +260,10 @@ class FtpServer:
 
 
 def _protected(_: _Request) -> tuple[int, bytes]:
-    raise _RefusedError(ErrorCode.FILE_PROTECTED)
+    raise _RefusedError(mav.MAV_FTP_ERR_FILEPROTECTED)
 
 
-def _packed(request: _Request, op: Op, data: bytes, *, session: int | None = None) -> bytes:
+def _packed(request: _Request, op: int, data: bytes, *, session: int | None = None) -> bytes:
     head = _HEADER.pack(
         (request.number + 1) % 2**16,
         request.session if session is None else session,

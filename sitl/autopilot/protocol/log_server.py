@@ -1,21 +1,14 @@
 """The MAVLink log protocol from the vehicle's side: lists, sends and erases flight logs."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import Severity
-from sitl.autopilot.values.files import (
-    LogData,
-    LogEntry,
-    LogErase,
-    LogFile,
-    LogFolder,
-    LogRequestData,
-    LogRequestEnd,
-    LogRequestList,
-)
+from sitl.logfolder import LogFile, LogFolder
 
 _PART = 90  # bytes of one message
 _BURST = 60  # messages sent at a time, so that no receiver's buffer overflows
@@ -25,7 +18,6 @@ _READ = _PART * _BURST
 
 @dataclass(slots=True)
 class _Download:
-    peer: m.Peer
     log: int
     name: str
     offset: int
@@ -36,7 +28,7 @@ class LogServer:
     """Serves one download at a time, as PX4 does; a new one ends it."""
 
     def __init__(
-        self, outbox: m.Outbox, folder: LogFolder, *, reporter: Reporter, armed: Callable[[], bool]
+        self, outbox: Outbox, folder: LogFolder, *, reporter: Reporter, armed: Callable[[], bool]
     ) -> None:
         self._outbox = outbox
         self._folder = folder
@@ -46,20 +38,14 @@ class LogServer:
         self._download: _Download | None = None
         self._next_burst = 0.0
 
-    def receive(self, peer: m.Peer, body: m.Incoming, now: float) -> bool:
-        """Handle a message of the log protocol; False for one that is none."""
-        match body:
-            case LogRequestList(first, last):
-                self._list(peer, first, last)
-            case LogRequestData():
-                self._begin(peer, body, now)
-            case LogRequestEnd():
-                self._download = None
-            case LogErase():
-                self._erase()
-            case _:
-                return False
-        return True
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {
+            mav.MAVLink_log_request_list_message: self._list,
+            mav.MAVLink_log_request_data_message: self._begin,
+            mav.MAVLink_log_request_end_message: self._end,
+            mav.MAVLink_log_erase_message: self._erase,
+        }
 
     def poll(self, now: float) -> None:
         """Send the next parts of what is being downloaded."""
@@ -73,42 +59,50 @@ class LogServer:
         if ended and len(data) < download.left and len(data) % _PART == 0:
             parts.append(b"")  # the end of the file, where its last part was full
         for part in parts:
-            body = LogData(download.log, download.offset, part)
-            self._outbox.append(m.Envelope(body, download.peer))
+            self._outbox.append(_data(download.log, download.offset, part))
             download.offset += len(part)
             download.left -= len(part)
         if ended:
             self._download = None
 
-    def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
-        return None if self._download is None else self._next_burst
+    def due(self) -> float:
+        """When `poll` has something to do; infinite for never."""
+        return math.inf if self._download is None else self._next_burst
 
-    def _list(self, peer: m.Peer, first: int, last: int) -> None:
-        if first == 0 or not self._logs:
+    def _list(self, _peer: Peer, msg: mav.MAVLink_log_request_list_message, _now: float) -> None:
+        if msg.start == 0 or not self._logs:
             self._logs = tuple(self._folder.logs())
         count = len(self._logs)
         if count == 0:
-            self._outbox.append(m.Envelope(LogEntry(0, 0, 0, 0, 0), peer))
-        for number in range(first, min(last + 1, count)):
+            self._outbox.append(mav.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+        for number in range(msg.start, min(msg.end + 1, count)):
             log = self._logs[number]
-            entry = LogEntry(number, count, count - 1, log.written_s, log.size)
-            self._outbox.append(m.Envelope(entry, peer))
+            size = min(log.size, 2**32 - 1)
+            self._outbox.append(
+                mav.MAVLink_log_entry_message(number, count, count - 1, log.written_s, size)
+            )
 
-    def _begin(self, peer: m.Peer, body: LogRequestData, now: float) -> None:
+    def _begin(self, _peer: Peer, msg: mav.MAVLink_log_request_data_message, now: float) -> None:
         self._logs = self._logs or tuple(self._folder.logs())
-        if body.log >= len(self._logs):
-            self._outbox.append(m.Envelope(LogData(body.log, body.offset, b""), peer))
+        if msg.id >= len(self._logs):
+            self._outbox.append(_data(msg.id, msg.ofs, b""))
             return
-        name = self._logs[body.log].name
-        self._download = _Download(peer, body.log, name, body.offset, body.count)
+        self._download = _Download(msg.id, self._logs[msg.id].name, msg.ofs, msg.count)
         self._next_burst = now
 
-    def _erase(self) -> None:
+    def _end(self, _peer: Peer, _msg: mav.MAVLink_message, _now: float) -> None:
+        self._download = None
+
+    def _erase(self, _peer: Peer, _msg: mav.MAVLink_message, _now: float) -> None:
         if self._armed():
-            self._report.say(Severity.WARNING, "Logs are not erased while armed")
+            self._report.say(mav.MAV_SEVERITY_WARNING, "Logs are not erased while armed")
             return
         self._download = None
         self._logs = ()
         self._folder.erase()
-        self._report.say(Severity.INFO, "Logs erased")
+        self._report.say(mav.MAV_SEVERITY_INFO, "Logs erased")
+
+
+def _data(log: int, offset: int, part: bytes) -> mav.MAVLink_message:
+    """LOG_DATA; fewer bytes than one message holds are the end of the log."""
+    return mav.MAVLink_log_data_message(log, offset, len(part), list(part.ljust(_PART, b"\0")))

@@ -1,10 +1,13 @@
 """The MAVLink parameter protocol from the vehicle's side."""
 
+import math
+import struct
 from collections import deque
 
-from sitl.autopilot.parameters import SPECS, TABLE, Parameters
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import ParamError, ParamType
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
+from sitl.autopilot.parameters import INT32, SPECS, TABLE, Parameters
 
 _BY_NAME = 65535  # index of a value that nobody asked for by index
 _BURST = 20  # values of a list sent at a time, so that no receiver's buffer overflows
@@ -12,30 +15,26 @@ _BURST_EVERY_S = 0.01
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
 # The types a ground station may send a value in; the value is what counts.
 _INTEGER_TYPES = frozenset(range(1, 9))
+# PX4's bytewise encoding: integers travel as their bytes in the float field.
+_INT, _FLOAT = struct.Struct("<i"), struct.Struct("<f")
 
 
 class ParameterServer:
     """Reads, writes and lists parameters over MAVLink."""
 
-    def __init__(self, outbox: m.Outbox, parameters: Parameters) -> None:
+    def __init__(self, outbox: Outbox, parameters: Parameters) -> None:
         self._outbox = outbox
         self._parameters = parameters
         self._listing: deque[int] = deque()
         self._next_burst = 0.0
 
-    def receive(self, peer: m.Peer, message: m.Incoming, now: float) -> bool:
-        """Handle a message of the parameter protocol; False for one that is none."""
-        match message:
-            case m.ParamRequestList():
-                self._listing = deque(range(len(TABLE)))
-                self._next_burst = now
-            case m.ParamRequestRead():
-                self._read(peer, message)
-            case m.ParamSet():
-                self._set(peer, message)
-            case _:
-                return False
-        return True
+    def handlers(self) -> Handlers:
+        """Who handles which message."""
+        return {
+            mav.MAVLink_param_request_list_message: self._list,
+            mav.MAVLink_param_request_read_message: self._read,
+            mav.MAVLink_param_set_message: self._set,
+        }
 
     def poll(self, now: float) -> None:
         """Send the next values of a list that was asked for."""
@@ -46,37 +45,45 @@ class ParameterServer:
             self._send(TABLE[index].name, index)
         self._next_burst = now + _BURST_EVERY_S
 
-    def due(self) -> float | None:
-        """When `poll` has something to do; None for never."""
-        return self._next_burst if self._listing else None
+    def due(self) -> float:
+        """When `poll` has something to do; infinite for never."""
+        return self._next_burst if self._listing else math.inf
 
-    def _read(self, peer: m.Peer, message: m.ParamRequestRead) -> None:
-        if 0 <= message.index < len(TABLE):
-            self._send(TABLE[message.index].name, message.index)
-        elif message.index == -1 and message.name in SPECS:
-            self._send(message.name, _INDEX[message.name])
+    def _list(self, _peer: Peer, _msg: mav.MAVLink_message, now: float) -> None:
+        self._listing = deque(range(len(TABLE)))
+        self._next_burst = now
+
+    def _read(self, peer: Peer, msg: mav.MAVLink_param_request_read_message, _now: float) -> None:
+        index = _INDEX.get(msg.param_id, -1) if msg.param_index == -1 else msg.param_index
+        if 0 <= index < len(TABLE):
+            self._send(TABLE[index].name, index)
         else:
-            self._refuse(peer, message.name, message.index, ParamError.DOES_NOT_EXIST)
+            error = mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
+            self._refuse(peer, msg.param_id, msg.param_index, error)
 
-    def _set(self, peer: m.Peer, message: m.ParamSet) -> None:
-        spec = SPECS.get(message.name)
-        error: ParamError | None = ParamError.DOES_NOT_EXIST
-        if spec is not None:
-            matches = (spec.kind is ParamType.INT32) == (message.kind in _INTEGER_TYPES)
-            error = (
-                self._parameters.set(message.name, message.value)
-                if matches
-                else ParamError.VALUE_OUT_OF_RANGE
-            )
+    def _set(self, peer: Peer, msg: mav.MAVLink_param_set_message, _now: float) -> None:
+        name, value = msg.param_id, msg.param_value
+        if msg.param_type == INT32:
+            value = float(_INT.unpack(_FLOAT.pack(value))[0])
+        spec = SPECS.get(name)
+        if spec is not None and (spec.kind == INT32) != (msg.param_type in _INTEGER_TYPES):
+            error: int | None = mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        else:
+            error = self._parameters.set(name, value)
         if error is not None:
-            self._refuse(peer, message.name, -1, error)
+            self._refuse(peer, name, -1, error)
         if spec is not None:
             # Older ground stations know no error: the value that stayed tells them.
-            self._send(message.name, _BY_NAME)
+            self._send(name, _BY_NAME)
 
-    def _refuse(self, peer: m.Peer, name: str, index: int, error: ParamError) -> None:
-        self._outbox.append(m.Envelope(m.ParamRefused(name, index, error), peer))
+    def _refuse(self, peer: Peer, name: str, index: int, error: int) -> None:
+        named = name.encode()
+        self._outbox.append(mav.MAVLink_param_error_message(*peer, named, index, error))
 
     def _send(self, name: str, index: int) -> None:
-        value = m.ParamValue(name, self._parameters[name], SPECS[name].kind, len(TABLE), index)
-        self._outbox.append(m.Envelope(value))
+        value, kind = self._parameters[name], SPECS[name].kind
+        if kind == INT32:
+            value = _FLOAT.unpack(_INT.pack(int(value)))[0]
+        self._outbox.append(
+            mav.MAVLink_param_value_message(name.encode(), value, kind, len(TABLE), index)
+        )

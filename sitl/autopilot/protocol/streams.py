@@ -1,58 +1,78 @@
-"""Which telemetry message is due when, in wall time."""
+"""Which telemetry message is sent when, in wall time: by its rate, or because it was asked for."""
 
+import math
 from collections.abc import Iterable, Mapping
 
-from sitl.autopilot.values.enums import Message
+from pymavlink.dialects.v20 import common as mav
 
-DEFAULT_RATES_HZ: dict[Message, float] = {
-    Message.HEARTBEAT: 1.0,
-    Message.SYS_STATUS: 10.0,  # every run waits for one that says that it may begin
-    Message.SYSTEM_TIME: 1.0,
-    Message.GPS_RAW_INT: 5.0,
-    Message.ATTITUDE: 10.0,
-    Message.ATTITUDE_QUATERNION: 10.0,
-    Message.LOCAL_POSITION_NED: 10.0,
-    Message.GLOBAL_POSITION_INT: 10.0,
-    Message.MISSION_CURRENT: 4.0,
-    Message.VFR_HUD: 4.0,
-    Message.ALTITUDE: 1.0,
-    Message.BATTERY_STATUS: 1.0,
-    Message.HOME_POSITION: 1.0,
-    Message.EXTENDED_SYS_STATE: 2.0,
+from sitl.autopilot.codec.orders import CommandOrder, Outbox
+from sitl.autopilot.codec.telemetry import TELEMETRY
+from sitl.autopilot.codec.units import int32
+from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
+
+DEFAULT_RATES_HZ: dict[int, float] = {
+    mav.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mav.MAVLINK_MSG_ID_SYS_STATUS: 10.0,  # every run waits for one that says that it may begin
+    mav.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mav.MAVLINK_MSG_ID_GPS_RAW_INT: 5.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 10.0,
+    mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 10.0,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mav.MAVLINK_MSG_ID_MISSION_CURRENT: 4.0,
+    mav.MAVLINK_MSG_ID_VFR_HUD: 4.0,
+    mav.MAVLINK_MSG_ID_ALTITUDE: 1.0,
+    mav.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    mav.MAVLINK_MSG_ID_HOME_POSITION: 1.0,
+    mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
 }
 # What PX4 streams to a ground station (its mode "normal", and what it streams to MAVSDK's port
 # where a script may wait for it): for a vehicle that stands by itself.
-SERVED_RATES_HZ: dict[Message, float] = DEFAULT_RATES_HZ | {
-    Message.SYS_STATUS: 2.0,
-    Message.ATTITUDE: 15.0,
-    Message.SCALED_PRESSURE: 1.0,
-    Message.SERVO_OUTPUT_RAW: 1.0,
-    Message.ATTITUDE_TARGET: 2.0,
-    Message.POSITION_TARGET_LOCAL_NED: 1.5,
-    Message.POSITION_TARGET_GLOBAL_INT: 1.0,
-    Message.HIGHRES_IMU: 10.0,
-    Message.ESTIMATOR_STATUS: 0.5,
-    Message.WIND_COV: 0.5,
-    Message.VIBRATION: 0.1,
-    Message.GPS_GLOBAL_ORIGIN: 1.0,
-    Message.ODOMETRY: 10.0,
-    Message.ORBIT_EXECUTION_STATUS: 2.0,
+SERVED_RATES_HZ: dict[int, float] = DEFAULT_RATES_HZ | {
+    mav.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE: 15.0,
+    mav.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
+    mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 1.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: 2.0,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 1.5,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 1.0,
+    mav.MAVLINK_MSG_ID_HIGHRES_IMU: 10.0,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 0.5,
+    mav.MAVLINK_MSG_ID_WIND_COV: 0.5,
+    mav.MAVLINK_MSG_ID_VIBRATION: 0.1,
+    mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1.0,
+    mav.MAVLINK_MSG_ID_ODOMETRY: 10.0,
+    mav.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: 2.0,
 }
 MIN_INTERVAL_S = 0.002
 
 
 class Streams:
-    """Intervals of the messages and when each is due next."""
+    """Intervals of the messages, by number, and when each is due next."""
 
-    def __init__(self, rates_hz: Mapping[Message, float] = DEFAULT_RATES_HZ) -> None:
+    def __init__(self, outbox: Outbox, rates_hz: Mapping[int, float] = DEFAULT_RATES_HZ) -> None:
         """`rates_hz`: what is streamed until somebody asks for something else."""
+        self._outbox = outbox
         self._usual_hz = rates_hz
         self._interval_s = {kind: 1.0 / rate for kind, rate in rates_hz.items()}
-        self._next: dict[Message, float] = dict.fromkeys(self._interval_s, 0.0)
+        self._next = dict.fromkeys(self._interval_s, 0.0)
+        self._asked: set[int] = set()  # to be sent once
 
-    def take_due(self, now: float, extra: Iterable[Message] = ()) -> list[Message]:
+    def commands(self) -> Commands:
+        """Who answers which command."""
+        home, version = mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        return {
+            mav.MAV_CMD_GET_HOME_POSITION: lambda *_: self._send_once(home),
+            mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda *_: self._send_once(version),
+            mav.MAV_CMD_REQUEST_MESSAGE: self._request_message,
+            mav.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            mav.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+        }
+
+    def take_due(self, now: float, extra: Iterable[int] = ()) -> list[int]:
         """Messages to send now, in order of their numbers; `extra` are due in any case."""
-        due = set(extra)
+        due = self._asked.union(extra)
+        self._asked.clear()
         due.update(kind for kind, when in self._next.items() if now >= when)
         for kind in due:
             interval = self._interval_s.get(kind)
@@ -66,16 +86,21 @@ class Streams:
         """When the next message is due; never later than the next heartbeat."""
         return min(self._next.values())
 
-    def interval_s(self, kind: Message) -> float:
-        """Interval of a message in seconds; -1 where it is not streamed."""
-        return self._interval_s.get(kind, -1.0)
+    def _send_once(self, kind: int) -> None:
+        self._asked.add(kind)
 
-    def set_interval(self, kind: Message, interval_s: float, *, now: float) -> None:
-        """Stream `kind` so often: 0 for the default rate, negative for not at all.
+    def _request_message(self, order: CommandOrder) -> None:
+        self._asked.add(_telemetry(order))
+
+    def _set_interval(self, order: CommandOrder) -> None:
+        """Stream a message so often: 0 for the default rate, negative for not at all.
 
         The heartbeat keeps its rate: it is how others know that the vehicle lives.
         """
-        if kind is Message.HEARTBEAT:
+        kind, interval_s = _telemetry(order), order.params[1] * 1e-6
+        if not math.isfinite(interval_s):
+            raise RefusedError("no interval")
+        if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
             return
         if interval_s == 0.0 and kind in self._usual_hz:
             interval_s = 1.0 / self._usual_hz[kind]
@@ -84,4 +109,18 @@ class Streams:
             self._next.pop(kind, None)
         else:
             self._interval_s[kind] = max(interval_s, MIN_INTERVAL_S)
-            self._next[kind] = now
+            self._next[kind] = 0.0  # at once
+
+    def _get_interval(self, order: CommandOrder) -> None:
+        kind = _telemetry(order)
+        interval_s = self._interval_s.get(kind)
+        interval_us = -1 if interval_s is None else int32(interval_s * 1e6)
+        self._outbox.append(mav.MAVLink_message_interval_message(kind, interval_us))
+
+
+def _telemetry(order: CommandOrder) -> int:
+    """The message that a command names; UnsupportedError where the vehicle does not send it."""
+    number = order.params[0]
+    if not math.isfinite(number) or int(number) not in TELEMETRY:
+        raise UnsupportedError
+    return int(number)

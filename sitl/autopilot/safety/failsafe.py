@@ -1,14 +1,18 @@
 """Failsafes: what the vehicle does by itself when something is wrong. One table."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.aircraft import Aircraft
 from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.guard import CRITICAL, EMERGENCY, LOW, Guard
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.values.enums import Severity
 
 
 class Action(IntEnum):
@@ -76,21 +80,34 @@ RULES: Mapping[Cause, Rule] = {
 _UNDER_WAY = {Mode.RETURN: Action.RETURN, Mode.LAND: Action.LAND, Mode.TERMINATED: Action.TERMINATE}
 
 
-class Failsafes:
-    """Acts on a cause when it appears; whoever flies may override it afterwards.
+_CHARGE = {
+    Cause.BATTERY_LOW: LOW,
+    Cause.BATTERY_CRITICAL: CRITICAL,
+    Cause.BATTERY_EMERGENCY: EMERGENCY,
+}
 
-    One that appears on the ground is told there, and acted on as soon as the aircraft flies.
+
+class Failsafes:
+    """Looks for causes in simulated time (`watch`) and in wall time (`poll`), and acts on them.
+
+    That is done when a cause appears; whoever flies may override it afterwards. One that appears
+    on the ground is told there, and acted on as soon as the aircraft flies.
     """
 
     def __init__(
         self,
+        aircraft: Aircraft,
         flight: Flight,
         parameters: Parameters,
         *,
+        guard: Guard,
         by_sticks: Callable[[Mode, str], str | None],
         reporter: Reporter,
     ) -> None:
         """`by_sticks` gives the flight to the sticks, in one of their modes; the reason if not."""
+        self._aircraft = aircraft
+        self._guard = guard
+        self.ground_station_at = math.nan  # wall time of the last heartbeat from one
         self._flight = flight
         self._parameters = parameters
         self._by_sticks = by_sticks
@@ -98,13 +115,35 @@ class Failsafes:
         self._present: set[Cause] = set()
         self._acted: dict[Cause, int] = {}  # in which flight
 
+    def watch(self) -> None:
+        """Look at battery, GNSS and fence."""
+        guard, charge = self._guard, self._aircraft.battery.remaining
+        below = guard.look_at_charge()
+        for cause, threshold in _CHARGE.items():
+            self.update(cause, below[threshold], lambda: f"{charge * 100:.0f} % left")
+        age_s = guard.gnss_age_s()
+        lost = age_s < math.inf and not guard.position_ok()
+        self.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
+        breach = ""
+        if guard.fence.in_force and self._flight.airborne:
+            breach = self._flight.forbidden(self._aircraft.belief.pos_ned_m)
+        self.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
+
+    def poll(self, now: float) -> None:
+        """Look for the ground station."""
+        silence_s = now - self.ground_station_at
+        if not math.isnan(silence_s):
+            lost = silence_s > self._parameters["COM_DL_LOSS_T"]
+            words = f"silent for {silence_s:.0f} s"
+            self.update(Cause.GROUND_STATION_LOST, lost, lambda: words)
+
     def present(self, cause: Cause) -> bool:
         """Whether a cause is there."""
         return bool(self._present) and cause in self._present
 
     def acted(self, cause: Cause) -> bool:
         """Whether a cause is there and was acted on in this flight."""
-        return self._acted.get(cause) == self._flight.motors.flights
+        return self._acted.get(cause) == self._flight.flights
 
     @property
     def acting(self) -> bool:
@@ -119,14 +158,14 @@ class Failsafes:
                 self._present.discard(cause)
                 self._acted.pop(cause, None)
                 if self._action(cause) is not Action.NOTHING:
-                    self._report.say(Severity.NOTICE, f"{cause.value}: over")
+                    self._report.say(mav.MAV_SEVERITY_NOTICE, f"{cause.value}: over")
             return
         airborne = self._flight.airborne
         if was and (not airborne or self.acted(cause)):
             return
         self._present.add(cause)
         if airborne:
-            self._acted[cause] = self._flight.motors.flights
+            self._acted[cause] = self._flight.flights
         if not was or self._action(cause) > Action.WARN:
             words = detail()
             self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)

@@ -3,15 +3,16 @@
 import math
 from collections.abc import Callable, Mapping
 
+from pymavlink.dialects.v20 import common as mav
+
 from flightdyn.aircraft import Aircraft
 from flightdyn.errors import FaultError
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss
+from sitl.autopilot.codec import ranges
+from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.commands import Refusal
+from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
 from sitl.autopilot.safety.monitor import Monitor
-from sitl.autopilot.values import ranges
-from sitl.autopilot.values.enums import FailureType, FailureUnit, Result
-from sitl.autopilot.values.messages import CommandOrder
 
 _MOTORS = 4
 # MAVLink says that something is wrong, not by how much: enough for an autopilot to notice.
@@ -27,27 +28,32 @@ def _motors(instance: int) -> list[Fault]:
     return [MotorLoss(motor=motor) for motor in chosen]
 
 
-FAILURES: Mapping[tuple[FailureUnit, FailureType], Make] = {
-    (FailureUnit.GNSS, FailureType.OFF): lambda _: [GnssOff()],
-    (FailureUnit.GNSS, FailureType.WRONG): lambda _: [GnssJump(north_m=_JUMP_M)],
-    (FailureUnit.GYRO, FailureType.WRONG): lambda _: [ImuBias(gyro_radps=_GYRO_BIAS_RADPS)],
-    (FailureUnit.ACCEL, FailureType.WRONG): lambda _: [ImuBias(accel_mps2=_ACCEL_BIAS_MPS2)],
-    (FailureUnit.MOTOR, FailureType.OFF): _motors,
+_GNSS, _GYRO = mav.FAILURE_UNIT_SENSOR_GPS, mav.FAILURE_UNIT_SENSOR_GYRO
+_ACCEL, _MOTOR = mav.FAILURE_UNIT_SENSOR_ACCEL, mav.FAILURE_UNIT_SYSTEM_MOTOR
+_OK, _OFF, _WRONG = mav.FAILURE_TYPE_OK, mav.FAILURE_TYPE_OFF, mav.FAILURE_TYPE_WRONG
+# What a unit (FAILURE_UNIT) that fails in some way (FAILURE_TYPE) is here.
+FAILURES: Mapping[tuple[int, int], Make] = {
+    (_GNSS, _OFF): lambda _: [GnssOff()],
+    (_GNSS, _WRONG): lambda _: [GnssJump(north_m=_JUMP_M)],
+    (_GYRO, _WRONG): lambda _: [ImuBias(gyro_radps=_GYRO_BIAS_RADPS)],
+    (_ACCEL, _WRONG): lambda _: [ImuBias(accel_mps2=_ACCEL_BIAS_MPS2)],
+    (_MOTOR, _OFF): _motors,
 }
-_UNITS = {float(unit): unit for unit in FailureUnit}
-_TYPES = {float(kind): kind for kind in FailureType}
-_INSTANCES = {FailureUnit.MOTOR: _MOTORS}  # of all other units there is one
+_UNITS = {
+    *(_GYRO, _ACCEL, mav.FAILURE_UNIT_SENSOR_MAG, mav.FAILURE_UNIT_SENSOR_BARO, _GNSS),
+    *(mav.FAILURE_UNIT_SYSTEM_BATTERY, _MOTOR),
+}
 
 
-def unit_of(fault: Fault) -> FailureUnit | None:
+def unit_of(fault: Fault) -> int | None:
     """The unit that a fault is one of; None for the weather."""
     match fault:
         case GnssOff() | GnssJump():
-            return FailureUnit.GNSS
+            return _GNSS
         case MotorLoss():
-            return FailureUnit.MOTOR
+            return _MOTOR
         case ImuBias(gyro_radps=gyro):
-            return FailureUnit.GYRO if any(gyro) else FailureUnit.ACCEL
+            return _GYRO if any(gyro) else _ACCEL
         case _:
             return None
 
@@ -60,40 +66,41 @@ class Injector:
         self._parameters = parameters
         self._monitor = monitor
 
-    def command(self, order: CommandOrder, _now: float) -> Refusal | None:
+    def commands(self) -> Commands:
+        """Who answers which command."""
+        return {mav.MAV_CMD_INJECT_FAILURE: self._command}
+
+    def _command(self, order: CommandOrder) -> None:
         """Begin a failure, or with the type OK end those of the unit."""
         if self._parameters["SYS_FAILURE_EN"] == 0:
-            return Refusal(Result.DENIED, "failure injection is switched off (SYS_FAILURE_EN)")
-        unit, kind = _UNITS.get(order.params[0]), _TYPES.get(order.params[1])
-        if unit is None or kind is None:
-            return Refusal(Result.UNSUPPORTED)
-        instance = 0.0 if math.isnan(order.params[2]) else order.params[2]
-        if not ranges.whole(instance, ranges.Range(0, _INSTANCES.get(unit, 1), "")):
-            return Refusal(Result.DENIED, f"no instance {instance:g}")
-        refusal = self._inject((unit, kind), int(instance))
-        self._monitor.watch_faults()
-        return refusal
+            raise RefusedError("failure injection is switched off (SYS_FAILURE_EN)")
+        unit, kind, instance = order.params[:3]
+        if unit not in _UNITS or kind not in mav.enums["FAILURE_TYPE"]:
+            raise UnsupportedError
+        instance = 0.0 if math.isnan(instance) else instance
+        if not ranges.whole(instance, ranges.Range(0, _MOTORS if unit == _MOTOR else 1, "")):
+            raise RefusedError(f"no instance {instance:g}")
+        try:
+            if kind == _OK:
+                self._end(int(unit), int(instance))
+            else:
+                self._begin(int(unit), int(kind), int(instance))
+        finally:
+            self._monitor.watch_faults()
 
-    def _inject(self, what: tuple[FailureUnit, FailureType], instance: int) -> Refusal | None:
-        if what[1] is FailureType.OK:
-            self._end(what[0], instance)
-            return None
-        make = FAILURES.get(what)
+    def _begin(self, unit: int, kind: int, instance: int) -> None:
+        make = FAILURES.get((unit, kind))
         if make is None:
-            return Refusal(Result.UNSUPPORTED, f"no failure {what[0].name} {what[1].name}")
+            names = mav.enums["FAILURE_TYPE"][kind].name, mav.enums["FAILURE_UNIT"][unit].name
+            raise UnsupportedError("there is no {} of {}".format(*names))
         try:
             for fault in make(instance):
                 self._aircraft.inject(fault)
         except FaultError as error:
-            return Refusal(Result.DENIED, str(error))
-        return None
+            raise RefusedError(str(error)) from None
 
-    def _end(self, unit: FailureUnit, instance: int) -> None:
-        def meant(fault: Fault) -> bool:
-            if unit_of(fault) is not unit:
-                return False
-            return instance == 0 or not isinstance(fault, MotorLoss) or fault.motor == instance - 1
-
+    def _end(self, unit: int, instance: int) -> None:
         for fault in self._aircraft.faults:
-            if meant(fault):
+            one = instance == 0 or not isinstance(fault, MotorLoss) or fault.motor == instance - 1
+            if one and unit_of(fault) == unit:
                 self._aircraft.end(fault)

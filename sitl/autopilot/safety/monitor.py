@@ -3,66 +3,69 @@
 import math
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
+from sitl.autopilot.codec.snapshot import Dials, Snapshot
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.orbit import Orbit
+from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.safety.clearance import Clearance
 from sitl.autopilot.safety.failsafe import Cause, Failsafes
-from sitl.autopilot.values.enums import LandedState, Sensor, Severity, SystemState
-from sitl.autopilot.values.snapshot import Dials, Snapshot
 
 _PRESENT = (
-    Sensor.GYRO
-    | Sensor.ACCEL
-    | Sensor.MAG
-    | Sensor.BARO
-    | Sensor.GNSS
-    | Sensor.RATE_CONTROL
-    | Sensor.ATTITUDE_CONTROL
-    | Sensor.YAW_CONTROL
-    | Sensor.ALTITUDE_CONTROL
-    | Sensor.POSITION_CONTROL
-    | Sensor.MOTORS
-    | Sensor.AHRS
-    | Sensor.BATTERY
-    | Sensor.PREARM_CHECK
+    mav.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mav.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mav.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mav.MAV_SYS_STATUS_SENSOR_GPS
+    | mav.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
+    | mav.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+    | mav.MAV_SYS_STATUS_SENSOR_YAW_POSITION
+    | mav.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+    | mav.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+    | mav.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | mav.MAV_SYS_STATUS_AHRS
+    | mav.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mav.MAV_SYS_STATUS_PREARM_CHECK
 )
-_NEEDS_GNSS = Sensor.GNSS | Sensor.POSITION_CONTROL
-_ALIGNED = Sensor.AHRS | Sensor.POSITION_CONTROL | Sensor.ALTITUDE_CONTROL
+_POSITION_CONTROL = mav.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_NEEDS_GNSS = mav.MAV_SYS_STATUS_SENSOR_GPS | _POSITION_CONTROL
+_ALIGNED = (
+    mav.MAV_SYS_STATUS_AHRS | _POSITION_CONTROL | mav.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+)
 
 
 class Monitor:
     """Watches the aircraft in simulated time and describes it for telemetry."""
 
     def __init__(
-        self, aircraft: Aircraft, flight: Flight, *, clearance: Clearance, reporter: Reporter
+        self, aircraft: Aircraft, flight: Flight, *, guard: Guard, reporter: Reporter
     ) -> None:
         self._aircraft = aircraft
         self._flight = flight
-        self._clearance = clearance
+        self._guard = guard
         self._report = reporter
-        self._landed = LandedState.UNDEFINED
+        self._landed = mav.MAV_LANDED_STATE_UNDEFINED
         self._limited = False
         self._faults: tuple[Fault, ...] = ()
 
     def watch(self) -> None:
         """Look at what may have changed; a few times a simulated second."""
-        self._clearance.gnss.look()
+        self._guard.look_for_gnss()
         self.watch_faults()
         self._flight.notice_crash()
         landed = self._flight.landed_state
-        if landed is not self._landed:
+        if landed != self._landed:
             self._landed = landed
             self._report.landed_state()
         limited = self._aircraft.progress.speed_limited
         if limited is not self._limited:
             self._limited = limited
             if limited:
-                self._report.say(Severity.WARNING, "Ordered speed cannot be held")
+                self._report.say(mav.MAV_SEVERITY_WARNING, "Ordered speed cannot be held")
 
     def watch_faults(self) -> None:
         """Tell of faults that have begun or ended."""
@@ -77,11 +80,11 @@ class Monitor:
                 self._report.fault(f"Fault ends: {fault.kind}")
         self._faults = faults
 
-    def snapshot(self, failsafes: Failsafes) -> Snapshot:
+    def snapshot(self, failsafes: Failsafes, orbit: Orbit | None) -> Snapshot:
         """The vehicle as it is."""
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
-        fix, fenced = self._clearance.gnss.current(), self._clearance.fence.in_force
+        fix, fenced = self._guard.gnss(), self._guard.fence.in_force
         return Snapshot(
             t_ns=aircraft.t_ns,
             belief=belief,
@@ -100,14 +103,15 @@ class Monitor:
             armed=aircraft.armed,
             system_state=self._system_state(failsafes),
             landed_state=flight.landed_state,
-            sensors_present=_PRESENT | (Sensor.GEOFENCE if fenced else Sensor(0)),
+            sensors_present=_PRESENT | (mav.MAV_SYS_STATUS_GEOFENCE if fenced else 0),
             sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
-            armed_t_ns=flight.motors.armed_t_ns,
-            flights=flight.motors.flights,
+            armed_t_ns=flight.armed_t_ns,
+            flights=flight.flights,
+            mission=flight.mission.message(in_mission_mode=flight.mode is Mode.MISSION),
+            read_dials=lambda: self._dials(orbit),
         )
 
-    def dials(self, orbit: Orbit | None) -> Dials:
-        """What only some telemetry needs."""
+    def _dials(self, orbit: Orbit | None) -> Dials:
         aircraft = self._aircraft
         instruments, frame = aircraft.instruments(), aircraft.frame
         to = instruments.setpoint
@@ -123,23 +127,23 @@ class Monitor:
             orbit=circle,
         )
 
-    def _system_state(self, failsafes: Failsafes) -> SystemState:
+    def _system_state(self, failsafes: Failsafes) -> int:
         if self._flight.mode is Mode.TERMINATED:
-            return SystemState.FLIGHT_TERMINATION
+            return mav.MAV_STATE_FLIGHT_TERMINATION
         if failsafes.acting and self._aircraft.armed:
-            return SystemState.CRITICAL
+            return mav.MAV_STATE_CRITICAL
         if self._aircraft.armed:
-            return SystemState.ACTIVE
-        return SystemState.STANDBY if self._aircraft.ready else SystemState.CALIBRATING
+            return mav.MAV_STATE_ACTIVE
+        return mav.MAV_STATE_STANDBY if self._aircraft.ready else mav.MAV_STATE_CALIBRATING
 
-    def _healthy(self, failsafes: Failsafes, *, gnss: bool) -> Sensor:
+    def _healthy(self, failsafes: Failsafes, *, gnss: bool) -> int:
         healthy = _PRESENT
         if not failsafes.present(Cause.FENCE_BREACHED):
-            healthy |= Sensor.GEOFENCE
+            healthy |= mav.MAV_SYS_STATUS_GEOFENCE
         if not self._aircraft.ready:
             healthy &= ~_ALIGNED
         if not gnss:
             healthy &= ~_NEEDS_GNSS
         if self._flight.not_ready():
-            healthy &= ~Sensor.PREARM_CHECK
+            healthy &= ~mav.MAV_SYS_STATUS_PREARM_CHECK
         return healthy

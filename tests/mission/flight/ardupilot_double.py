@@ -7,6 +7,7 @@ any telemetry that was not asked for, ArduPilot's mode numbers, AUTO kept after 
 import math
 import threading
 import time
+from typing import Any
 
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mav
@@ -200,7 +201,7 @@ class ArduPilotDouble(threading.Thread):
             ground = mav.MAV_LANDED_STATE_ON_GROUND
             send.extended_sys_state_send(0, ground if self._at[2] < 0.1 else 2)
 
-    def _take(self, message: mav.MAVLink_message) -> None:
+    def _take(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "COMMAND_LONG":
             self._link.mav.command_ack_send(message.command, self._command(message))

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from patience import HANG_S
 from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mav
 from serving import free_port, served
 
 from mission.cli import call
@@ -21,8 +22,8 @@ from sitl.vehicle import Vehicle
 pytestmark = pytest.mark.slow
 
 ARM, TAKE_OFF, TERMINATE, REBOOT = 400, 22, 185, 246
-ACCEPTED = mavutil.mavlink.MAV_RESULT_ACCEPTED
-READY = mavutil.mavlink.MAV_SYS_STATUS_PREARM_CHECK
+ACCEPTED = mav.MAV_RESULT_ACCEPTED
+READY = mav.MAV_SYS_STATUS_PREARM_CHECK
 
 
 def wait_for(client: Any, kind: str, fit: Callable[[Any], bool] = bool) -> Any:
@@ -58,7 +59,7 @@ def test_two_ground_stations_at_once() -> None:
         ):  # fmt: skip
             for client in (one, two):
                 beat = wait_for(client, "HEARTBEAT")
-                assert beat.autopilot == mavutil.mavlink.MAV_AUTOPILOT_PX4
+                assert beat.autopilot == mav.MAV_AUTOPILOT_PX4
             wait_ready(one)
             assert command(one, ARM, 1.0) == ACCEPTED
             nan = float("nan")

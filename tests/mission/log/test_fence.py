@@ -10,6 +10,7 @@ import pytest
 from described import charts, described, keys, tables
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from pymavlink.dialects.v20 import common as mav
 from synthetic_flight import AREA, fly
 
 from mission.analysis.load import load_run
@@ -19,9 +20,8 @@ from mission.log.export.kml import export_kml
 from mission.log.read.reader import read_log
 from mission.log.values import Zone
 from mission.report.page import write_report
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.values.enums import Command, MissionType
-from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import SitlInputError
 
 HOME = AREA.home
@@ -33,8 +33,8 @@ def corner(seq: int, x: float, y: float, *, count: float = 4) -> MissionItem:
         y - AREA.home_m[1], x - AREA.home_m[0], 0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m
     )
     return MissionItem(
-        seq, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 3, (count, 0, 0, 0), float(lat),
-        float(lon), 0.0, MissionType.FENCE, True,
+        seq, mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 3, (count, 0, 0, 0), float(lat),
+        float(lon), 0.0, mav.MAV_MISSION_TYPE_FENCE, True,
     )  # fmt: skip
 
 

@@ -139,11 +139,15 @@ def test_junk_between_frames_is_dropped() -> None:
     assert list(frames(whole[:-1])) == []
 
 
+def parsed(data: bytes) -> Any:
+    return mav.MAVLink(None).parse_buffer(data)
+
+
 def test_the_battery_is_said_as_a_part_of_the_vehicle() -> None:
     from flightdyn.state import BatteryState
 
     data = Writer(7).battery(BatteryState(15.2, 11.0, 1234.0, 0.61))
-    (message,) = mav.MAVLink(None).parse_buffer(data)
+    (message,) = parsed(data)
     assert (message.get_srcSystem(), message.get_srcComponent()) == (7, 180)
     assert message.voltages[:5] == [3800] * 4 + [65535]
     assert (message.current_battery, message.current_consumed) == (1100, 1234)

@@ -3,18 +3,18 @@
 import re
 from pathlib import Path
 
+from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 
+from sitl.autopilot.codec.orders import bare_name
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
 from sitl.autopilot.safety.failsafe import RULES
 from sitl.autopilot.safety.injection import FAILURES
-from sitl.autopilot.values.enums import Command, FailureType, FailureUnit
 
 TEXT = (Path(__file__).parents[4] / "docs" / "mavlink.md").read_text(encoding="utf-8")
-UNITS = {FailureUnit.GNSS: "SENSOR_GPS", FailureUnit.MOTOR: "SYSTEM_MOTOR"}
 
 
 def section(title: str) -> str:
@@ -34,23 +34,27 @@ def test_parameters() -> None:
 def test_commands_items_modes_failsafes_and_failures() -> None:
     named = set(re.findall(r"`([A-Z][A-Z_]+)`", section("Commands"))) - {"MIS_TAKEOFF_ALT"}
     known = Desk().vehicle.autopilot.commands.known
-    assert named == {Command(number).name for number in known}
+    assert named == set(map(bare_name, known))
     items = set(re.findall(r"`([A-Z][A-Z_]+)`", section("Missions")))
-    assert {command.name for command in NAVIGATION} <= items
+    assert set(map(bare_name, NAVIGATION)) <= items
     for mode in Mode:
         assert f"| {mode.name} | {mode.value[0]}, {mode.value[1]} |" in section("Modes")
     for rule in RULES.values():
         assert f"`{rule.parameter}`" in section("Failsafes")
     for unit, kind in FAILURES:
-        row = f"| {UNITS.get(unit, f'SENSOR_{unit.name}')} | {kind.name} |"
-        assert row in section("Failures")
-    assert FailureType.OK.name in section("Failures")
+        failing = mav.enums["FAILURE_UNIT"][unit].name.removeprefix("FAILURE_UNIT_")
+        how = mav.enums["FAILURE_TYPE"][kind].name.removeprefix("FAILURE_TYPE_")
+        assert f"| {failing} | {how} |" in section("Failures")
+    assert "OK" in section("Failures")
 
 
 def test_telemetry() -> None:
     rows = [line for line in section("Telemetry").splitlines() if line.startswith("| `")]
-    rates = {kind: DEFAULT_RATES_HZ.get(kind) for kind in SERVED_RATES_HZ}
+    rates = [
+        (mav.mavlink_map[kind].msgname, DEFAULT_RATES_HZ.get(kind), served)
+        for kind, served in SERVED_RATES_HZ.items()
+    ]
     assert rows == [
-        f"| `{kind.name}` | {'' if run is None else f'{run:g}'} | {SERVED_RATES_HZ[kind]:g} |"
-        for kind, run in sorted(rates.items(), key=lambda item: item[0].name)
+        f"| `{name}` | {'' if run is None else f'{run:g}'} | {served:g} |"
+        for name, run, served in sorted(rates, key=lambda row: row[0])
     ]

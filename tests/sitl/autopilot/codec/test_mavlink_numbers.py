@@ -1,7 +1,7 @@
 """Every number and every unit on the wire, held against pymavlink's own tables."""
 
 import math
-from enum import IntEnum
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,84 +11,12 @@ from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.state import BatteryState, GnssFix, Kinematics
-from sitl.autopilot.codec.telemetry import TELEMETRY, encode_telemetry
+from sitl.autopilot.codec.instruments import INSTRUMENTS
+from sitl.autopilot.codec.orders import CommandOrder, MissionItem, Peer, read_item, read_order
+from sitl.autopilot.codec.snapshot import Snapshot
+from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
-from sitl.autopilot.protocol import ftp
-from sitl.autopilot.values import enums
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import LandedState, Message, Sensor, SystemState
-from sitl.autopilot.values.snapshot import Snapshot
-
-PREFIXES: dict[type[IntEnum], str] = {
-    enums.Command: "MAV_CMD_",
-    enums.Result: "MAV_RESULT_",
-    enums.MissionResult: "MAV_MISSION_",
-    enums.MissionType: "MAV_MISSION_TYPE_",
-    enums.MissionState: "MISSION_STATE_",
-    enums.Frame: "MAV_FRAME_",
-    enums.Severity: "MAV_SEVERITY_",
-    enums.LandedState: "MAV_LANDED_STATE_",
-    enums.SystemState: "MAV_STATE_",
-    enums.ParamType: "MAV_PARAM_TYPE_",
-    enums.ParamError: "MAV_PARAM_ERROR_",
-    enums.FailureType: "FAILURE_TYPE_",
-    enums.Message: "MAVLINK_MSG_ID_",
-}
-OTHER_NAMES = {
-    ftp.Op: {op.name: f"MAV_FTP_OPCODE_{op.name.replace('_', '')}" for op in ftp.Op}
-    | {"RESET_SESSIONS": "MAV_FTP_OPCODE_RESETSESSION"}
-    | {"CALC_FILE_CRC32": "MAV_FTP_OPCODE_CALCFILECRC"},
-    ftp.ErrorCode: {
-        code.name: f"MAV_FTP_ERR_{code.name.replace('_', '')}" for code in ftp.ErrorCode
-    }
-    | {"NO_SESSIONS": "MAV_FTP_ERR_NOSESSIONSAVAILABLE", "END_OF_FILE": "MAV_FTP_ERR_EOF"},
-    enums.OrbitYaw: {
-        "FRONT_TO_CENTER": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER",
-        "INITIAL_HEADING": "ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING",
-        "UNCONTROLLED": "ORBIT_YAW_BEHAVIOUR_UNCONTROLLED",
-        "TANGENT": "ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE",
-        "RC_CONTROLLED": "ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED",
-        "UNCHANGED": "ORBIT_YAW_BEHAVIOUR_UNCHANGED",
-    },
-    enums.FailureUnit: {
-        "GYRO": "FAILURE_UNIT_SENSOR_GYRO",
-        "ACCEL": "FAILURE_UNIT_SENSOR_ACCEL",
-        "MAG": "FAILURE_UNIT_SENSOR_MAG",
-        "BARO": "FAILURE_UNIT_SENSOR_BARO",
-        "GNSS": "FAILURE_UNIT_SENSOR_GPS",
-        "BATTERY": "FAILURE_UNIT_SYSTEM_BATTERY",
-        "MOTOR": "FAILURE_UNIT_SYSTEM_MOTOR",
-    },
-    enums.Sensor: {
-        "GYRO": "MAV_SYS_STATUS_SENSOR_3D_GYRO",
-        "ACCEL": "MAV_SYS_STATUS_SENSOR_3D_ACCEL",
-        "MAG": "MAV_SYS_STATUS_SENSOR_3D_MAG",
-        "BARO": "MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE",
-        "GNSS": "MAV_SYS_STATUS_SENSOR_GPS",
-        "RATE_CONTROL": "MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL",
-        "ATTITUDE_CONTROL": "MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION",
-        "YAW_CONTROL": "MAV_SYS_STATUS_SENSOR_YAW_POSITION",
-        "ALTITUDE_CONTROL": "MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL",
-        "POSITION_CONTROL": "MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL",
-        "MOTORS": "MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS",
-        "GEOFENCE": "MAV_SYS_STATUS_GEOFENCE",
-        "AHRS": "MAV_SYS_STATUS_AHRS",
-        "BATTERY": "MAV_SYS_STATUS_SENSOR_BATTERY",
-        "PREARM_CHECK": "MAV_SYS_STATUS_PREARM_CHECK",
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", [*PREFIXES, *OTHER_NAMES], ids=lambda kind: kind.__name__)
-def test_enumerations_have_the_dialects_values(kind: Any) -> None:
-    for member in kind:
-        name = (
-            OTHER_NAMES[kind][member.name]
-            if kind in OTHER_NAMES
-            else (PREFIXES[kind] + member.name)
-        )
-        assert member.value == getattr(mav, name), name
-
+from sitl.autopilot.reporter import Reporter
 
 FRAME = LocalFrame(HOME)
 POSITION = np.array([321.5, -123.25, -61.75])
@@ -124,12 +52,14 @@ SNAPSHOT = Snapshot(
     battery_critical=False,
     custom_mode=67371008,
     armed=True,
-    system_state=SystemState.ACTIVE,
-    landed_state=LandedState.IN_AIR,
-    sensors_present=Sensor.GYRO,
-    sensors_healthy=Sensor.GYRO,
+    system_state=mav.MAV_STATE_ACTIVE,
+    landed_state=mav.MAV_LANDED_STATE_IN_AIR,
+    sensors_present=mav.MAV_SYS_STATUS_SENSOR_3D_GYRO,
+    sensors_healthy=mav.MAV_SYS_STATUS_SENSOR_3D_GYRO,
     armed_t_ns=1_500_000_000,
     flights=3,
+    mission=mav.MAVLink_mission_current_message(4, 9, mav.MISSION_STATE_ACTIVE, 1),
+    read_dials=lambda: pytest.fail("needed only by instruments"),
 )
 COURSE_DEG = math.degrees(math.atan2(VELOCITY[1], VELOCITY[0])) % 360
 YAW_DEG = math.degrees(YAW) % 360
@@ -216,14 +146,20 @@ UNKNOWN: dict[str, dict[str, Any]] = {
 
 def over_the_wire(message: Any) -> Any:
     sender = mav.MAVLink(None, srcSystem=1, srcComponent=1)
-    return mav.MAVLink(None).parse_buffer(message.pack(sender))[0]
+    heard = mav.MAVLink(None).parse_buffer(message.pack(sender))
+    assert heard
+    return heard[0]
 
 
-@pytest.mark.parametrize("kind", sorted(TELEMETRY), ids=lambda kind: kind.name)
-def test_every_field_is_in_the_unit_of_the_table(kind: Message) -> None:
-    message = over_the_wire(encode_telemetry(kind, SNAPSHOT))
-    expected = EXPECTED.get(kind.name, {})
-    unknown = UNKNOWN.get(kind.name, {})
+@pytest.mark.parametrize(
+    "kind",
+    sorted(set(TELEMETRY) - set(INSTRUMENTS)),
+    ids=lambda kind: mav.mavlink_map[kind].msgname,
+)
+def test_every_field_is_in_the_unit_of_the_table(kind: int) -> None:
+    message = over_the_wire(TELEMETRY[kind](SNAPSHOT))
+    expected = EXPECTED.get(message.msgname, {})
+    unknown = UNKNOWN.get(message.msgname, {})
     assert set(message.fieldunits_by_name) == set(expected) | set(unknown)
     for field, unit in message.fieldunits_by_name.items():
         value = getattr(message, field)
@@ -237,50 +173,49 @@ def test_every_field_is_in_the_unit_of_the_table(kind: Message) -> None:
 
 
 def test_fields_without_unit() -> None:
-    heartbeat = over_the_wire(encode_telemetry(Message.HEARTBEAT, SNAPSHOT))
+    heartbeat = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_HEARTBEAT](SNAPSHOT))
     assert (heartbeat.base_mode, heartbeat.custom_mode) == (157, 67371008)  # PX4 in a mission
-    attitude = over_the_wire(encode_telemetry(Message.ATTITUDE_QUATERNION, SNAPSHOT))
+    attitude = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION](SNAPSHOT))
     q = np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
     np.testing.assert_allclose(q, SNAPSHOT.belief.q_frd_to_ned, atol=1e-7)
-    gnss = over_the_wire(encode_telemetry(Message.GPS_RAW_INT, SNAPSHOT))
+    gnss = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_GPS_RAW_INT](SNAPSHOT))
     assert (gnss.fix_type, gnss.eph, gnss.satellites_visible) == (3, 70, 14)
-    version = over_the_wire(encode_telemetry(Message.AUTOPILOT_VERSION, SNAPSHOT))
+    version = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION](SNAPSHOT))
     assert version.capabilities & mav.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 
 
-ITEM = m.MissionItem(
+ITEM = MissionItem(
     seq=4, command=16, frame=3, params=(1.5, 2.5, 0.0, math.nan), x=47.1234567, y=-8.7654321, z=61.5
 )
 
 
 def test_positions_of_items_are_degrees_inside_and_deg_e7_on_the_wire() -> None:
-    wire = Wire(1, 1)
-    (frame,) = wire.frames(m.Envelope(ITEM, m.Peer(255, 190)))
-    sent = mav.MAVLink(None).parse_buffer(frame)[0]
+    sent = over_the_wire(ITEM.message(Peer(255, 190)))
     assert (sent.x, sent.y, sent.z) == (471234567, -87654321, 61.5)
     assert (sent.target_system, sent.target_component) == (255, 190)
-
-    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
-    back = mav.MAVLink_mission_item_int_message(
-        1, 1, 4, 3, 16, 0, 1, 1.5, 2.5, 0.0, math.nan, 471234567, -87654321, 61.5, 0
-    )
-    ((peer, item),) = wire.read(back.pack(station))
-    assert peer == m.Peer(255, 190)
-    assert isinstance(item, m.MissionItem)
+    item = read_item(sent)
     assert (item.x, item.y) == pytest.approx((ITEM.x, ITEM.y), abs=1e-12)
+    assert math.isnan(item.params[3])
+    assert replace(item, x=ITEM.x, y=ITEM.y, params=ITEM.params) == ITEM
+    # By the message without integers, degrees travel as they are.
+    plain = mav.MAVLink_mission_item_message(1, 1, 4, 3, 16, 0, 1, 0, 0, 0, 0, 47.5, -8.5, 61.5)
+    assert (read_item(over_the_wire(plain)).x, read_item(over_the_wire(plain)).y) == (47.5, -8.5)
 
 
 def test_command_int_scales_positions_only() -> None:
-    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
-    wire = Wire(1, 1)
     for number, expected in (
         (mav.MAV_CMD_DO_REPOSITION, 12.5),
         (mav.MAV_CMD_REQUEST_MESSAGE, 125e6),
     ):
         order = mav.MAVLink_command_int_message(1, 1, 6, number, 0, 0, 0, 0, 0, 0, 125000000, 1, 2)
-        ((_, body),) = wire.read(order.pack(station))
-        assert isinstance(body, m.CommandOrder)
+        body = read_order(over_the_wire(order))
+        assert (body.command, body.frame) == (number, 6)
         assert body.params[4] == pytest.approx(expected)
+    long = mav.MAVLink_command_long_message(
+        1, 1, mav.MAV_CMD_DO_SET_HOME, 3, 0, 0, 0, 0, 12.5, 1, 2
+    )
+    read = read_order(over_the_wire(long))
+    assert read == CommandOrder(179, (0, 0, 0, 0, 12.5, 1, 2), confirmation=3)
 
 
 def test_nobody_elses_messages_are_read() -> None:
@@ -316,11 +251,13 @@ def test_streams_go_on_and_do_not_mix() -> None:
 
 
 def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
-    wire = Wire(1, 1)
+    outbox: list[mav.MAVLink_message] = []
+    reporter = Reporter(outbox, lambda *_: None)
     for length in (1, 50, 51, 100, 120):
         text = "".join(chr(97 + i % 26) for i in range(length))
-        frames = wire.frames(m.Envelope(m.StatusText(enums.Severity.INFO, text)))
-        heard = [mav.MAVLink(None).parse_buffer(frame)[0] for frame in frames]
+        reporter.say(mav.MAV_SEVERITY_INFO, text)
+        heard = [over_the_wire(message) for message in outbox]
+        outbox.clear()
         assert "".join(chunk.text for chunk in heard) == text
         assert [chunk.chunk_seq for chunk in heard] == list(range(len(heard)))
         assert len({chunk.id for chunk in heard}) == 1

@@ -2,26 +2,28 @@
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mav
 
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import mission as flown
 from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.route import flown_order
-from sitl.autopilot.values.enums import Command, Frame
-from sitl.autopilot.values.messages import MissionItem
 
-KINDS = (Command.NAV_WAYPOINT, Command.DO_CHANGE_SPEED, Command.DO_JUMP)
+KINDS = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_DO_CHANGE_SPEED, mav.MAV_CMD_DO_JUMP)
 
 
 def some_mission(rng: np.random.Generator) -> tuple[MissionItem, ...]:
     """Items of all kinds; jumps lead back, to what is no jump."""
     items: list[MissionItem] = []
     for seq in range(int(rng.integers(1, 8))):
-        places = [item.seq for item in items if item.command != Command.DO_JUMP]
+        places = [item.seq for item in items if item.command != mav.MAV_CMD_DO_JUMP]
         command = KINDS[int(rng.integers(3 if places else 2))]
         params = (1.0, 5.0, -1.0, 0.0)
-        if command == Command.DO_JUMP:
+        if command == mav.MAV_CMD_DO_JUMP:
             params = (float(rng.choice(places)), float(rng.integers(0, 3)), 0.0, 0.0)
-        items.append(MissionItem(seq, command, Frame.GLOBAL_RELATIVE_ALT_INT, params, 0, 0, 0))
+        items.append(
+            MissionItem(seq, command, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, params, 0, 0, 0)
+        )
     return tuple(items)
 
 
@@ -32,7 +34,7 @@ def written_out(items: tuple[MissionItem, ...]) -> list[MissionItem]:
     while index < len(items):
         item = items[index]
         index += 1
-        if item.command != Command.DO_JUMP:
+        if item.command != mav.MAV_CMD_DO_JUMP:
             order.append(item)
         elif left[item.seq]:
             left[item.seq] -= 1
@@ -65,6 +67,6 @@ def test_what_comes_next_is_what_the_written_out_mission_says(
                 i.seq for i in ahead
             ]
         lap = ahead[: len(items)]
-        places = [i.seq for i in lap if i.command == Command.NAV_WAYPOINT]
+        places = [i.seq for i in lap if i.command == mav.MAV_CMD_NAV_WAYPOINT]
         assert mission.current == (places[0] if places else len(items) - 1)
     assert len(walks) == len(order)  # once for each item

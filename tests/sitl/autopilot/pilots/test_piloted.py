@@ -139,8 +139,9 @@ def test_stabilized_flight_from_the_ground_and_back() -> None:
 def test_rc_channels_are_sticks_too() -> None:
     flight = Flight()
 
-    def channels(*widths: int) -> Any:
-        return mav.MAVLink_rc_channels_override_message(1, 1, *widths, 65535, 65535, 65535, 65535)
+    def channels(a: int, b: int, c: int, d: int) -> Any:
+        rest = (65535,) * 4
+        return mav.MAVLink_rc_channels_override_message(1, 1, a, b, c, d, *rest)
 
     flight.sticks(POSITION, channels(1500, 2000, 1500, 1500), 4.0)
     assert flight.velocity[0] == pytest.approx(10.0, abs=0.7)

@@ -46,7 +46,7 @@ def test_arming_and_disarming() -> None:
     assert of(desk.heard, "COMMAND_ACK")[-1].target_system == 255
     assert desk.mass.armed
     assert desk.command(ARM, 1, 0) == OK  # again changes nothing
-    assert desk.vehicle.autopilot.flight.motors.flights == 1
+    assert desk.vehicle.autopilot.flight.flights == 1
     assert not desk.vehicle.moving
     assert desk.command(ARM, 0, 0) == OK
     assert not desk.mass.armed

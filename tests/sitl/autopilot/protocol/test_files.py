@@ -18,12 +18,17 @@ from sitl_desk import Desk, of, the
 from sitl_mavsdk import HOME, over_raw, until
 
 from flightdyn.random import RandomStreams
-from sitl.autopilot.protocol.ftp import ErrorCode, Op
 from sitl.config import VehicleConfig
-from sitl.logfolder import DiskLogs
+from sitl.logfolder import LogFolder
 from sitl.vehicle import Vehicle
 
 SIZES = (0, 89, 90, 91, 90 * 60, 40_000)
+
+ACK, NAK = mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_NAK
+LIST, OPEN = mav.MAV_FTP_OPCODE_LISTDIRECTORY, mav.MAV_FTP_OPCODE_OPENFILERO
+READ, BURST = mav.MAV_FTP_OPCODE_READFILE, mav.MAV_FTP_OPCODE_BURSTREADFILE
+NOT_FOUND, NO_SESSION = mav.MAV_FTP_ERR_FILENOTFOUND, mav.MAV_FTP_ERR_INVALIDSESSION
+END = mav.MAV_FTP_ERR_EOF
 
 
 @pytest.fixture
@@ -38,8 +43,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def disk(folder: Path) -> DiskLogs:
-    return DiskLogs(folder, being_written=lambda: folder / "flight-9999.mcap")
+def disk(folder: Path) -> LogFolder:
+    return LogFolder(folder, being_written=lambda: folder / "flight-9999.mcap")
 
 
 def bytes_of(folder: Path, number: int) -> bytes:
@@ -85,10 +90,10 @@ class Files(Desk):
         assert (number, asked) == (self.number + 1, op)
         return code, session, answer[12 : 12 + size]
 
-    def refused(self, op: int, data: bytes = b"", **more: int) -> ErrorCode:
+    def refused(self, op: int, data: bytes = b"", **more: int) -> int:
         code, _, answer = self.ftp(op, data, **more)
-        assert code == Op.NAK
-        return ErrorCode(answer[0])
+        assert code == NAK
+        return answer[0]
 
 
 def test_logs_are_listed_with_size_and_time(folder: Path) -> None:
@@ -141,92 +146,97 @@ def test_logs_are_erased_but_not_in_flight(folder: Path) -> None:
 @pytest.mark.parametrize("path", ["/log", "/log/", "/fs/microsd/log"])
 def test_ftp_lists_the_logs(folder: Path, path: str) -> None:
     desk, seen = Files(folder), b""
-    code, _, data = desk.ftp(Op.LIST_DIRECTORY, path.encode())
-    while code == Op.ACK:
+    code, _, data = desk.ftp(LIST, path.encode())
+    while code == ACK:
         assert len(data) <= 239
         seen += data
-        code, _, data = desk.ftp(Op.LIST_DIRECTORY, path.encode(), offset=seen.count(b"\0"))
-    assert (code, data) == (Op.NAK, bytes((ErrorCode.END_OF_FILE,)))
+        code, _, data = desk.ftp(LIST, path.encode(), offset=seen.count(b"\0"))
+    assert (code, data) == (NAK, bytes((END,)))
     names = [f"Fflight-{i:04d}.mcap\t{size}" for i, size in enumerate(SIZES)]
     assert seen.decode().split("\0")[:-1] == names
 
 
 def test_ftp_reads_a_log_and_its_checksum(folder: Path) -> None:
     desk, whole, path = Files(folder), bytes_of(folder, 5), b"/log/flight-0005.mcap"
-    code, session, size = desk.ftp(Op.OPEN_FILE_RO, path)
-    assert (code, size) == (Op.ACK, struct.pack("<I", len(whole)))
-    assert desk.ftp(Op.READ_FILE, session=session, offset=239, size=100)[2] == whole[239:339]
-    assert desk.ftp(Op.READ_FILE, session=session, offset=39_990, size=239)[2] == whole[39_990:]
-    assert (
-        desk.refused(Op.READ_FILE, session=session, offset=40_000, size=9) is ErrorCode.END_OF_FILE
-    )
-    assert desk.ftp(Op.TERMINATE_SESSION, session=session)[0] == Op.ACK
-    assert desk.refused(Op.READ_FILE, session=session, size=9) is ErrorCode.INVALID_SESSION
+    code, session, size = desk.ftp(OPEN, path)
+    assert (code, size) == (ACK, struct.pack("<I", len(whole)))
+    assert desk.ftp(READ, session=session, offset=239, size=100)[2] == whole[239:339]
+    assert desk.ftp(READ, session=session, offset=39_990, size=239)[2] == whole[39_990:]
+    assert desk.refused(READ, session=session, offset=40_000, size=9) == END
+    assert desk.ftp(mav.MAV_FTP_OPCODE_TERMINATESESSION, session=session)[0] == ACK
+    assert desk.refused(READ, session=session, size=9) == NO_SESSION
     checksum = zlib.crc32(whole, 0xFFFFFFFF) ^ 0xFFFFFFFF
-    assert desk.ftp(Op.CALC_FILE_CRC32, path)[2] == struct.pack("<I", checksum)
+    assert desk.ftp(mav.MAV_FTP_OPCODE_CALCFILECRC, path)[2] == struct.pack("<I", checksum)
 
 
 @pytest.mark.parametrize(
     ("op", "data", "code"),
     [
-        (Op.LIST_DIRECTORY, b"/nowhere", ErrorCode.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/log/none.mcap", ErrorCode.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/log/../notes.txt", ErrorCode.FILE_NOT_FOUND),
-        (Op.OPEN_FILE_RO, b"/etc/extras/px4_io-v2_default.bin", ErrorCode.FILE_NOT_FOUND),
-        (Op.CALC_FILE_CRC32, b"/log/notes.txt", ErrorCode.FILE_NOT_FOUND),
-        (Op.CREATE_FILE, b"/log/new", ErrorCode.FILE_PROTECTED),
-        (Op.REMOVE_FILE, b"/log/flight-0001.mcap", ErrorCode.FILE_PROTECTED),
-        (Op.RENAME, b"/log/a\0/log/b", ErrorCode.FILE_PROTECTED),
-        (Op.READ_FILE, b"", ErrorCode.INVALID_SESSION),
-        (Op.BURST_READ_FILE, b"", ErrorCode.INVALID_SESSION),
-        (77, b"", ErrorCode.UNKNOWN_COMMAND),
+        (LIST, b"/nowhere", NOT_FOUND),
+        (OPEN, b"/log/none.mcap", NOT_FOUND),
+        (OPEN, b"/log/../notes.txt", NOT_FOUND),
+        (
+            OPEN,
+            b"/etc/extras/px4_io-v2_default.bin",
+            NOT_FOUND,
+        ),
+        (mav.MAV_FTP_OPCODE_CALCFILECRC, b"/log/notes.txt", NOT_FOUND),
+        (mav.MAV_FTP_OPCODE_CREATEFILE, b"/log/new", mav.MAV_FTP_ERR_FILEPROTECTED),
+        (mav.MAV_FTP_OPCODE_REMOVEFILE, b"/log/flight-0001.mcap", mav.MAV_FTP_ERR_FILEPROTECTED),
+        (mav.MAV_FTP_OPCODE_RENAME, b"/log/a\0/log/b", mav.MAV_FTP_ERR_FILEPROTECTED),
+        (READ, b"", NO_SESSION),
+        (BURST, b"", NO_SESSION),
+        (77, b"", mav.MAV_FTP_ERR_UNKNOWNCOMMAND),
     ],
 )
 def test_what_is_not_there_or_not_allowed_is_ftps_own_error(
-    folder: Path, op: int, data: bytes, code: ErrorCode
+    folder: Path, op: int, data: bytes, code: int
 ) -> None:
     assert Files(folder).refused(op, data, session=3) is code
 
 
 def test_ftp_bounds_what_it_is_told(folder: Path) -> None:
     desk = Files(folder)
-    assert desk.refused(Op.LIST_DIRECTORY, b"/log", size=255) is ErrorCode.INVALID_DATA_SIZE
+    assert desk.refused(LIST, b"/log", size=255) == mav.MAV_FTP_ERR_INVALIDDATASIZE
 
 
 def test_a_session_that_nobody_closed_is_used_again(folder: Path) -> None:
     desk, log = Files(folder), b"/log/flight-0001.mcap"
-    assert [desk.ftp(Op.OPEN_FILE_RO, log)[1] for _ in range(8)] == [*range(8)]
-    assert desk.ftp(Op.READ_FILE, session=0, size=9)[0] == Op.ACK
+    assert [desk.ftp(OPEN, log)[1] for _ in range(8)] == [*range(8)]
+    assert desk.ftp(READ, session=0, size=9)[0] == ACK
     # The one that was used least recently; 0 was read from just now.
-    assert desk.ftp(Op.OPEN_FILE_RO, b"@PARAM/param.pck")[:2] == (Op.ACK, 1)
-    assert desk.ftp(Op.READ_FILE, session=1, size=2)[2] == b"\x1b\x67"
-    assert desk.ftp(Op.READ_FILE, session=0, size=9)[0] == Op.ACK
+    assert desk.ftp(OPEN, b"@PARAM/param.pck")[:2] == (
+        ACK,
+        1,
+    )
+    assert desk.ftp(READ, session=1, size=2)[2] == b"\x1b\x67"
+    assert desk.ftp(READ, session=0, size=9)[0] == ACK
 
 
 def test_a_burst_does_not_go_on_with_another_file(folder: Path) -> None:
     desk, log = Files(folder), b"/log/flight-0005.mcap"
-    _, session, _ = desk.ftp(Op.OPEN_FILE_RO, log)
-    burst = struct.pack("<HBBBBBxI", 7, session, Op.BURST_READ_FILE, 239, 0, 0, 0).ljust(251, b"\0")
+    _, session, _ = desk.ftp(OPEN, log)
+    burst = struct.pack("<HBBBBBxI", 7, session, BURST, 239, 0, 0, 0).ljust(251, b"\0")
     message = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(burst))
     assert len(of(desk.send(message), "FILE_TRANSFER_PROTOCOL")) == 30
-    assert session in [desk.ftp(Op.OPEN_FILE_RO, log)[1] for _ in range(8)]
+    assert session in [desk.ftp(OPEN, log)[1] for _ in range(8)]
     assert of(desk.pass_wall_time(0.1, step=0.01), "FILE_TRANSFER_PROTOCOL") == []
 
 
 def test_a_request_whose_answer_was_lost_is_answered_again(folder: Path) -> None:
     desk = Files(folder)
-    code, session, _ = desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")
+    code, session, _ = desk.ftp(OPEN, b"/log/flight-0001.mcap")
     desk.number -= 1
-    assert desk.ftp(Op.OPEN_FILE_RO, b"/log/flight-0001.mcap")[:2] == (code, session)
+    assert desk.ftp(OPEN, b"/log/flight-0001.mcap")[:2] == (code, session)
 
 
 def test_parameters_come_as_one_pack() -> None:
     """Read as MAVProxy reads it."""
     desk = Files(None)
-    _, session, size = desk.ftp(Op.OPEN_FILE_RO, b"@PARAM/param.pck?withdefaults=1")
+    _, session, size = desk.ftp(OPEN, b"@PARAM/param.pck?withdefaults=1")
     pack = b""
     while len(pack) < struct.unpack("<I", size)[0]:
-        pack += desk.ftp(Op.READ_FILE, session=session, offset=len(pack), size=239)[2]
+        pack += desk.ftp(READ, session=session, offset=len(pack), size=239)[2]
     magic, count, total = struct.unpack_from("<HHH", pack)
     values, at, last = {}, 6, b""
     for _ in range(count):

@@ -2,15 +2,16 @@
 
 import logging
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of, speed_item, the
 
+from sitl.autopilot.fence import Polygon
 from sitl.autopilot.flying import route
 from sitl.autopilot.modes import Mode
-from sitl.autopilot.safety.fence import Polygon
 from sitl.config import VehicleConfig
 
 OK, DENIED = mav.MAV_RESULT_ACCEPTED, mav.MAV_RESULT_DENIED
@@ -135,7 +136,7 @@ def test_legs_of_no_length_at_the_least_speed() -> None:
         ({"command": mav.MAV_CMD_NAV_LAND, "height": HUGE}, mav.MAV_MISSION_INVALID_PARAM7),
     ],
 )
-def test_items_beyond_physics(change: dict[str, object], verdict: int) -> None:
+def test_items_beyond_physics(change: dict[str, Any], verdict: int) -> None:
     assert Desk().upload([item(0, **{"command": WAYPOINT, **change})]) == verdict
 
 
@@ -246,7 +247,7 @@ def test_an_error_in_a_command_is_answered(
     desk.take_off()
     monkeypatch.setattr(desk.vehicle.autopilot.flight, "set_home", break_)
     assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1) == mav.MAV_RESULT_FAILED
-    assert "Internal error in CommandOrder: BrokenError" in desk.texts()
+    assert "Internal error in COMMAND_LONG: BrokenError" in desk.texts()
     (record,) = caplog.records
     assert record.levelno == logging.ERROR
     assert record.exc_info is not None
@@ -278,7 +279,7 @@ def test_an_error_while_flying_ends_in_a_hold(monkeypatch: pytest.MonkeyPatch) -
     assert desk.mass.on_ground
 
 
-@pytest.mark.parametrize("part", ["monitor", "guard"])
+@pytest.mark.parametrize("part", ["monitor", "failsafes"])
 def test_an_error_in_a_watch_is_told_once(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
     desk = Desk()
     desk.take_off()

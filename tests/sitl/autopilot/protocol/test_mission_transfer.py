@@ -7,6 +7,7 @@ import itertools
 import math
 import random
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -14,24 +15,57 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 
-from sitl.autopilot.protocol.echo import ECHOES
+from sitl.autopilot.codec.orders import MissionItem, Peer, read_item
 from sitl.autopilot.protocol.item_rules import check_item
 from sitl.autopilot.protocol.transfer import (
+    ALL,
+    ANSWERS_REPEATED,
+    FENCE,
     MAX_ITEMS,
+    MISSION,
+    RALLY,
     REQUEST_AGAIN_S,
     REQUESTS_PER_ITEM,
     MissionTransfer,
 )
-from sitl.autopilot.values import messages as m
-from sitl.autopilot.values.enums import MissionResult, MissionType
+from sitl.autopilot.reporter import Reporter
 
-STATION = m.Peer(255, 190)
-OTHER = m.Peer(245, 190)
+STATION = Peer(255, 190)
+OTHER = Peer(245, 190)
+VEHICLE = Peer(1, 1)
+ACCEPTED = mav.MAV_MISSION_ACCEPTED
+Ack = mav.MAVLink_mission_ack_message
+Count = mav.MAVLink_mission_count_message
+Request = mav.MAVLink_mission_request_int_message
 
 
-def waypoints(count: int, *, shift: float = 0.0) -> tuple[m.MissionItem, ...]:
+def count_of(count: int, kind: int = MISSION, to: Peer = VEHICLE) -> Any:
+    return Count(*to, count, kind)
+
+
+def request_for(seq: int, kind: int = MISSION, to: Peer = VEHICLE) -> Any:
+    return Request(*to, seq, kind)
+
+
+def request_list(kind: int = MISSION) -> Any:
+    return mav.MAVLink_mission_request_list_message(*VEHICLE, kind)
+
+
+def clear(kind: int) -> Any:
+    return mav.MAVLink_mission_clear_all_message(*VEHICLE, kind)
+
+
+def ack(result: int, kind: int = MISSION, to: Peer = STATION) -> Any:
+    return Ack(*to, result, kind)
+
+
+def waypoints(count: int, *, shift: float = 0.0) -> tuple[MissionItem, ...]:
     return tuple(
-        m.MissionItem(i, 16, 3, (0.0, 2.0, 0.0, math.nan), 47.0 + i * 1e-4 + shift, 8.0, 50.0)
+        # Whole ten-millionths of a degree, which come back as they were.
+        MissionItem(
+            *(i, 16, 3, (0.0, 2.0, 0.0, math.nan)),
+            *(round((47.0 + i * 1e-4 + shift) * 1e7) * 1e-7, 80_000_000 * 1e-7, 50.0),
+        )
         for i in range(count)
     )
 
@@ -40,25 +74,30 @@ class Vehicle:
     """The transfer and what it has stored."""
 
     def __init__(self) -> None:
-        self.outbox: m.Outbox = []
-        self.lists: dict[MissionType, tuple[m.MissionItem, ...]] = {}
-        self.verdict = MissionResult.ACCEPTED
-        self.transfer = MissionTransfer(self.outbox, check=check_item, store=self.store)
+        self.outbox: list[Any] = []
+        self.lists: dict[int, tuple[MissionItem, ...]] = {}
+        self.verdict = ACCEPTED
+        reporter = Reporter(self.outbox, lambda *_: None)
+        self.transfer = MissionTransfer(self.outbox, reporter, check=check_item, store=self.store)
+        self._handlers = self.transfer.handlers()
 
-    def store(self, kind: MissionType, items: tuple[m.MissionItem, ...]) -> MissionResult:
-        if self.verdict is MissionResult.ACCEPTED:
+    def store(self, kind: int, items: tuple[MissionItem, ...]) -> int:
+        if self.verdict == ACCEPTED:
             self.lists[kind] = items
         return self.verdict
 
-    def say(self, message: m.Incoming, *, now: float = 0.0, peer: m.Peer = STATION) -> list[object]:
-        """Hand over a message; what is answered."""
-        assert self.transfer.receive(peer, message, now)
+    def say(self, message: Any, *, now: float = 0.0, peer: Peer = STATION) -> list[Any]:
+        """Hand over a message, or an item; what is answered."""
+        sent = message.message(VEHICLE) if isinstance(message, MissionItem) else message
+        self._handlers[type(sent)](peer, sent, now)
         return self.take()
 
-    def take(self) -> list[object]:
-        bodies: list[object] = [envelope.body for envelope in self.outbox]
+    def take(self) -> list[Any]:
+        """What it has said, items as values."""
+        item = mav.MAVLink_mission_item_int_message
+        said = [read_item(body) if isinstance(body, item) else body for body in self.outbox]
         self.outbox.clear()
-        return bodies
+        return said
 
 
 class BadNetwork:
@@ -92,22 +131,22 @@ class BadNetwork:
 class Uploader:
     """A ground station that uploads: repeats COUNT until asked, and its last item until thanked."""
 
-    def __init__(self, network: BadNetwork, vehicle: Vehicle, items: tuple[m.MissionItem, ...]):
+    def __init__(self, network: BadNetwork, vehicle: Vehicle, items: tuple[MissionItem, ...]):
         self.network, self.vehicle, self.items = network, vehicle, items
-        self.result: MissionResult | None = None
-        self._last: m.Incoming = m.MissionCount(len(items), MissionType.MISSION)
+        self.result: int | None = None
+        self._last: Any = count_of(len(items), MISSION)
         self._tries = 0
         self._repeat()
 
-    def hear(self, body: object) -> None:
-        if isinstance(body, m.MissionRequest) and body.seq < len(self.items):
+    def hear(self, body: Any) -> None:
+        if isinstance(body, Request) and body.seq < len(self.items):
             self._tries = 0
             self._last = self.items[body.seq]
             self.send(self._last)
-        elif isinstance(body, m.MissionAck) and self.result is None:
-            self.result = body.result
+        elif isinstance(body, Ack) and self.result is None:
+            self.result = body.type
 
-    def send(self, message: m.Incoming) -> None:
+    def send(self, message: Any) -> None:
         self.network.post(lambda: hand_over(self, message))
 
     def _repeat(self) -> None:
@@ -123,17 +162,17 @@ class Downloader:
     def __init__(self, network: BadNetwork, vehicle: Vehicle) -> None:
         self.network, self.vehicle = network, vehicle
         self.count: int | None = None
-        self.items: list[m.MissionItem] = []
+        self.items: list[MissionItem] = []
         self._repeat()
 
     @property
     def done(self) -> bool:
         return self.count is not None and len(self.items) == self.count
 
-    def hear(self, body: object) -> None:
-        if isinstance(body, m.MissionCount) and self.count is None:
+    def hear(self, body: Any) -> None:
+        if isinstance(body, Count) and self.count is None:
             self.count = body.count
-        elif isinstance(body, m.MissionItem) and body.seq == len(self.items):
+        elif isinstance(body, MissionItem) and body.seq == len(self.items):
             self.items.append(body)
         else:
             return
@@ -141,14 +180,10 @@ class Downloader:
             self.ask()
 
     def ask(self) -> None:
-        kind = MissionType.MISSION
-        self.send(
-            m.MissionRequestList(kind)
-            if self.count is None
-            else m.MissionRequest(len(self.items), kind)
-        )
+        kind = MISSION
+        self.send(request_list(kind) if self.count is None else request_for(len(self.items), kind))
 
-    def send(self, message: m.Incoming) -> None:
+    def send(self, message: Any) -> None:
         self.network.post(lambda: hand_over(self, message))
 
     def _repeat(self) -> None:
@@ -167,14 +202,14 @@ class Mavsdk:
     TRIES, WAIT_S = 5, 0.5
 
     def __init__(
-        self, network: BadNetwork, vehicle: Vehicle, items: tuple[m.MissionItem, ...]
+        self, network: BadNetwork, vehicle: Vehicle, items: tuple[MissionItem, ...]
     ) -> None:
         self.network, self.vehicle, self.items = network, vehicle, items
         self.done: bool | None = None
         self._next = self._tries = 0
         self._timer = 0
 
-    def send(self, message: m.Incoming) -> None:
+    def send(self, message: Any) -> None:
         self._tries += 1
         self.network.post(lambda: hand_over(self, message))
 
@@ -195,7 +230,7 @@ class Mavsdk:
     def again(self) -> None:
         raise NotImplementedError
 
-    def hear(self, body: object) -> None:
+    def hear(self, body: Any) -> None:
         raise NotImplementedError
 
 
@@ -209,14 +244,14 @@ class MavsdkUpload(Mavsdk):
         if self._asked:
             self._tries += 1
         else:
-            self.send(m.MissionCount(len(self.items), MissionType.MISSION))
+            self.send(count_of(len(self.items), MISSION))
 
-    def hear(self, body: object) -> None:
+    def hear(self, body: Any) -> None:
         if self.done is not None:
             return
-        if isinstance(body, m.MissionAck):
-            self.done = self._next == len(self.items) and body.result is MissionResult.ACCEPTED
-        elif isinstance(body, m.MissionRequest):
+        if isinstance(body, Ack):
+            self.done = self._next == len(self.items) and body.type == ACCEPTED
+        elif isinstance(body, Request):
             self._asked = True
             if body.seq > self._next:
                 return
@@ -232,29 +267,25 @@ class MavsdkUpload(Mavsdk):
 
 class MavsdkDownload(Mavsdk):
     def start(self) -> None:
-        self.got: list[m.MissionItem] = []
+        self.got: list[MissionItem] = []
         self._count: int | None = None
         self.wait()
         self.again()
 
     def again(self) -> None:
-        kind = MissionType.MISSION
-        asked = (
-            m.MissionRequestList(kind)
-            if self._count is None
-            else m.MissionRequest(self._next, kind)
-        )
+        kind = MISSION
+        asked = request_list(kind) if self._count is None else request_for(self._next, kind)
         self.send(asked)
 
-    def hear(self, body: object) -> None:
+    def hear(self, body: Any) -> None:
         if self.done is not None:
             return
-        if isinstance(body, m.MissionCount):
+        if isinstance(body, Count):
             self._count, self._next = body.count, 0
-        elif isinstance(body, m.MissionItem) and body.seq == self._next:
+        elif isinstance(body, MissionItem) and body.seq == self._next:
             self.got.append(body)
             self._next += 1
-        elif isinstance(body, m.MissionItem):
+        elif isinstance(body, MissionItem):
             self.wait()  # a repetition: it only waits longer
             return
         else:
@@ -271,7 +302,7 @@ def _is_done(station: Mavsdk) -> bool:
     return station.done is not None
 
 
-def hand_over(station: Uploader | Downloader | Mavsdk, message: m.Incoming) -> None:
+def hand_over(station: Uploader | Downloader | Mavsdk, message: Any) -> None:
     """A message reaches the vehicle; its answers set out on their way back."""
     network, vehicle = station.network, station.vehicle
     for body in vehicle.say(message, now=network.now):
@@ -303,8 +334,8 @@ def test_upload_survives_loss_duplication_and_reordering(seed: int, count: int) 
     station = Uploader(network, vehicle, items)
     keep_polling(network, station)
     assert network.run(lambda: station.result is not None)
-    assert station.result is MissionResult.ACCEPTED
-    assert vehicle.lists[MissionType.MISSION] == items
+    assert station.result == ACCEPTED
+    assert vehicle.lists[MISSION] == items
 
 
 @settings(max_examples=100, deadline=None)
@@ -343,19 +374,19 @@ def test_mavsdk_succeeds_as_often_as_its_own_limit_of_tries_allows(
         station.start()
         keep_polling(network, station, every_s=0.01)
         network.run(functools.partial(_is_done, station))
-        assert not station.done or vehicle.lists[MissionType.MISSION] == items
+        assert not station.done or vehicle.lists[MISSION] == items
         succeeded += bool(station.done)
     assert 0.98 < best < 0.995
     # Without repetitions by the vehicle: 0.79 and 0.87.
     assert succeeded / RUNS > best - 0.012
 
 
-def upload(vehicle: Vehicle, items: tuple[m.MissionItem, ...], *, now: float = 0.0) -> object:
+def upload(vehicle: Vehicle, items: tuple[MissionItem, ...], *, now: float = 0.0) -> object:
     """Upload over a perfect line; the last answer."""
-    kind = items[0].mission_type if items else MissionType.MISSION
-    answers = vehicle.say(m.MissionCount(len(items), kind), now=now)
+    kind = items[0].mission_type if items else MISSION
+    answers = vehicle.say(count_of(len(items), kind), now=now)
     for item in items:
-        assert answers == [m.MissionRequest(item.seq, kind)]
+        assert answers == [request_for(item.seq, kind, STATION)]
         answers = vehicle.say(item, now=now)
     return answers[-1]
 
@@ -363,38 +394,37 @@ def upload(vehicle: Vehicle, items: tuple[m.MissionItem, ...], *, now: float = 0
 def test_a_broken_off_upload_leaves_the_old_mission() -> None:
     vehicle = Vehicle()
     upload(vehicle, waypoints(3))
-    vehicle.say(m.MissionCount(5, MissionType.MISSION), now=10.0)
+    vehicle.say(count_of(5, MISSION), now=10.0)
     vehicle.say(waypoints(5, shift=1.0)[0], now=10.0)
     now, asked = 10.0, 0
     answers: list[object] = []
-    while not any(isinstance(body, m.MissionAck) for body in answers):
+    while not any(isinstance(body, Ack) for body in answers):
         due = vehicle.transfer.due()
         assert due == pytest.approx(now + REQUEST_AGAIN_S)
-        assert due is not None
         now = due
         vehicle.transfer.poll(now)
         answers = vehicle.take()
-        asked += isinstance(answers[0], m.MissionRequest)
-    assert answers == [m.MissionAck(MissionResult.OPERATION_CANCELLED, MissionType.MISSION)]
+        asked += isinstance(answers[0], Request)
+    assert answers == [ack(mav.MAV_MISSION_OPERATION_CANCELLED, MISSION)]
     assert asked == REQUESTS_PER_ITEM - 1
-    assert vehicle.lists[MissionType.MISSION] == waypoints(3)
-    assert vehicle.transfer.due() is None
+    assert vehicle.lists[MISSION] == waypoints(3)
+    assert vehicle.transfer.due() == math.inf
 
 
 def test_a_second_count_starts_again_so_that_missions_never_mix() -> None:
     vehicle = Vehicle()
     old, new = waypoints(3), waypoints(3, shift=1.0)
-    vehicle.say(m.MissionCount(3, MissionType.MISSION))
+    vehicle.say(count_of(3, MISSION))
     vehicle.say(old[0])
     vehicle.say(old[1])
-    assert upload(vehicle, new) == m.MissionAck(MissionResult.ACCEPTED, MissionType.MISSION)
-    assert vehicle.lists[MissionType.MISSION] == new
+    assert upload(vehicle, new) == ack(ACCEPTED, MISSION)
+    assert vehicle.lists[MISSION] == new
 
 
 def test_items_after_a_complete_upload_are_thanked_for_again_but_not_at_once() -> None:
     vehicle = Vehicle()
     items = waypoints(2)
-    accepted = m.MissionAck(MissionResult.ACCEPTED, MissionType.MISSION)
+    accepted = ack(ACCEPTED, MISSION)
     assert upload(vehicle, items, now=5.0) == accepted
     assert vehicle.say(items[1], now=5.1) == []  # a duplicate on its way
     assert vehicle.say(items[1], now=5.5) == [accepted]
@@ -406,9 +436,8 @@ def test_items_after_a_complete_upload_are_thanked_for_again_but_not_at_once() -
 def echoes(vehicle: Vehicle, now: float) -> list[object]:
     """All that is said unasked from `now` on."""
     said: list[object] = []
-    while (due := vehicle.transfer.due()) is not None:
+    while math.isfinite(due := vehicle.transfer.due()):
         assert due > now
-        assert due is not None
         now = due
         vehicle.transfer.poll(now)
         said += vehicle.take()
@@ -416,49 +445,49 @@ def echoes(vehicle: Vehicle, now: float) -> list[object]:
 
 
 def test_an_acknowledgement_is_echoed_where_the_link_has_been_seen_to_lose() -> None:
-    items, kind = waypoints(2), MissionType.MISSION
-    accepted = m.MissionAck(MissionResult.ACCEPTED, kind)
+    items, kind = waypoints(2), MISSION
+    accepted = ack(ACCEPTED, kind)
     vehicle = Vehicle()
     assert upload(vehicle, items, now=1.0) == accepted
     assert echoes(vehicle, 1.0) == []  # nothing had to be asked for again
-    vehicle.say(m.MissionCount(2, kind), now=5.0)
+    vehicle.say(count_of(2, kind), now=5.0)
     vehicle.say(items[0], now=5.0)
     vehicle.transfer.poll(5.0 + REQUEST_AGAIN_S)
-    assert vehicle.take() == [m.MissionRequest(1, kind)]
+    assert vehicle.take() == [request_for(1, kind, STATION)]
     assert vehicle.say(items[1], now=6.0) == [accepted]
-    assert echoes(vehicle, 6.0) == [accepted] * ECHOES
+    assert echoes(vehicle, 6.0) == [accepted] * ANSWERS_REPEATED
     # Whoever goes on has heard it: no stray acknowledgement in the next transfer.
-    vehicle.say(m.MissionCount(2, kind), now=7.0)
+    vehicle.say(count_of(2, kind), now=7.0)
     vehicle.transfer.poll(7.0 + REQUEST_AGAIN_S)
     vehicle.say(items[0], now=7.5)
     assert vehicle.say(items[1], now=7.5)[-1] == accepted
-    vehicle.say(m.MissionCount(2, kind), now=7.55)
+    vehicle.say(count_of(2, kind), now=7.55)
     vehicle.transfer.poll(7.7)
     assert vehicle.take() == []
 
 
 def test_items_are_echoed_once_one_was_asked_for_again() -> None:
-    vehicle, kind = Vehicle(), MissionType.MISSION
+    vehicle, kind = Vehicle(), MISSION
     items = waypoints(3)
     upload(vehicle, items)
-    vehicle.say(m.MissionRequestList(kind), now=5.0)
-    assert vehicle.say(m.MissionRequest(0, kind), now=5.0) == [items[0]]
-    assert vehicle.transfer.due() is None
-    assert vehicle.say(m.MissionRequest(0, kind), now=5.5) == [items[0]]
+    vehicle.say(request_list(kind), now=5.0)
+    assert vehicle.say(request_for(0, kind), now=5.0) == [items[0]]
+    assert vehicle.transfer.due() == math.inf
+    assert vehicle.say(request_for(0, kind), now=5.5) == [items[0]]
     vehicle.transfer.poll(5.7)
     assert vehicle.take() == [items[0]]
-    assert vehicle.say(m.MissionRequest(1, kind), now=5.8) == [items[1]]
-    assert echoes(vehicle, 5.8) == [items[1]] * ECHOES
-    vehicle.say(m.MissionRequest(2, kind), now=7.0)
-    vehicle.say(m.MissionAck(MissionResult.ACCEPTED, kind), now=7.0)
+    assert vehicle.say(request_for(1, kind), now=5.8) == [items[1]]
+    assert echoes(vehicle, 5.8) == [items[1]] * ANSWERS_REPEATED
+    vehicle.say(request_for(2, kind), now=7.0)
+    vehicle.say(ack(ACCEPTED, kind), now=7.0)
     assert echoes(vehicle, 7.0) == []
 
 
 def test_only_one_station_uploads_at_a_time() -> None:
     vehicle = Vehicle()
-    vehicle.say(m.MissionCount(2, MissionType.MISSION))
-    denied = [m.MissionAck(MissionResult.DENIED, MissionType.MISSION)]
-    assert vehicle.say(m.MissionCount(2, MissionType.MISSION), peer=OTHER) == denied
+    vehicle.say(count_of(2, MISSION))
+    denied = [ack(mav.MAV_MISSION_DENIED, to=OTHER)]
+    assert vehicle.say(count_of(2, MISSION), peer=OTHER) == denied
     assert vehicle.say(waypoints(2)[0], peer=OTHER) == []
 
 
@@ -466,69 +495,76 @@ def test_a_download_is_of_one_list_even_if_it_is_replaced_meanwhile() -> None:
     vehicle = Vehicle()
     old, new = waypoints(2), waypoints(4, shift=1.0)
     upload(vehicle, old)
-    kind = MissionType.MISSION
-    assert vehicle.say(m.MissionRequestList(kind), peer=OTHER) == [m.MissionCount(2, kind)]
+    kind = MISSION
+    assert vehicle.say(request_list(kind), peer=OTHER) == [count_of(2, to=OTHER)]
     upload(vehicle, new)
-    assert vehicle.say(m.MissionRequest(1, kind), peer=OTHER) == [old[1]]
-    vehicle.say(m.MissionAck(MissionResult.ACCEPTED, kind), peer=OTHER)
-    assert vehicle.say(m.MissionRequest(1, kind), peer=OTHER) == [new[1]]
+    assert vehicle.say(request_for(1, kind), peer=OTHER) == [old[1]]
+    vehicle.say(ack(ACCEPTED, kind), peer=OTHER)
+    assert vehicle.say(request_for(1, kind), peer=OTHER) == [new[1]]
 
 
 def test_lists_are_apart_and_cleared_apart() -> None:
     vehicle = Vehicle()
-    circle = m.MissionItem(0, 5003, 0, (100.0, 0, 0, 0), 47.0, 8.0, 0.0, MissionType.FENCE)
-    rally = m.MissionItem(0, 5100, 3, (0, 0, 0, 0), 47.0, 8.0, 30.0, MissionType.RALLY)
+    circle = MissionItem(0, 5003, 0, (100.0, 0, 0, 0), 47.0, 8.0, 0.0, FENCE)
+    rally = MissionItem(0, 5100, 3, (0, 0, 0, 0), 47.0, 8.0, 30.0, RALLY)
     upload(vehicle, waypoints(3))
     upload(vehicle, (circle,))
     upload(vehicle, (rally,))
-    assert vehicle.say(m.MissionRequest(0, MissionType.FENCE)) == [circle]
-    vehicle.say(m.MissionClearAll(MissionType.FENCE))
+    assert vehicle.say(request_for(0, FENCE)) == [circle]
+    vehicle.say(clear(FENCE))
     assert vehicle.lists == {
-        MissionType.MISSION: waypoints(3),
-        MissionType.FENCE: (),
-        MissionType.RALLY: (rally,),
+        MISSION: waypoints(3),
+        FENCE: (),
+        RALLY: (rally,),
     }
-    vehicle.say(m.MissionClearAll(MissionType.ALL))
+    vehicle.say(clear(ALL))
     assert not any(vehicle.lists.values())
 
 
 def test_refusals_name_what_is_wrong() -> None:
     vehicle = Vehicle()
 
-    def verdict(**changes: object) -> MissionResult:
+    def verdict(**changes: object) -> int:
         fields = {
             "seq": 0, "command": 16, "frame": 3, "params": (0.0, 0.0, 0.0, 0.0),
             "x": 47.0, "y": 8.0, "z": 30.0,
         }  # fmt: skip
-        vehicle.say(m.MissionCount(1, MissionType.MISSION))
-        (answer,) = vehicle.say(m.MissionItem(**{**fields, **changes}))  # type: ignore[arg-type]
-        assert isinstance(answer, m.MissionAck)
-        return answer.result
+        vehicle.say(count_of(1, MISSION))
+        (answer,) = vehicle.say(MissionItem(**{**fields, **changes}))  # type: ignore[arg-type]
+        assert isinstance(answer, Ack)
+        return answer.type
 
-    r = MissionResult
-    assert verdict() is r.ACCEPTED
-    assert verdict(command=205) is r.UNSUPPORTED
-    assert verdict(frame=2) is r.UNSUPPORTED_FRAME
-    assert verdict(x=math.nan) is r.INVALID_PARAM5_X
-    assert verdict(x=91.0) is r.INVALID_PARAM5_X
-    assert verdict(y=181.0) is r.INVALID_PARAM6_Y
-    assert verdict(z=math.nan) is r.INVALID_PARAM7
-    assert verdict(z=15_000.0) is r.INVALID_PARAM7
-    assert verdict(z=15_000.0, frame=0) is r.ACCEPTED  # above mean sea level
-    assert verdict(params=(-1.0, 0.0, 0.0, 0.0)) is r.INVALID_PARAM1
-    assert verdict(params=(0.0, -1.0, 0.0, 0.0)) is r.INVALID_PARAM2
-    assert verdict(command=178, frame=2, params=(1.0, 0.0, 0.0, 0.0)) is r.INVALID_PARAM2
-    assert verdict(command=178, frame=2, params=(3.0, 5.0, 0.0, 0.0)) is r.INVALID_PARAM1
-    assert verdict(command=22, x=math.nan, y=math.nan) is r.ACCEPTED
-    kind = MissionType.MISSION
-    assert vehicle.say(m.MissionCount(MAX_ITEMS + 1, kind)) == [m.MissionAck(r.NO_SPACE, kind)]
-    assert vehicle.say(m.MissionRequest(7, kind)) == [m.MissionAck(r.INVALID_SEQUENCE, kind)]
-    partial = vehicle.say(m.MissionPartialList(kind))
-    assert partial[0] == m.MissionAck(r.UNSUPPORTED, kind)
-    assert isinstance(partial[1], m.StatusText)
-    vehicle.verdict = r.DENIED
-    assert upload(vehicle, waypoints(1)) == m.MissionAck(r.DENIED, kind)
-    assert vehicle.say(m.MissionClearAll(kind)) == [m.MissionAck(r.DENIED, kind)]
+    assert verdict() == ACCEPTED
+    assert verdict(command=205) == mav.MAV_MISSION_UNSUPPORTED
+    assert verdict(frame=2) == mav.MAV_MISSION_UNSUPPORTED_FRAME
+    assert verdict(x=math.nan) == mav.MAV_MISSION_INVALID_PARAM5_X
+    assert verdict(x=91.0) == mav.MAV_MISSION_INVALID_PARAM5_X
+    assert verdict(y=181.0) == mav.MAV_MISSION_INVALID_PARAM6_Y
+    assert verdict(z=math.nan) == mav.MAV_MISSION_INVALID_PARAM7
+    assert verdict(z=15_000.0) == mav.MAV_MISSION_INVALID_PARAM7
+    assert verdict(z=15_000.0, frame=0) == ACCEPTED  # above mean sea level
+    assert verdict(params=(-1.0, 0.0, 0.0, 0.0)) == mav.MAV_MISSION_INVALID_PARAM1
+    assert verdict(params=(0.0, -1.0, 0.0, 0.0)) == mav.MAV_MISSION_INVALID_PARAM2
+    assert (
+        verdict(command=178, frame=2, params=(1.0, 0.0, 0.0, 0.0)) == mav.MAV_MISSION_INVALID_PARAM2
+    )
+    assert (
+        verdict(command=178, frame=2, params=(3.0, 5.0, 0.0, 0.0)) == mav.MAV_MISSION_INVALID_PARAM1
+    )
+    assert verdict(command=22, x=math.nan, y=math.nan) == ACCEPTED
+    kind = MISSION
+    assert vehicle.say(count_of(MAX_ITEMS + 1, kind)) == [ack(mav.MAV_MISSION_NO_SPACE, kind)]
+    assert vehicle.say(request_for(7, kind)) == [ack(mav.MAV_MISSION_INVALID_SEQUENCE, kind)]
+    for part in (
+        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, kind),
+        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, kind),
+    ):
+        answer, said, *_ = vehicle.say(part)
+        assert answer == ack(mav.MAV_MISSION_UNSUPPORTED, kind)
+        assert isinstance(said, mav.MAVLink_statustext_message)
+    vehicle.verdict = mav.MAV_MISSION_DENIED
+    assert upload(vehicle, waypoints(1)) == ack(mav.MAV_MISSION_DENIED, kind)
+    assert vehicle.say(clear(kind)) == [ack(mav.MAV_MISSION_DENIED, kind)]
 
 
 def test_who_does_not_answer_the_new_request_is_asked_by_the_old_one() -> None:

@@ -35,6 +35,7 @@ CORNERS = Range(3, 5_000, "")
 ITEM = Range(0, 65_535, "")
 REPEATS = Range(0, 1_000_000, "")
 ORBIT_RADIUS = Range(1.0, 1_000.0, "m")
+ORBIT_YAW = Range(0, 5, "")
 ORBIT_SPEED = Range(0.0, 10.0, "m/s")
 AWAY = Range(-100_000.0, 100_000.0, "m")  # of a setpoint, in the local frame
 VELOCITY = Range(-100.0, 100.0, "m/s")

@@ -6,18 +6,20 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import Vector
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.values.enums import Command
-from sitl.autopilot.values.messages import MissionItem
 from sitl.errors import SitlInputError
 
 _INCLUSIONS = frozenset(
-    {Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FENCE_CIRCLE_INCLUSION}
+    {mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION}
 )
-_CIRCLES = frozenset({Command.NAV_FENCE_CIRCLE_INCLUSION, Command.NAV_FENCE_CIRCLE_EXCLUSION})
+_CIRCLES = frozenset(
+    {mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION}
+)
 
 
 _PAIRS = 1 << 20  # of a point and an edge that are looked at together

@@ -1,0 +1,129 @@
+"""Commands and mission items as values: degrees and metres, whichever message carried them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import common as mav
+
+from sitl.autopilot.codec.units import deg_e7, from_deg_e7, int32
+
+Fields: TypeAlias = dict[str, Any]  # of a message, by MAVLink's names
+Outbox: TypeAlias = list[mav.MAVLink_message]  # what waits to be sent
+
+ABSOLUTE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT})
+RELATIVE_FRAMES = frozenset(
+    {mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
+)
+GLOBAL_FRAMES = ABSOLUTE_FRAMES | RELATIVE_FRAMES
+# Commands whose fifth and sixth parameter are a position: COMMAND_INT carries it in degE7.
+_POSITION_COMMANDS = frozenset(
+    {
+        mav.MAV_CMD_NAV_TAKEOFF,
+        mav.MAV_CMD_NAV_LAND,
+        mav.MAV_CMD_DO_SET_HOME,
+        mav.MAV_CMD_DO_REPOSITION,
+        mav.MAV_CMD_DO_ORBIT,
+        mav.MAV_CMD_DO_SET_ROI_LOCATION,
+        mav.MAV_CMD_DO_SET_ROI,
+    }
+)
+
+
+class Peer(NamedTuple):
+    """Who speaks, or is spoken to."""
+
+    system: int
+    component: int
+
+
+# Who handles which message: from whom it came, the message and the wall time (s).
+Handlers: TypeAlias = dict[type[mav.MAVLink_message], Callable[[Peer, Any, float], None]]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandOrder:
+    """COMMAND_LONG or COMMAND_INT.
+
+    `params` are the seven parameters; where the command carries a global position, the fifth
+    and sixth are degrees whatever the message. `frame` is None for COMMAND_LONG.
+    """
+
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+    frame: int | None = None
+    confirmation: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """One item of the mission, the fence or the rally points.
+
+    `x`, `y` are latitude and longitude in degrees where the frame is global, else plain
+    parameters five and six; `z` is the altitude in metres, or parameter seven.
+    """
+
+    seq: int
+    command: int
+    frame: int
+    params: tuple[float, float, float, float]
+    x: float
+    y: float
+    z: float
+    mission_type: int = mav.MAV_MISSION_TYPE_MISSION
+    autocontinue: bool = True
+
+    def message(self, to: Peer) -> mav.MAVLink_message:
+        """MISSION_ITEM_INT."""
+        coordinate = deg_e7 if self.frame in GLOBAL_FRAMES else int32
+        x, y = coordinate(self.x), coordinate(self.y)
+        head = (*to, self.seq, self.frame, self.command, 0, int(self.autocontinue))
+        return mav.MAVLink_mission_item_int_message(
+            *head, *self.params, x, y, self.z, self.mission_type
+        )
+
+
+def read_order(
+    msg: mav.MAVLink_command_long_message | mav.MAVLink_command_int_message,
+) -> CommandOrder:
+    """The command of a message."""
+    first = (msg.param1, msg.param2, msg.param3, msg.param4)
+    if isinstance(msg, mav.MAVLink_command_long_message):
+        rest = (msg.param5, msg.param6, msg.param7)
+        return CommandOrder(msg.command, (*first, *rest), confirmation=msg.confirmation)
+    x, y = float(msg.x), float(msg.y)
+    if msg.command in _POSITION_COMMANDS and msg.frame in GLOBAL_FRAMES:
+        x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
+    return CommandOrder(msg.command, (*first, x, y, msg.z), frame=msg.frame)
+
+
+def read_item(
+    msg: mav.MAVLink_mission_item_message | mav.MAVLink_mission_item_int_message,
+) -> MissionItem:
+    """The item of a message."""
+    x, y = float(msg.x), float(msg.y)
+    if isinstance(msg, mav.MAVLink_mission_item_int_message) and msg.frame in GLOBAL_FRAMES:
+        x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
+    params = (msg.param1, msg.param2, msg.param3, msg.param4)
+    return MissionItem(
+        msg.seq,
+        msg.command,
+        msg.frame,
+        params,
+        x,
+        y,
+        msg.z,
+        msg.mission_type,
+        bool(msg.autocontinue),
+    )
+
+
+def bare_name(number: int) -> str:
+    """`DO_SET_SERVO` for 183."""
+    entry = mav.enums["MAV_CMD"].get(number)
+    return "unknown command" if entry is None else entry.name.removeprefix("MAV_CMD_")
+
+
+def command_name(number: int) -> str:
+    """`DO_SET_SERVO (183)` for 183; a number that MAVLink does not know stays a number."""
+    return f"{bare_name(number)} ({number})"

@@ -1,0 +1,68 @@
+"""Whether a flight may begin and where it may lead: by GNSS, battery and fence."""
+
+import math
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.state import GnssFix, Vector
+from sitl.autopilot.fence import Geofence
+from sitl.autopilot.parameters import Parameters
+
+_CURRENT_S = 1.5  # a GNSS solution is current for so long
+_SATELLITES_UNKNOWN = 255
+_HYSTERESIS = 0.02  # of the charge
+LOW, CRITICAL, EMERGENCY = "BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"
+
+
+class Guard:
+    """Watches what a flight depends on. It knows nothing of the flight that asks."""
+
+    def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
+        self.fence = Geofence(aircraft.frame, parameters)
+        self._aircraft = aircraft
+        self._parameters = parameters
+        self._fix: GnssFix | None = None
+        self._arrived_ns = 0
+        self._below = dict.fromkeys((LOW, CRITICAL, EMERGENCY), False)
+
+    def look_for_gnss(self) -> None:
+        """Note a GNSS solution that has arrived."""
+        aircraft = self._aircraft
+        fix = aircraft.gnss
+        if fix is None and aircraft.ready:
+            # No receiver, and yet it knows where it is: flown on the truth. That is a fix, too.
+            at = aircraft.belief
+            fix = GnssFix(at.t_ns, at.pos_ned_m, at.vel_ned_mps, 0.0, 0.0, 0.0, _SATELLITES_UNKNOWN)
+        if fix is not self._fix:
+            self._fix, self._arrived_ns = fix, aircraft.t_ns
+
+    def gnss_age_s(self) -> float:
+        """Simulated seconds since a solution arrived; infinite where there was none."""
+        self.look_for_gnss()
+        if self._fix is None:
+            return math.inf
+        return (self._aircraft.t_ns - self._arrived_ns) * 1e-9
+
+    def gnss(self) -> GnssFix | None:
+        """The last solution, if it is a recent one."""
+        return self._fix if self.gnss_age_s() < _CURRENT_S else None
+
+    def position_ok(self) -> bool:
+        """Whether the estimate of the position may still be navigated by."""
+        return self.gnss_age_s() < self._parameters["COM_POS_FS_DELAY"]
+
+    def look_at_charge(self) -> dict[str, bool]:
+        """Each threshold by its parameter, and whether the charge is below it now."""
+        charge = self._aircraft.battery.remaining
+        for name, below in self._below.items():
+            self._below[name] = charge < self._parameters[name] + (_HYSTERESIS if below else 0.0)
+        return self._below
+
+    def forbidden(self, places_ned_m: Vector, *, home_ned_m: Vector) -> str:
+        """What the fence has against places, (3,) or (n, 3); empty if nothing."""
+        return self.fence.breach(places_ned_m, home_ned_m=home_ned_m)
+
+    def arming_denied(self) -> str:
+        """Why the motors must not be released; empty if they may."""
+        if self.gnss() is None:
+            return "no GNSS solution"
+        return "battery critical" if self._below[CRITICAL] else ""

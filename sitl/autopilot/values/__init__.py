@@ -1,1 +1,0 @@
-"""What comes in and goes out over MAVLink, as values in SI units and degrees."""
