@@ -31,10 +31,9 @@ from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
-from sitl.firmware.bridge import Bridge
-from sitl.firmware.clockwork import Clockwork
+from sitl.firmware.bridge import LOOPBACK, Bridge
+from sitl.firmware.clock import FirmwareClock
 from sitl.firmware.px4 import Px4Bridge
-from sitl.firmware.sockets import LOOPBACK
 
 HOME = GeodeticPoint(47.397742, 8.545594, 488.0)
 CLIMB = 0.5  # duty cycle
@@ -179,7 +178,7 @@ class Bridged(Part):
         bridge.open()
         self._ticks, self._until, self._run = aircraft.clock, 0, bridge.run
         bridge.run = self._run_in_turn  # type: ignore[method-assign]
-        self._clock = Clockwork(bridge, speed=math.inf)
+        self._clock = FirmwareClock(bridge, speed=math.inf)
         _started(protocol, bridge.port, ticks)  # type: ignore[attr-defined]
 
     def _run_in_turn(self, ticks: int) -> int:

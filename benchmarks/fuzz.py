@@ -129,12 +129,17 @@ UNDER_ATHERIS = """
 import sys
 import atheris
 with atheris.instrument_imports(include=["sitl.autopilot.codec"]):
+    from sitl.autopilot.codec import orders
     from sitl.autopilot.codec.signing import Seal
     from sitl.autopilot.codec.wire import Wire
 wire, seal = Wire(1, 1), Seal(bytes(32), link_id=1, clock=lambda: 1.5e9)
 
 def once(data):
-    wire.read(data)
+    for message in wire.read(data):
+        if message.get_type().startswith("COMMAND_") and hasattr(message, "param1"):
+            orders.read_order(message)
+        elif message.get_type().startswith("MISSION_ITEM") and hasattr(message, "param1"):
+            orders.read_item(message)
     wire.read(data, stream="serial")
     seal.opened(data)
 

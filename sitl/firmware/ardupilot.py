@@ -10,16 +10,21 @@ import socket
 
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
-from sitl.firmware.bridge import sensors_of
-from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.native.library import FOREIGN, RESTARTED, Json, Stepped, json_send, json_wait
-from sitl.firmware.native.rows import Rows
-from sitl.firmware.sockets import bound, give_up_after
+from sitl.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.bridge import bound, give_up_soon, sensors_of
+from sitl.firmware.native.library import (
+    FOREIGN,
+    RESTARTED,
+    Json,
+    Stepped,
+    TruthRing,
+    json_send,
+    json_wait,
+)
 
 DEFAULT_PORT = 9002
 LOOPS_HZ = 400  # of ArduCopter, where SCHED_LOOP_RATE does not say otherwise
 _RATES_HZ = (250, 400, 500, 800, 1000)  # whole ticks of everything that the plant does
-_LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
 
 
 def slowest_rate_hz(loops_hz: float) -> int:
@@ -46,8 +51,8 @@ class ArduPilotBridge:
         self._baro_error_m = 0.0
 
     @property
-    def rows(self) -> Rows:
-        return self._stepped.rows
+    def truths(self) -> TruthRing:
+        return self._stepped.truths
 
     @property
     def connected(self) -> bool:
@@ -62,7 +67,7 @@ class ArduPilotBridge:
 
     def open(self) -> None:
         self._socket = bound(socket.SOCK_DGRAM, self._port)
-        give_up_after(self._socket, _LOOK_S)
+        give_up_soon(self._socket)
 
     def run(self, ticks: int) -> int:
         if not (self._connected or self._connect()):

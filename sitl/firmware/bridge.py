@@ -1,15 +1,19 @@
-"""What both bridges are to those who step them."""
+"""What both bridges are to those who step them, and the sockets that both use."""
 
+import socket
+import struct
 from typing import Protocol
 
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
-from sitl.errors import SitlInputError
-from sitl.firmware.native.rows import Rows
+from sitl.errors import LinkError, SitlInputError
+from sitl.firmware.native.library import TruthRing
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
 STALL_S = 10.0
+LOOK_S = 0.1  # wall time after which a wait for it looks whether it is to go on
+LOOPBACK = "127.0.0.1"
 
 
 class Bridge(Protocol):
@@ -18,8 +22,8 @@ class Bridge(Protocol):
     plant: Plant
 
     @property
-    def rows(self) -> Rows:
-        """The truth of the last while."""
+    def truths(self) -> TruthRing:
+        """The truth at the last guidance intervals, as C keeps it."""
 
     @property
     def connected(self) -> bool:
@@ -62,3 +66,32 @@ def sensors_of(plant: Plant) -> SensorSuite:
             "takes readings without noise for broken ones; it must be 'realistic'"
         )
     return plant.sensors
+
+
+def bound(kind: socket.SocketKind, port: int) -> socket.socket:
+    """A socket on the loopback interface; port 0 takes a free one.
+
+    Raises:
+        LinkError: the port cannot be had; the message names it.
+    """
+    sock = socket.socket(socket.AF_INET, kind)
+    try:
+        if kind is socket.SOCK_STREAM:
+            # A port whose last connection has just ended is free.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((LOOPBACK, port))
+    except OSError as error:
+        sock.close()
+        name = "TCP" if kind is socket.SOCK_STREAM else "UDP"
+        raise LinkError(f"{name} port {port}: cannot be had: {error.strerror or error}") from None
+    return sock
+
+
+def give_up_soon(sock: socket.socket) -> None:
+    """Let `recv` and `send` raise BlockingIOError after `LOOK_S` without data or room.
+
+    By the kernel: `socket.settimeout` would ask it twice for every datagram.
+    """
+    timeval = struct.pack("ll", 0, int(LOOK_S * 1e6))
+    for wait in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+        sock.setsockopt(socket.SOL_SOCKET, wait, timeval)

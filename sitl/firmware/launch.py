@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sitl.config import VehicleConfig
-from sitl.firmware.bridge import Bridge
+from sitl.firmware.bridge import Bridge, bound
 from sitl.firmware.process import FirmwareProcess
-from sitl.firmware.sockets import bound
 
 # The airframe's motors as firmwares describe them: of a duty cycle u they give the thrust
 # c u^2 + (1 - c) u, 1 being 22.9 N a rotor at a full battery, and 3.9 N carry the aircraft.

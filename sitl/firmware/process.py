@@ -6,11 +6,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sitl.firmware import keeper
-from sitl.firmware.errors import FirmwareSilentError
+from sitl.errors import FirmwareSilentError
+from sitl.firmware import supervisor
 
 CONSOLE = "console.log"
-_END_S = 2 * keeper.GRACE_S + 2.0
+_END_S = 2 * supervisor.GRACE_S + 2.0
 
 
 def check_binary(path: Path) -> None:
@@ -51,10 +51,10 @@ class FirmwareProcess:
         self.console = folder / CONSOLE
         self._name = Path(argv[0]).name
         on = "" if processor is None else str(processor)
-        command = [sys.executable, "-I", "-S", keeper.__file__, on, *argv]
+        command = [sys.executable, "-I", "-S", supervisor.__file__, on, *argv]
         try:
             with self.console.open("wb") as console:
-                self._keeper = subprocess.Popen(
+                self._supervisor = subprocess.Popen(
                     command,
                     cwd=folder,
                     env={**os.environ, **env},
@@ -69,7 +69,7 @@ class FirmwareProcess:
     @property
     def died(self) -> str:
         """How it ended by itself; empty while it runs."""
-        code = self._keeper.poll()
+        code = self._supervisor.poll()
         return "" if code is None else f"{self._name} has ended with exit code {code}"
 
     def last_words(self, lines: int = 5) -> str:
@@ -86,10 +86,10 @@ class FirmwareProcess:
 
     def stop(self) -> None:
         """End it, by force where it does not end by itself; may be called twice."""
-        if self._keeper.stdin is not None and not self._keeper.stdin.closed:
-            self._keeper.stdin.close()
+        if self._supervisor.stdin is not None and not self._supervisor.stdin.closed:
+            self._supervisor.stdin.close()
         try:
-            self._keeper.wait(_END_S)
+            self._supervisor.wait(_END_S)
         except subprocess.TimeoutExpired:
-            self._keeper.kill()
-            self._keeper.wait()
+            self._supervisor.kill()
+            self._supervisor.wait()

@@ -8,20 +8,30 @@ tick waits for its answer. Terms: PX4's module simulator_mavlink.
 import math
 import os
 import socket
+import struct
 import time
 
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
-from sitl.firmware.bridge import sensors_of
-from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.hil import BARO, MAG, gps_payload
-from sitl.firmware.native.library import FREE_RUNNING, GONE, Hil, Stepped, hil_send, hil_wait
-from sitl.firmware.native.rows import Rows
-from sitl.firmware.sockets import bound, give_up_after
+from flightdyn.state import GeodeticPoint, GnssFix
+from sitl.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.bridge import LOOK_S, bound, give_up_soon, sensors_of
+from sitl.firmware.native.library import (
+    FREE_RUNNING,
+    GONE,
+    Hil,
+    Stepped,
+    TruthRing,
+    hil_send,
+    hil_wait,
+)
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
-_LOOK_S = 0.1  # wall time after which a wait looks whether it is to go on
 _KELVIN = 273.15
+_MAG, _BARO = 0x1C0, 0x1A00  # bits of HIL_SENSOR.fields_updated
+_GPS = struct.Struct("<QiiiHHHhhhHBB")
+_FIX_3D = 3
+_UNKNOWN_COURSE = 65535
 
 
 class Px4Bridge:
@@ -48,8 +58,8 @@ class Px4Bridge:
         return tuple(self._hil.motors)
 
     @property
-    def rows(self) -> Rows:
-        return self._stepped.rows
+    def truths(self) -> TruthRing:
+        return self._stepped.truths
 
     @property
     def connected(self) -> bool:
@@ -65,7 +75,7 @@ class Px4Bridge:
     def open(self) -> None:
         self._listener = bound(socket.SOCK_STREAM, self._port)
         self._listener.listen(1)
-        self._listener.settimeout(_LOOK_S)
+        self._listener.settimeout(LOOK_S)
 
     def run(self, ticks: int) -> int:
         if self.booting:
@@ -116,10 +126,10 @@ class Px4Bridge:
         says = self._hil.sensor
         baro, mag = self._sensors.slow()
         if mag is not None:
-            says.fields |= MAG
+            says.fields |= _MAG
             says.field_gauss[:] = mag.field_frd_gauss
         if baro is not None:
-            says.fields |= BARO
+            says.fields |= _BARO
             says.pressure_hpa = baro.pressure_pa / 100
             says.height_m = altitude_m(baro.pressure_pa)
 
@@ -135,7 +145,7 @@ class Px4Bridge:
 
     def rest(self) -> None:
         # PX4 is silent while its clock stands still.
-        time.sleep(_LOOK_S / 10)
+        time.sleep(LOOK_S / 10)
 
     def close(self) -> None:
         for sock in (self._connection, self._listener):
@@ -151,7 +161,7 @@ class Px4Bridge:
             return False
         connection.settimeout(None)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        give_up_after(connection, _LOOK_S)
+        give_up_soon(connection)
         self._connection = connection
         self._hil.socket = connection.fileno()
         return True
@@ -163,3 +173,31 @@ class Px4Bridge:
         if due_s > now_s:
             time.sleep(due_s - now_s)
         self._paced_s = max(due_s, now_s - 0.1)
+
+
+def gps_payload(t_us: int, fix: GnssFix, place: GeodeticPoint) -> bytes:
+    """HIL_GPS at a time of PX4's clock, `place` being the solution's on the globe."""
+    n, e, d = fix.vel_ned_mps.tolist()
+    return _GPS.pack(
+        t_us,
+        round(place.lat_deg * 1e7),
+        round(place.lon_deg * 1e7),
+        round(place.alt_msl_m * 1e3),
+        _unsigned_cm(fix.std_horizontal_m),
+        _unsigned_cm(fix.std_vertical_m),
+        _unsigned_cm((n * n + e * e) ** 0.5),
+        _cm(n),
+        _cm(e),
+        _cm(d),
+        _UNKNOWN_COURSE,
+        _FIX_3D,
+        min(fix.satellites, 254),  # 255: not known
+    )
+
+
+def _cm(metres: float) -> int:
+    return round(min(max(metres * 100, -32768), 32767))
+
+
+def _unsigned_cm(metres: float) -> int:
+    return round(min(metres * 100, 65534))  # 65535: not known

@@ -8,22 +8,135 @@ the ground station's heartbeat once a second of its own time.
 
 import asyncio
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass
 from typing import TypeAlias
 
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.physics.battery import CELLS
+from flightdyn.state import BatteryState
 from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
-from sitl.firmware.frames import CHATTER, EACH_COUNTS, HEARTBEAT, Frame, Reader, frames
 from sitl.links import Link
 
 Hear: TypeAlias = Callable[[str, Fields], None]
 
+HEARTBEAT = mav.MAVLINK_MSG_ID_HEARTBEAT
+# What a ground station says again and again, whatever it wants.
+CHATTER = frozenset({HEARTBEAT, mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC})
+_EVENT = 410  # of the events interface, not in this dialect
+# Of these each one counts; of all others the newest.
+EACH_COUNTS = frozenset(
+    {
+        mav.MAVLINK_MSG_ID_COMMAND_ACK,
+        mav.MAVLINK_MSG_ID_STATUSTEXT,
+        mav.MAVLINK_MSG_ID_PARAM_VALUE,
+        mav.MAVLINK_MSG_ID_PARAM_EXT_VALUE,
+        mav.MAVLINK_MSG_ID_PARAM_EXT_ACK,
+        mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
+        mav.MAVLINK_MSG_ID_MISSION_ITEM,
+        mav.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        mav.MAVLINK_MSG_ID_MISSION_REQUEST,
+        mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+        mav.MAVLINK_MSG_ID_MISSION_COUNT,
+        mav.MAVLINK_MSG_ID_MISSION_ACK,
+        mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
+        mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
+        mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+        mav.MAVLINK_MSG_ID_LOG_ENTRY,
+        mav.MAVLINK_MSG_ID_LOG_DATA,
+        mav.MAVLINK_MSG_ID_TIMESYNC,
+        _EVENT,
+    }
+)
 # Wall time between looks at what has come. To wake up for each datagram would cost more than all
 # that is done with it; while a station waits for an answer it is worth that.
 _FLUSH_S, _ANSWER_FLUSH_S = 0.02, 0.002
 _HEARTBEAT_S = 0.8  # wall time after which the last heartbeat is said again
 _ANSWER_S = 0.1  # wall time after a ground station's message that the vehicle answers in
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One MAVLink message as it travels, whole but not checked."""
+
+    data: bytes
+    number: int  # of the message
+    system: int
+    component: int
+
+
+def packets(datagram: bytes) -> Iterator[Packet]:
+    """The messages in a datagram; what is none ends it."""
+    at = 0
+    while at + 8 <= len(datagram):
+        if datagram[at] == 0xFD and at + 12 <= len(datagram):
+            end = at + datagram[at + 1] + (25 if datagram[at + 2] & 1 else 12)
+            number = int.from_bytes(datagram[at + 7 : at + 10], "little")
+            system, component = datagram[at + 5], datagram[at + 6]
+        elif datagram[at] == 0xFE:
+            end = at + datagram[at + 1] + 8
+            system, component, number = datagram[at + 3 : at + 6]
+        else:
+            return
+        if end > len(datagram):
+            return
+        yield Packet(datagram[at:end], number, system, component)
+        at = end
+
+
+class Reader:
+    """Packets as messages: a dictionary of fields by MAVLink's names."""
+
+    def __init__(self) -> None:
+        self._mav = mav.MAVLink(None)
+
+    def read(self, packet: Packet) -> tuple[str, Fields] | None:
+        """The message's name and fields; None where the packet is damaged."""
+        try:
+            message = self._mav.decode(bytearray(packet.data))
+        except mav.MAVError:
+            return None
+        fields = message.to_dict()
+        del fields["mavpackettype"]
+        return message.get_type(), fields
+
+
+class Writer:
+    """What the relay itself says to the firmware, as a part of its vehicle."""
+
+    def __init__(self, system: int) -> None:
+        self._mav = mav.MAVLink(None, srcSystem=system, srcComponent=mav.MAV_COMP_ID_BATTERY)
+
+    def battery(self, state: BatteryState) -> bytes:
+        """BATTERY_STATUS of a smart battery."""
+        cell = round(state.voltage_v * 1e3 / CELLS)
+        return self._pack(
+            mav.MAVLink_battery_status_message(
+                id=0,
+                battery_function=mav.MAV_BATTERY_FUNCTION_ALL,
+                type=mav.MAV_BATTERY_TYPE_LIPO,
+                temperature=2000,
+                voltages=[cell] * CELLS + [65535] * (10 - CELLS),
+                current_battery=round(state.current_a * 100),
+                current_consumed=round(state.consumed_mah),
+                energy_consumed=-1,
+                battery_remaining=round(100 * state.remaining),
+            )
+        )
+
+    def parameter(self, name: str, value: float) -> bytes:
+        """PARAM_SET of a number, as ArduPilot reads it."""
+        return self._pack(
+            mav.MAVLink_param_set_message(0, 0, name.encode(), value, mav.MAV_PARAM_TYPE_REAL32)
+        )
+
+    def _pack(self, message: mav.MAVLink_message) -> bytes:
+        data = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
 
 
 class Relay:
@@ -57,7 +170,7 @@ class Relay:
         self._beat_at = 0.0  # wall time of the last one handed on
         self._answer_until = 0.0  # wall time up to which a station waits for an answer
         self._open = AsyncExitStack()
-        self.vehicle: Frame | None = None  # its first heartbeat
+        self.vehicle: Packet | None = None  # its first heartbeat
 
     async def __aenter__(self) -> "Relay":
         """Open the links and begin.
@@ -91,32 +204,32 @@ class Relay:
                 datagram, self._firmware = self._socket.recvfrom(65536)
             except (BlockingIOError, ConnectionError):
                 break
-            for frame in frames(datagram):
-                if frame.number in self._heard:
-                    message = self._reader.read(frame)
+            for packet in packets(datagram):
+                if packet.number in self._heard:
+                    message = self._reader.read(packet)
                     if message is not None:
                         self._hear(*message)
-                if frame.number == HEARTBEAT and frame.component == 1:
-                    self._beat(frame)
-                if frame.number in EACH_COUNTS:
-                    at_once.append(frame.data)
+                if packet.number == HEARTBEAT and packet.component == 1:
+                    self._beat(packet)
+                if packet.number in EACH_COUNTS:
+                    at_once.append(packet.data)
                 else:
-                    self._newest[frame.component, frame.number] = frame.data
+                    self._newest[packet.component, packet.number] = packet.data
         if at_once:
             self._to_stations(at_once)
 
-    def _beat(self, frame: Frame) -> None:
-        self.vehicle = self.vehicle or frame
-        self._vehicle_heartbeat = frame.data
+    def _beat(self, packet: Packet) -> None:
+        self.vehicle = self.vehicle or packet
+        self._vehicle_heartbeat = packet.data
         self.to_firmware(self._station_heartbeat + self._each_second())
 
     def _from_stations(self) -> None:
         for link in self._links:
             for data, _ in link.receive():
-                for frame in frames(data):
-                    if frame.number == HEARTBEAT:
-                        self._station_heartbeat = frame.data
-                    if frame.number not in CHATTER:
+                for packet in packets(data):
+                    if packet.number == HEARTBEAT:
+                        self._station_heartbeat = packet.data
+                    if packet.number not in CHATTER:
                         self._asked(_ANSWER_S)
                         self._answer_until = asyncio.get_running_loop().time() + _ANSWER_S
                 self.to_firmware(data)

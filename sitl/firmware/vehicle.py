@@ -13,18 +13,53 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from sitl.block import following
 from sitl.config import VehicleConfig
-from sitl.firmware.choice import plant_rate_hz, prepare
-from sitl.firmware.clockwork import Clockwork
-from sitl.firmware.errors import FirmwareError, FirmwareSilentError
-from sitl.firmware.frames import Writer
-from sitl.firmware.launch import Order, Ports
+from sitl.errors import FirmwareError, FirmwareSilentError
+from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
+from sitl.firmware.ardupilot_launch import ardupilot_launch, check_arducopter
+from sitl.firmware.bridge import bound
+from sitl.firmware.clock import FirmwareClock
+from sitl.firmware.launch import Launch, Order, Ports
 from sitl.firmware.process import FirmwareProcess
-from sitl.firmware.relay import Hear, Relay
-from sitl.firmware.sockets import bound
+from sitl.firmware.px4_launch import etc_of, px4_launch
+from sitl.firmware.relay import Hear, Relay, Writer
 from sitl.links import Link
 
 _LOOK_S = 0.05  # wall time between looks whether all is well
 _GNSS_SWITCH = "SIM_GPS1_ENABLE"  # ArduPilot's; its JSON interface cannot leave positions out
+
+
+def plant_rate_hz(vehicle: VehicleConfig) -> int:
+    """Ticks a second in which the firmware has the plant stepped."""
+    if vehicle.autopilot == "ardupilot":
+        loops_hz = vehicle.firmware.parameters.get("SCHED_LOOP_RATE", LOOPS_HZ)
+        return max(vehicle.aircraft.physics_hz, slowest_rate_hz(loops_hz))
+    return vehicle.aircraft.physics_hz
+
+
+def check_firmware(vehicle: VehicleConfig) -> None:
+    """Refuse a binary that is not the firmware asked for, as far as it shows before it runs.
+
+    Raises:
+        FirmwareSilentError: says what it is.
+    """
+    path = vehicle.firmware.path
+    assert path is not None  # so says the configuration
+    if vehicle.autopilot == "px4":
+        etc_of(path)
+    else:
+        check_arducopter(path)
+
+
+def prepare(order: Order, plant: Plant) -> Launch:
+    """Open the bridge and put together how the firmware is started.
+
+    Raises:
+        LinkError: no port can be had.
+        FirmwareSilentError: the binary, or what belongs to it, is not there.
+    """
+    if order.vehicle.autopilot == "px4":
+        return px4_launch(order, plant)
+    return ardupilot_launch(order, plant)
 
 
 def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams) -> Plant:
@@ -44,7 +79,7 @@ class FirmwareVehicle:
     block: it is cancelled, and leaving it raises what was wrong.
     """
 
-    clock: Clockwork
+    clock: FirmwareClock
     relay: Relay
     process: FirmwareProcess
 
@@ -90,7 +125,7 @@ class FirmwareVehicle:
             order = Order(self._vehicle, Ports.to(sock), self._mission_speed_mps)
             launch = prepare(order, self.plant)
             processor = _shared_processor()
-            self.clock = Clockwork(launch.bridge, speed=self._speed, processor=processor)
+            self.clock = FirmwareClock(launch.bridge, speed=self._speed, processor=processor)
             opened.callback(self.clock.stop)
             self.relay = Relay(
                 sock,

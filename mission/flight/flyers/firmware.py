@@ -33,9 +33,8 @@ from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder
 from sitl.autopilot.codec.orders import Fields, MissionItem
-from sitl.firmware.choice import check_firmware
-from sitl.firmware.errors import FirmwareError, FirmwareSilentError
-from sitl.firmware.vehicle import FirmwareVehicle, plant_for
+from sitl.errors import FirmwareError, FirmwareSilentError
+from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleObserver
 

@@ -9,10 +9,10 @@ from mission.base.errors import FlightError
 from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from sitl.config import VehicleConfig
+from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
-from sitl.firmware.clockwork import Clockwork
-from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.firmware.clock import FirmwareClock
 from sitl.firmware.px4 import Px4Bridge
 from sitl.firmware.vehicle import plant_for
 
@@ -47,7 +47,7 @@ def _serve_once(
 ) -> None:
     bridge = _bridge(config, autopilot, port)
     bridge.open()
-    clock = Clockwork(bridge, speed=speed, patience_s=math.inf)
+    clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
     clock.start()
     clock.run()
     try:

@@ -12,7 +12,7 @@
 
 SIZE_OF(Hil);
 SIZE_OF(Json);
-SIZE_OF(Past);
+SIZE_OF(Ring);
 
 static int gone(Hil *link, int error)
 {
@@ -72,11 +72,11 @@ EXPORTED int hil_send(Hil *link, const uint8_t *gps)
 /* The truth of this instant. A row is whole before it is the newest. */
 static int keep(World *world)
 {
-    Past *past = world->past;
-    const int64_t number = world->t_ns / past->interval_ns, slot = number % past->count;
-    past->instants[slot] = world->t_ns;
-    if (!world->read_gauges(world->interpreter, world->gauges, TRUTHS, past->rows[slot])) return 0;
-    past->newest = number;
+    Ring *ring = world->ring;
+    const int64_t number = world->t_ns / ring->interval_ns, slot = number % ring->count;
+    ring->instants[slot] = world->t_ns;
+    if (!world->read_gauges(world->interpreter, world->gauges, TRUTHS, ring->rows[slot])) return 0;
+    ring->newest = number;
     return 1;
 }
 
@@ -84,7 +84,7 @@ static int step(World *world, const double motors[4], double sample[6])
 {
     world->t_ns += world->dt_ns;
     if (!world->drive(world->driven, motors, sample)) return 0;
-    return world->t_ns % world->past->interval_ns != 0 || keep(world);
+    return world->t_ns % world->ring->interval_ns != 0 || keep(world);
 }
 
 EXPORTED int hil_tick(Hil *link)

@@ -21,7 +21,7 @@ typedef struct {
     double (*rows)[TRUTHS];
     int64_t *instants; /* ns */
     int64_t count, interval_ns, newest;
-} Past;
+} Ring;
 
 /* The aircraft, by what the library of `flightdyn` exports; and Python's lock, which stepping it
    takes and waiting must not keep. */
@@ -32,7 +32,7 @@ typedef struct {
     void (*take)(void *);
     void *driven;
     const void *interpreter, *gauges; /* (15,) position, velocity, Euler angles first */
-    Past *past;
+    Ring *ring;
     int64_t t_ns, dt_ns; /* of the last tick, of each */
 } World;
 

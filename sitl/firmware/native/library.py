@@ -6,25 +6,66 @@ aircraft takes it.
 
 import ctypes
 
+import numpy as np
+
 from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of_python
 from flightdyn.plant import Plant
 from native.building import library
-from native.loading import check_sizes, load
-from sitl.firmware.native.rows import Past, Rows
+from native.loading import address, check_sizes, load
 
 _INT, _LONG, _UNSIGNED, _DOUBLE = ctypes.c_int, ctypes.c_int64, ctypes.c_uint64, ctypes.c_double
 _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
 _THREE, _FOUR, _SIX = _DOUBLE * 3, _DOUBLE * 4, _DOUBLE * 6
 
+KEPT = 4096  # guidance intervals, 80 s
+NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
 # What came of a call. ORDERED: the motors are what the firmware wants for the next tick; GONE: it
 # has hung up; FREE_RUNNING: its clock is not ours; FOREIGN: it speaks another protocol.
 NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, _FAILED = range(7)
 
 
+class _Ring(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_void_p) for name in ("rows", "instants")) + tuple(
+        (name, ctypes.c_int64) for name in ("count", "interval_ns", "newest")
+    )
+
+
+class TruthRing:
+    """A ring buffer: a row of numbers for each guidance interval of a plant, the newest `KEPT`."""
+
+    def __init__(self, plant: Plant) -> None:
+        """Begins with the row of this instant."""
+        self._count, interval_ns = KEPT, plant.interval * plant.dt_ns
+        shape = (KEPT, NUMBERS)
+        self._rows, self._instants = np.zeros(shape), np.zeros(KEPT, dtype=np.int64)
+        first = plant.t_ns // interval_ns
+        self._memory = _Ring(
+            address(self._rows, np.float64, shape, written=True),
+            address(self._instants, np.int64, (KEPT,), written=True),
+            KEPT,
+            interval_ns,
+            first,
+        )
+        self.address = ctypes.addressof(self._memory)
+        self._rows[first % KEPT] = plant.vehicle.all.read()
+        self._instants[first % KEPT] = plant.t_ns
+
+    @property
+    def newest(self) -> int:
+        """The number of the newest interval."""
+        number: int = self._memory.newest
+        return number
+
+    def of(self, interval: int) -> tuple[int, list[float]]:
+        """The instant (ns) and the numbers at the end of an interval."""
+        slot = interval % self._count
+        return int(self._instants[slot]), self._rows[slot].tolist()
+
+
 class _World(ctypes.Structure):
     _fields_ = (
         *((name, _POINTER) for name in ("drive", "read_gauges", "let_go", "take")),
-        *((name, _POINTER) for name in ("driven", "interpreter", "gauges", "past")),
+        *((name, _POINTER) for name in ("driven", "interpreter", "gauges", "ring")),
         *(("t_ns", _LONG), ("dt_ns", _LONG)),
     )
 
@@ -61,7 +102,7 @@ class Json(ctypes.Structure):
 
 
 _LIBRARY = load(library("bridge"))
-check_sizes(_LIBRARY, Hil=Hil, Json=Json, Past=Past)
+check_sizes(_LIBRARY, Hil=Hil, Json=Json, Ring=_Ring)
 # Each takes the address of its structure; `hil_send` a payload of HIL_GPS, too, or None.
 hil_wait = ctypes.CFUNCTYPE(_INT, _POINTER, _INT)(("hil_wait", _LIBRARY))
 hil_send = ctypes.CFUNCTYPE(_INT, _POINTER, _BYTES)(("hil_send", _LIBRARY))
@@ -79,11 +120,11 @@ class Stepped:
     def __init__(self, plant: Plant, imu: Imu, link: Hil | Json) -> None:
         """The motors stand still until there is an order."""
         self._plant, self._link = plant, link
-        vehicle, self.rows = plant.vehicle, Rows(plant)
+        vehicle, self.truths = plant.vehicle, TruthRing(plant)
         vehicle.drive((0.0,) * 4)
         self._driven = Driven(imu, vehicle.set_motors, plant.run)
         lock = of_python("PyEval_SaveThread", "PyEval_RestoreThread")
-        places = self._driven.at, PYTHON_AT, vehicle.all.at, self.rows.address
+        places = self._driven.at, PYTHON_AT, vehicle.all.at, self.truths.address
         link.world = _World(DRIVE_AT, READ_AT, *lock, *places, plant.t_ns, plant.dt_ns)
         self.at = ctypes.addressof(link)
 
@@ -92,7 +133,7 @@ class Stepped:
         return self._count(_hil_run(self._ready(ticks), ticks))
 
     def hil_tick(self) -> int:
-        """A tick that nobody asked for."""
+        """A tick of a PX4 that boots and asks for none yet; whether it was taken."""
         return self._count(_hil_tick(self._ready(1)))
 
     def json_run(self, ticks: int) -> int:

@@ -11,10 +11,10 @@ import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
 from sitl.config import FirmwareConfig, VehicleConfig
+from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
-from sitl.firmware.choice import plant_rate_hz
-from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.native.library import Json, json_send
+from sitl.firmware.vehicle import plant_rate_hz
 
 
 @pytest.fixture

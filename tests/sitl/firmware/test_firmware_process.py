@@ -14,8 +14,8 @@ from firmware_stand_ins import plant
 from patience import HANG_S, until
 
 from sitl.config import FirmwareConfig, VehicleConfig
+from sitl.errors import FirmwareSilentError
 from sitl.firmware.bridge import Bridge
-from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.launch import Launch
 from sitl.firmware.process import FirmwareProcess, check_binary
 from sitl.firmware.vehicle import FirmwareVehicle

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.firmware.frames import Frame, Writer, frames
-from sitl.firmware.relay import Relay
-from sitl.firmware.sockets import bound
+from sitl.firmware.bridge import bound
+from sitl.firmware.relay import Packet, Relay, Writer, packets
 from sitl.links import RawLink
 
 
@@ -21,7 +20,7 @@ class Ends:
         self.firmware = bound(socket.SOCK_DGRAM, 0)
         self.firmware.setblocking(False)
         self.link = RawLink()
-        self.station: list[Frame] = []
+        self.station: list[Packet] = []
         self.asked: list[float] = []
         self.heard: list[tuple[str, dict[str, Any]]] = []
         ours = bound(socket.SOCK_DGRAM, 0)
@@ -74,7 +73,7 @@ async def until(met: Callable[[], bool]) -> None:
 def relayed(body: Callable[[Ends], Coroutine[Any, Any, None]]) -> None:
     async def run() -> None:
         ends = Ends()
-        ends.link.attach(lambda data: ends.station.extend(frames(data)))
+        ends.link.attach(lambda data: ends.station.extend(packets(data)))
         with ends.firmware:
             async with asyncio.timeout(60), ends.relay:
                 await body(ends)
@@ -134,9 +133,9 @@ def test_a_station_that_asks_is_noticed_and_its_chatter_is_not() -> None:
 def test_junk_between_frames_is_dropped() -> None:
     out = mav.MAVLink(None, srcSystem=1, srcComponent=1)
     whole = bytes(HEARTBEAT.pack(out))
-    assert [frame.number for frame in frames(whole + b"junk")] == [0]
-    assert list(frames(b"\xfd")) == []
-    assert list(frames(whole[:-1])) == []
+    assert [frame.number for frame in packets(whole + b"junk")] == [0]
+    assert list(packets(b"\xfd")) == []
+    assert list(packets(whole[:-1])) == []
 
 
 def parsed(data: bytes) -> Any:

@@ -13,11 +13,10 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
-from sitl.errors import LinkError, SitlInputError
-from sitl.firmware.errors import FirmwareError, FirmwareRestartedError
+from sitl.errors import FirmwareError, FirmwareRestartedError, LinkError, SitlInputError
+from sitl.firmware.bridge import give_up_soon
 from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait
 from sitl.firmware.px4 import Px4Bridge
-from sitl.firmware.sockets import give_up_after
 
 
 @pytest.fixture
@@ -179,7 +178,7 @@ def test_px4_that_hangs_up_is_noticed(bridge: Px4Bridge, px4: Px4StandIn) -> Non
 def test_what_px4_does_not_take_is_sent_when_it_does() -> None:
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        give_up_after(ours, 0.02)
+        give_up_soon(ours)
         theirs.setblocking(False)
         link = Hil(socket=ours.fileno())
         at, sent = ctypes.addressof(link), 0

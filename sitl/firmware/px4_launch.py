@@ -9,8 +9,7 @@ from pathlib import Path
 from flightdyn.config import LimitsConfig
 from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.plant import Plant
-from sitl.errors import LinkError
-from sitl.firmware.errors import FirmwareSilentError
+from sitl.errors import FirmwareSilentError, LinkError
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
 from sitl.firmware.process import check_binary
 from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge

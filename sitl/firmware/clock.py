@@ -1,4 +1,7 @@
-"""Simulated time under a firmware: a thread that steps the plant whenever it may and is asked."""
+"""Simulated time under a firmware: a thread that steps the plant whenever it may and is asked.
+
+The truth of the last while is kept for those who learn of an instant after it is over.
+"""
 
 import math
 import os
@@ -6,18 +9,98 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
+from flightdyn.frames import Triple, frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
-from flightdyn.state import Moment
+from flightdyn.state import BatteryState, Kinematics, Moment
+from sitl.errors import FirmwareSilentError
 from sitl.firmware.bridge import STALL_S, Bridge
-from sitl.firmware.errors import FirmwareSilentError
-from sitl.firmware.past import Past
+from sitl.firmware.native import library as native
+from sitl.firmware.native.library import TruthRing
 
+_BATTERY_EVERY = 5  # guidance intervals
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 _MOST = 1000  # ticks at once, where there is no pace to keep
 
 
-class Clockwork:
+class _Truth(NamedTuple):
+    """As the physics says it: what few ask for is worked out when they do."""
+
+    t_ns: int
+    position_ned: Triple
+    velocity_ned: Triple
+    euler: Triple
+    rates: Triple
+    wind_ned: Triple
+    battery: BatteryState
+
+
+class TruthHistory:
+    """The truth at each guidance interval of the plant, the newest 80 s of it.
+
+    One thread keeps, by `keep` in `bridge.c`; others may ask at any time.
+    """
+
+    def __init__(self, plant: Plant, ring: TruthRing) -> None:
+        """Begins with the truth of this instant; `ring` is where C keeps it."""
+        self._plant = plant
+        self._interval_ns = plant.interval * plant.dt_ns
+        self._ring = ring
+        self._first = self._ring.newest
+        self._batteries = [plant.battery] * (native.KEPT // _BATTERY_EVERY + 1)
+        self._battery = 0  # number of the newest
+        self.keep_battery(exchanged=True)
+
+    def keep_battery(self, *, exchanged: bool = False) -> None:
+        """Keep the battery's state where it is time to, or if it was exchanged."""
+        number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
+        if rest == 0 or exchanged:
+            self._batteries[number % len(self._batteries)] = self._plant.battery
+            self._battery = number
+
+    @property
+    def newest(self) -> Moment:
+        """The newest truth."""
+        truth = self._kept(self._ring.newest)
+        return _between(truth, truth, truth.t_ns)
+
+    def at(self, t_ns: int) -> Moment:
+        """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
+        last = self._ring.newest
+        # The oldest may be overwritten at any time.
+        first = max(self._first, last - native.KEPT + 8)
+        index = min(max(t_ns // self._interval_ns, first), last)
+        before = self._kept(index)
+        after = self._kept(min(index + 1, last))
+        return _between(before, after, t_ns)
+
+    def _kept(self, interval: int) -> _Truth:
+        t_ns, numbers = self._ring.of(interval)
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers
+        number = min(interval // _BATTERY_EVERY, self._battery)
+        motion = (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r)
+        return _Truth(t_ns, *motion, (wn, we, wd), self._batteries[number % len(self._batteries)])
+
+
+def _between(before: _Truth, after: _Truth, t_ns: int) -> Moment:
+    """The truth at an instant between two, or near the first, by its velocity."""
+    place, speed = frozen(before.position_ned), frozen(before.velocity_ned)
+    since_ns, gap_ns = t_ns - before.t_ns, after.t_ns - before.t_ns
+    if since_ns <= 0 or gap_ns <= 0:
+        place, nearer = frozen(place + since_ns * 1e-9 * speed), before
+    else:
+        share = since_ns / gap_ns
+        place = frozen(place + share * (frozen(after.position_ned) - place))
+        speed = frozen(speed + share * (frozen(after.velocity_ned) - speed))
+        nearer = after if share > 0.5 else before
+    roll, pitch, yaw = nearer.euler
+    turned = frozen(quaternion_from_euler(roll, pitch, wrap_pi(yaw)))
+    kinematics = Kinematics(t_ns, place, speed, turned, frozen(nearer.rates))
+    return Moment(kinematics, nearer.battery, frozen(nearer.wind_ned))
+
+
+class FirmwareClock:
     """Runs an open bridge in a thread of its own, at a pace, with truth kept for a while.
 
     Time stands still unless `run` was called last. All but `run`, `rest` and `stop` may be called
@@ -42,7 +125,7 @@ class Clockwork:
         self._speed, self._patience_s = speed, patience_s
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
-        self._past = Past(bridge.plant, bridge.rows)
+        self._truth = TruthHistory(bridge.plant, bridge.truths)
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
@@ -89,16 +172,16 @@ class Clockwork:
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery(armed=False)
-        self._past.keep_battery(exchanged=True)
+        self._truth.keep_battery(exchanged=True)
 
     @property
     def now(self) -> Moment:
         """The newest truth, a guidance interval old at most."""
-        return self._past.newest
+        return self._truth.newest
 
     def at(self, t_ns: int) -> Moment:
-        """The truth at an instant; see `Past.at`."""
-        return self._past.at(t_ns)
+        """The truth at an instant; see `TruthHistory.at`."""
+        return self._truth.at(t_ns)
 
     def _turn(self) -> None:
         try:
@@ -118,7 +201,7 @@ class Clockwork:
                 continue
             speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
             if ticks := run(_MOST if math.isinf(speed) else plant.interval):
-                self._past.keep_battery()
+                self._truth.keep_battery()
                 asked_s = time.monotonic()
                 paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
             elif not bridge.connected:

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 
 from flightdyn.plant import Plant
+from sitl.errors import FirmwareSilentError
 from sitl.firmware.ardupilot import ArduPilotBridge
-from sitl.firmware.errors import FirmwareSilentError
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
 from sitl.firmware.process import check_binary
 

@@ -5,8 +5,8 @@ import pytest
 from firmware_stand_ins import plant
 
 from flightdyn.plant import Plant
+from sitl.firmware.clock import TruthHistory
 from sitl.firmware.native.library import Hil, Stepped
-from sitl.firmware.past import Past
 
 INTERVAL_NS = 20_000_000
 
@@ -17,11 +17,11 @@ def flown(aircraft: Plant, *motors: float) -> Stepped:
     return Stepped(aircraft, aircraft.sensors.imu, Hil(motors=motors))
 
 
-def falling(intervals: int) -> tuple[Past, list[float]]:
+def falling(intervals: int) -> tuple[TruthHistory, list[float]]:
     """A climb at full power, and the heights at the ends of its intervals."""
     aircraft = plant()
     link, heights = flown(aircraft, 0.9, 0.9, 0.9, 0.9), [aircraft.truth.alt_rel_m]
-    past = Past(aircraft, link.rows)
+    past = TruthHistory(aircraft, link.truths)
     for _ in range(intervals):
         for _ in range(aircraft.interval):
             link.hil_tick()
@@ -32,7 +32,7 @@ def falling(intervals: int) -> tuple[Past, list[float]]:
 def test_what_was_kept_is_what_was() -> None:
     aircraft = plant()
     link = flown(aircraft, 0.9, 0.8, 0.9, 0.8)
-    past = Past(aircraft, link.rows)
+    past = TruthHistory(aircraft, link.truths)
     for _ in range(50 * aircraft.interval):
         link.hil_tick()
         past.keep_battery()
@@ -59,7 +59,7 @@ def test_between_two_it_lies_between_and_beyond_them_it_goes_on() -> None:
 
 
 def test_only_the_newest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sitl.firmware.native.rows.KEPT", 32)
+    monkeypatch.setattr("sitl.firmware.native.library.KEPT", 32)
     past, heights = falling(100)
     assert past.at(90 * INTERVAL_NS).kinematics.alt_rel_m == pytest.approx(heights[90])
     # What is gone is told by the oldest that is left, by its velocity.
