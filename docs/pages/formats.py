@@ -107,10 +107,7 @@ def _body() -> list[str]:
         "chunks, indexes and statistics; `log_time` is in simulated nanoseconds. Topics with a",
         "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
         *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
-        *(
-            f"| `{t.name}` | `{t.schema_name or 'none'}` | {t.encoding} | {t.description} |"
-            for t in every
-        ),
+        *(f"| `{t.name}` | `{t.schema_name}` | {t.encoding} | {t.description} |" for t in every),
     ]
     for topic in every:
         if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):

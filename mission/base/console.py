@@ -17,7 +17,6 @@ class RunConsole:
     out: Console
     quiet: bool = False  # only errors are printed
     live_port: int | None = None  # of Foxglove's view of the log; 0: any free one
-    log_mavlink: bool = False  # what pilot and vehicle say goes into the log too
 
     def say(self, text: str) -> None:
         """A line for people."""

@@ -12,7 +12,7 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, plain, print_json
 from mission.log.errors import DamagedLogError
 
-Form = Literal["csv", "parquet", "kml", "tlog", "attachments"]
+Form = Literal["csv", "parquet", "kml", "attachments"]
 
 
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
@@ -132,12 +132,11 @@ def export(
     log
         The log, or its run's folder.
     out
-        The new folder, or file for kml and tlog. Default: beside the log.
+        The new folder, or file for kml. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
-        battery, wind and innovations; kml: devices, planned and flown paths; tlog: raw MAVLink,
-        where the run recorded it; attachments: the files inside the log (configuration, a Foxglove
-        layout).
+        battery, wind and innovations; kml: devices, planned and flown paths; attachments: the
+        files inside the log (configuration, a Foxglove layout).
     as_json
         Print the new files' paths as a JSON list.
     """
@@ -158,10 +157,6 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.log.export.kml import export_kml
 
         return (export_kml(log, file),)
-    if to == "tlog":
-        from mission.log.export.mavlink import export_tlog
-
-        return (export_tlog(log, file),)
     from mission.log.export.tables import export_attachments, export_csv, export_parquet
 
     write = {"csv": export_csv, "parquet": export_parquet, "attachments": export_attachments}

@@ -92,7 +92,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def console(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = False) -> RunConsole:
+def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:
     """Who looks on, on this terminal and in Foxglove.
 
     Raises:
@@ -100,4 +100,4 @@ def console(*, quiet: bool, live: bool, live_port: int, log_mavlink: bool = Fals
     """
     if not 0 <= live_port <= 65535:
         raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
-    return RunConsole(Terminal(), quiet, live_port if live else None, log_mavlink)
+    return RunConsole(Terminal(), quiet, live_port if live else None)

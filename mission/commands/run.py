@@ -34,7 +34,6 @@ def run(
     vehicle: str | None = None,
     live: Flag = False,
     live_port: int = LIVE_PORT,
-    log_mavlink: Flag = False,
     resume: Path | None = None,
     no_report: Flag = False,
     quiet: Flag = False,
@@ -66,13 +65,9 @@ def run(
         Serve what is logged to Foxglove while it is flown, on the loopback address only.
     live_port
         Port of the live view; 0 takes a free one.
-    log_mavlink
-        Put the raw MAVLink between pilot and simulated vehicle into the log too, with either
-        direction as a topic (aerofed log export --to tlog). What is said when depends on wall
-        time, so such a log is not the same twice; all other files and topics still are.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting,
-        as the folder has them all, --no-report and --log-mavlink too.
+        as the folder has them all, --no-report too.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     quiet
@@ -80,13 +75,11 @@ def run(
     as_json
         Print nothing but the run's summary as JSON, at the end.
     """
-    watching = console(
-        quiet=quiet or as_json, live=live, live_port=live_port, log_mavlink=log_mavlink
-    )
+    watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()
     if resume is not None:
         others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
-        if log_mavlink or no_report or any(value is not None for value in others):
+        if no_report or any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         return _resume(resume, watching, stopwatch, as_json=as_json)
     options = {
@@ -97,10 +90,6 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
-    if log_mavlink and resolved.link.kind == "external":
-        raise InputError(
-            "--log-mavlink: an external autopilot is flown by MAVSDK alone; record on its side"
-        )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     from mission.base.run_folder import RunFolder, output_folder

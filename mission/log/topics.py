@@ -21,7 +21,7 @@ BODY_FRAME = "aircraft"  # x forward, y left, z up
 
 @dataclass(frozen=True, slots=True, eq=False)  # each is one of a kind
 class Topic:
-    """One channel of the log. Without a schema its name and data are empty."""
+    """One channel of the log."""
 
     name: str
     schema_name: str
@@ -215,21 +215,9 @@ FENCE = _json(
     keep_out_m=("outlines", "corners [x, y] of each area to keep out of"),
 )
 
-# Raw frames as they went over the link, where that is asked for; no schema describes bytes.
-MAVLINK_TO_VEHICLE = Topic(
-    "/mavlink/to_vehicle", "", "", b"", "mavlink", "raw frames to the vehicle, by option"
-)
-MAVLINK_FROM_VEHICLE = Topic(
-    "/mavlink/from_vehicle", "", "", b"", "mavlink", "raw frames of the vehicle, by option"
-)
-
-# Declared where they are wanted only: viewers complain of channels that they cannot read. Last
-# among the topics, so that the numbers of the others do not depend on them.
-RAW = (MAVLINK_TO_VEHICLE, MAVLINK_FROM_VEHICLE)
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
     *(TRUE_WIND, INNOVATIONS, FENCE),
-    *RAW,
 )

@@ -16,7 +16,7 @@ from mission.base.user_code import plugins_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import CHARGED, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Tap
+from mission.flight.flyers.flyers import Attached, Flyers
 from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.performance import Foreseen
@@ -38,7 +38,6 @@ class FlownExperiment(Experiment):
     flyers: Flyers
     folder: Path  # of the run
     observers: Sequence[VehicleObserver] = ()
-    tap: Tap | None = None  # on the link between pilot and built-in autopilot
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
@@ -50,7 +49,7 @@ class FlownExperiment(Experiment):
     async def _run(self) -> None:
         try:
             async with self.flyers.open(
-                Attached(self.observers, self.folder, self.recorder.notice, self.tap)
+                Attached(self.observers, self.folder, self.recorder.notice)
             ) as flyer:
                 try:
                     await self._rounds(flyer)

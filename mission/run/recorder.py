@@ -166,7 +166,6 @@ def recording(
                 devices=devices,
                 fence=fence,
                 mirrors=mirrors,
-                raw_mavlink=console.log_mavlink,
             )
         )
         names = scenario.federation.names

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.flyers import Flyers
 from mission.flight.flyers.open import set_up
-from mission.log.export.mavlink import RecordedLink
 from mission.log.live.view import LiveView, live_views
 from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
@@ -90,7 +89,6 @@ def fly_session(
                 config_toml=text,
                 data_dir=data_dir,
                 report=page is not None,
-                log_mavlink=console.log_mavlink,
             )
             write_atomically(folder.config, text)
             checkpoint.save(scenario.federation, state, None)
@@ -112,7 +110,7 @@ def resume_session(
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
     checkpoint's folder. `workers` and `figures` as in `fly_session`; `page` is made if the run was
-    started with one, and what pilot and vehicle say is logged if it was. Returns the exit code.
+    started with one. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
@@ -132,9 +130,7 @@ def resume_session(
             return 0
         values = read_checkpoint(path)
         data_dir = data_dir_of(values)
-        options = {name: bool(values[name]) for name in ("report", "log_mavlink")}
-        console = replace(console, log_mavlink=options["log_mavlink"])
-        if not options["report"]:
+        if not values["report"]:
             page = None
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
@@ -142,7 +138,7 @@ def resume_session(
                 folder.checkpoint,
                 config_toml=folder.config.read_text("utf-8"),
                 data_dir=data_dir,
-                **options,
+                report=bool(values["report"]),
             )
             scenario, flyers = set_up(config, data_dir=data_dir)
             if flyers.no_resume:
@@ -256,7 +252,6 @@ def _experiment(
                 flyers=ready.flyers,
                 folder=ready.folder.path,
                 observers=(log,),
-                tap=(lambda link: RecordedLink(link, log)) if console.log_mavlink else None,
             )
         )
         yield kind(

@@ -18,11 +18,9 @@ from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.ports import check_link
 from mission.flight.pilot.limits import Demand, Limits
 from mission.log.values import Zone
-from sitl.links import Link
 from sitl.observer import VehicleObserver
 
 Say: TypeAlias = Callable[[str], None]
-Tap: TypeAlias = Callable[[Link], Link]
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,6 @@ class Attached:
     observers: Sequence[VehicleObserver]
     folder: Path  # of the run
     say: Say  # hears what people should know of another autopilot than ours
-    tap: Tap | None = None  # on the link between pilot and built-in autopilot
 
 
 @dataclass(frozen=True)

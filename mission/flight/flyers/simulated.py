@@ -17,7 +17,7 @@ from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.fence_zones import fence_of
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Tap, Task
+from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.mission_items import stop_items
 from mission.flight.pilot.connection import connect
@@ -129,12 +129,11 @@ async def open_simulated(
     *,
     area: Area,
     observers: Sequence[VehicleObserver],
-    tap: Tap | None = None,
 ) -> AsyncIterator[SimulatedFlyer]:
     """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
 
-    Ground stations of `link.gcs` see the vehicle too. With a `tap` the pilot's link is passed
-    through it. An interrupted flight is ended by an order to hold.
+    Ground stations of `link.gcs` see the vehicle too. An interrupted flight is ended by an
+    order to hold.
 
     Raises:
         LinkLostError: the link cannot be opened or the vehicle does not answer.
@@ -147,8 +146,6 @@ async def open_simulated(
     port = config.link.udp_port
     with of_a_vehicle():
         link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
-        if tap is not None:
-            link = tap(link)
         async with (
             Simulation(vehicle, link, *station_links(config.link), speed=speed),
             connect(
@@ -199,5 +196,4 @@ class BuiltInFlyers(Flyers):
             self.vehicle,
             area=self.task.area,
             observers=attached.observers,
-            tap=attached.tap,
         )

@@ -55,7 +55,6 @@ class LiveView:
                 context=self._context,
             )
             for topic in TOPICS
-            if topic.schema_name
         }
         self._latest = _Latest(self._channels)
         # Where no page finds it: only the gatekeeper looks at who comes.
@@ -85,9 +84,7 @@ class LiveView:
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         """Send to whoever has subscribed."""
-        channel = self._channels.get(topic.name)
-        if channel is None:
-            return  # raw MAVLink: a matter for the file
+        channel = self._channels[topic.name]
         if topic.name in _LATCHED:
             self._latest.keep(topic.name, t_ns, data)
         if topic is topics.TF:

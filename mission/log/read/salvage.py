@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from mission.log.mcap_io import RAW_CHANNELS, our_channels
+from mission.log.mcap_io import our_channels
 from mission.log.read import framing
 from mission.log.read.framing import HEAD, BrokenRecordError, Frame
 
@@ -83,10 +83,6 @@ class Salvaged:
         if not ours:
             return self.schemas, self.channels
         schemas, channels = our_channels()
-        used = {m.channel_id for batch in self.batches if isinstance(batch, list) for m in batch}
-        for number in RAW_CHANNELS:
-            if number not in used:
-                del channels[number]
         return {**schemas, **self.schemas}, {**channels, **self.channels}
 
 

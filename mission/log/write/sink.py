@@ -27,8 +27,8 @@ class McapSink:
     The bytes are a function of what is written and flushed: nothing of the wall clock goes in.
     """
 
-    def __init__(self, path: Path, *, raw: bool) -> None:
-        """Start the file, replacing one that is there; `raw`: with channels of raw MAVLink.
+    def __init__(self, path: Path) -> None:
+        """Start the file, replacing one that is there.
 
         Raises:
             LogError: it cannot be made.
@@ -38,7 +38,7 @@ class McapSink:
             self._file = path.open("wb")
         with self._named():
             self._writer = new_writer(self._file)
-            register(self._writer, raw=raw)
+            register(self._writer)
         self._channel = {channel.topic: number for number, channel in our_channels()[1].items()}
         self._sequence = dict.fromkeys(self._channel.values(), 0)
 

@@ -49,12 +49,11 @@ class FlightLog:
         fence: Sequence[Zone] = (),
         rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
-        raw_mavlink: bool = False,
         start_ns: int = 0,
     ) -> None:
         """Start the file at `path`, replacing one that is there; `mirrors` see the same messages.
 
-        `raw_mavlink`: whether `mavlink` will be called. `start_ns`: when the log begins.
+        `start_ns`: when the log begins.
 
         Raises:
             LogError: the file cannot be made.
@@ -63,7 +62,7 @@ class FlightLog:
         self._frame = area.frame
         self._devices = devices
         self._fence = tuple(fence)
-        self._file = McapSink(path, raw=raw_mavlink)
+        self._file = McapSink(path)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
         self._mirrored = bool(mirrors)
         # Straight to the file where nobody else listens.
@@ -185,12 +184,6 @@ class FlightLog:
                 "loss": float(loss[community]),
             }
             self._write(topics.LEARNING, self._now_ns, messages.record(values))
-
-    def mavlink(self, data: bytes, *, to_vehicle: bool) -> None:
-        """Write raw MAVLink; see `RecordedLink`. What is sent when depends on the wall clock, so
-        a log with raw MAVLink is not the same twice."""
-        topic = topics.MAVLINK_TO_VEHICLE if to_vehicle else topics.MAVLINK_FROM_VEHICLE
-        self._write(topic, self._now_ns, data)
 
     def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
         """Write a line of our own, at the present simulated time."""

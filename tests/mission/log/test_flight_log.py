@@ -23,7 +23,7 @@ from flightdyn.state import BatteryState, Kinematics
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.read.contents import load
 from mission.log.read.reader import decode, read_log
-from mission.log.topics import FRAME, RAW, TOPICS, Topic, fields
+from mission.log.topics import FRAME, TOPICS, Topic, fields
 from mission.log.write import messages as encoded
 from mission.log.write.rates import LogRates
 from mission.log.write.sink import McapSink
@@ -67,8 +67,7 @@ def test_the_standard_reader_finds_index_statistics_and_well_known_schemas(made:
         c.topic: summary.schemas[c.schema_id].name if c.schema_id else ""
         for c in summary.channels.values()
     }
-    # Viewers complain of channels that they cannot read: raw MAVLink is declared on demand.
-    assert found == {topic.name: topic.schema_name for topic in TOPICS if topic not in RAW}
+    assert found == {topic.name: topic.schema_name for topic in TOPICS}
     assert found["/true/pose"] == found["/est/pose"] == "foxglove.PoseInFrame"
     assert found["/tf"] == "foxglove.FrameTransform"
     assert found["/gnss"] == "foxglove.LocationFix"

@@ -259,7 +259,7 @@ def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[
     assert digests(stopped) == before
 
 
-@pytest.mark.parametrize("other", [["--seed", "3"], ["--no-report"], ["--log-mavlink"]])
+@pytest.mark.parametrize("other", [["--seed", "3"], ["--no-report"]])
 def test_resume_takes_no_other_setting(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], other: list[str]
 ) -> None:
