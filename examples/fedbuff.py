@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import LearningConfig, Update
+from aerofed import LearningConfig, Update
 
 Floats = NDArray[np.float32]
 State = dict[str, Floats]

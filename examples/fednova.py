@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import LearningConfig, Update
+from aerofed import LearningConfig, Update
 
 Vector = NDArray[np.float32]
 State = Mapping[str, NDArray[np.float32]]

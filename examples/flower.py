@@ -19,7 +19,7 @@ from flwr.common import parameters_to_ndarrays as ndarrays
 from flwr.server.strategy import FedAdam, Strategy
 from numpy.typing import NDArray
 
-from mission.api import LearningConfig, Update
+from aerofed import LearningConfig, Update
 
 Floats = NDArray[np.float32]
 State = dict[str, Floats]

@@ -11,7 +11,7 @@ from flwr.app import ArrayRecord, ConfigRecord, Context, Message, Metadata, Metr
 from flwr.clientapp import ClientApp
 from torch.nn.functional import cross_entropy, linear
 
-from mission.api import LearningConfig, LocalResult
+from aerofed import LearningConfig, LocalResult
 
 app = ClientApp()
 

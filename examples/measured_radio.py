@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from mission.api import Channel
+from aerofed import Channel
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ has several times as many as the last.
 
 import numpy as np
 
-from mission.api import PartitionTask
+from aerofed import PartitionTask
 
 
 def split(task: PartitionTask) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ncx2
 
-from mission.api import Channel
+from aerofed import Channel
 
 Floats = NDArray[np.float64]
 

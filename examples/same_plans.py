@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext, finish
+from aerofed import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext, finish
 
 Floats = NDArray[np.float64]
 

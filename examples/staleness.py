@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
+from aerofed import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
 
 Floats = NDArray[np.float64]
 

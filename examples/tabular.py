@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mission.api import Samples
+from aerofed import Samples
 
 CLASSES, FEATURES = 10, 6
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from torch.utils.tensorboard import SummaryWriter
 
-from mission.api import CallbackContext, RoundReport
+from aerofed import CallbackContext, RoundReport
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
+from aerofed import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
 
 Floats = NDArray[np.float64]
 LAMBDA = 1.5  # the paper's boost of a device that missed the last round

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aerofed import Samples
 from fl.data.bundled import digits
-from mission.api import Samples
 
 WRITERS = 12
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mission import api as aerofed
+import aerofed
 from mission.api.runs import Run
 from mission.base.errors import FlightError
 from mission.run.recorder import FolderRecorder, RoundResult

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Iterator
 from types import FunctionType
 
-from mission import api
+import aerofed
 
 SECTIONS = {
     "Running and reading": "run resume load Run compare sweep load_sweep Sweep Figure",
@@ -21,13 +21,13 @@ SECTIONS = {
 }
 HEAD = """# Python interface
 
-`mission.api` is what notebooks, scripts and code of your own import; a test pins its names, and the
+`aerofed` is what notebooks, scripts and code of your own import; a test pins its names, and the
 rest of the code may change without notice. What follows is made from the code
 (`python docs/generate.py`). `RunConfig`, `MissionConfig` and `LearningConfig` hold the keys of
 [configuration](configuration.md).
 
 ```python
-from mission import api as aerofed
+import aerofed
 
 run = aerofed.run("quickstart", {"mission.rounds": 3}, out="out")
 run.rounds  # also .uplinks, .learning, .track: pandas DataFrames
@@ -57,7 +57,9 @@ Two notebooks, which CI executes: `examples/first_run.ipynb` and `examples/plann
 def page() -> str:
     parts = [HEAD]
     for title, names in SECTIONS.items():
-        shown = (f"### {n}\n\n```python\n{outline(getattr(api, n))}\n```" for n in names.split())
+        shown = (
+            f"### {n}\n\n```python\n{outline(getattr(aerofed, n))}\n```" for n in names.split()
+        )
         parts += [f"## {title}", *shown]
     return "\n\n".join(parts) + "\n"
 

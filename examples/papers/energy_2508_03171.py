@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import Planner, RoundInfo, RoundPlan, RoundProblem, Sortie, StrategyContext, finish
+from aerofed import Planner, RoundInfo, RoundPlan, RoundProblem, Sortie, StrategyContext, finish
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.api import Planner, RoundProblem, Sortie, StrategyContext, finish, fit_budget
+from aerofed import Planner, RoundProblem, Sortie, StrategyContext, finish, fit_budget
 
 Floats = NDArray[np.float64]
 

@@ -19,6 +19,16 @@ _CLIMB_RADIUS_M = 1.0  # of the altitude, where autopilots take the acceptance r
 
 
 @dataclass(frozen=True)
+class Demand:
+    """What a flight asks of the vehicle."""
+
+    speed_mps: float
+    altitude_m: float  # above home
+    distance_m: float  # farthest from home
+    acceptance_m: float
+
+
+@dataclass(frozen=True)
 class FlightPlan:
     """What the pilot flies in one round. The first stop is where the aircraft already is."""
 

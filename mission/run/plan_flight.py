@@ -24,10 +24,11 @@ from mission.base.stopwatch import Stopwatch
 from mission.config.models import AreaConfig, RunConfig
 from mission.flight.failures import of_settings
 from mission.flight.fence_zones import fence_of
+from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.flyers.open import flyers_for
-from mission.flight.pilot.limits import Demand, Limits
+from mission.flight.pilot.limits import Limits
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_path import PlannedPath, placed, planned_path
 from mission.log.live.view import LiveView, live_views

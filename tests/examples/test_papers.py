@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import aerofed
 from examples.papers import energy_2508_03171 as energy
 from examples.papers import latency_2412_07428 as latency
 from examples.papers import markov_age_2505_05099 as markov
-from mission import api as aerofed
 from mission.planner.check import check_plan
 
 PAPERS = sorted((Path(__file__).parents[2] / "examples" / "papers").glob("*.py"))

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from mission import api as aerofed
+import aerofed
 from mission.base.errors import UsersCodeError
 from mission.run.callbacks import CallbackContext, make_callbacks
 
 MODULE = """
 import numpy as np
 import torch
-from mission.api import LocalResult, Samples
+from aerofed import LocalResult, Samples
 
 class Algorithm:
     mu = momentum = 0.0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cutting import cut_after
 
+import aerofed
 from examples import (
     fedbuff,
     fednova,
@@ -24,7 +25,6 @@ from examples import (
 from fl.config import LearningConfig
 from fl.federation.algorithms import FedAvg, Update
 from fl.plugins import GROUP
-from mission import api as aerofed
 from mission.base.errors import FlightError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -16,9 +16,10 @@ OWN = {"fl", "flightdyn", "mission", "native", "sitl"}
 THIRD_PARTY = set(packages_distributions()) - OWN
 HELP = {"attr", "attrs", "cyclopts", "docstring_parser", "rich", "typing_extensions"}
 PLAN = HELP | {
-    "annotated_types", "numpy", "pydantic", "pydantic_core", "tomli_w", "typing_inspection",
+    "annotated_types", "fastcrc", "numpy", "pydantic", "pydantic_core", "pymavlink", "tomli_w",
+    "typing_inspection",
 }  # fmt: skip
-AIRCRAFT = {"filterpy", "jsbsim", "mavsdk", "pymavlink"}
+AIRCRAFT = {"filterpy", "jsbsim", "mavsdk"}
 SCRIPT = """
 import sys
 before = set(sys.modules)

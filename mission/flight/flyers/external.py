@@ -19,14 +19,14 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.config.models import LinkConfig, MissionConfig
-from mission.flight.flight_plan import FlightPlan
+from mission.flight.flight_plan import Demand, FlightPlan
 from mission.flight.flyers.contact import await_vehicle, located, until, until_ready
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.mission_items import stop_items
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.limits import Demand, Limits, read_limits
+from mission.flight.pilot.limits import Limits, read_limits
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile

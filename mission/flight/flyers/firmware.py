@@ -19,7 +19,7 @@ from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.flight_plan import FlightPlan
+from mission.flight.flight_plan import Demand, FlightPlan
 from mission.flight.flyers.contact import located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.flyers.flyer import Flyer
@@ -27,7 +27,6 @@ from mission.flight.flyers.flyers import Attached, Flyers, Say, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import NoVehicleError
 from mission.flight.pilot.feed import Known
-from mission.flight.pilot.limits import Demand
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath

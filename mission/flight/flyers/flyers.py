@@ -8,17 +8,20 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.config.models import RunConfig
 from mission.flight.fence_zones import airspace_zones
+from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.ports import check_link
-from mission.flight.pilot.limits import Demand, Limits
 from mission.log.values import Zone
 from sitl.observer import VehicleObserver
+
+if TYPE_CHECKING:  # who flies nothing needs no MAVSDK
+    from mission.flight.pilot.limits import Limits
 
 Say: TypeAlias = Callable[[str], None]
 
@@ -67,7 +70,7 @@ class Flyers(ABC):
         """
         check_link(self.task.config.link)
 
-    def await_vehicle(self, *, say: Say) -> Limits | None:  # noqa: ARG002
+    def await_vehicle(self, *, say: Say) -> "Limits | None":  # noqa: ARG002
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
 
         Returns its own limits; None of one that keeps to the configuration's.

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mission.config.models import RunConfig
+from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyers import Flyers, Task
-from mission.flight.pilot.limits import Demand
 from mission.scenario.scenario import Scenario, build_scenario
 
 

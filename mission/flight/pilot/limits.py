@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from flightdyn.config import LimitsConfig
+from mission.flight.flight_plan import Demand
 from mission.flight.pilot.parameters import Parameters
 
 _HEIGHT, _RADIUS = 1, 2  # bits of FENCE_TYPE
@@ -77,16 +78,6 @@ class Limit:
     def raw(self) -> float:
         """The value as the vehicle counts it."""
         return self.value / self.name.unit
-
-
-@dataclass(frozen=True)
-class Demand:
-    """What a flight asks of the vehicle."""
-
-    speed_mps: float
-    altitude_m: float  # above home
-    distance_m: float  # farthest from home
-    acceptance_m: float
 
 
 @dataclass(frozen=True)

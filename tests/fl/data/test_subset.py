@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+import aerofed
 from fl.data.bundled import colour_shapes
 from fl.data.dataset import Dataset, Provenance, Split, checked, subset
-from mission import api as aerofed
 
 
 def uneven() -> Dataset:

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import aerofed
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission import api as aerofed
 from mission.base.errors import PlanError
 from mission.base.interrupts import in_a_thread, run_flight
 from mission.base.run_folder import RunFolder
@@ -98,13 +98,33 @@ def test_every_public_name_is_documented(name: str) -> None:
 
 
 def test_importing_it_brings_nothing_heavy() -> None:
-    code = (
-        "import sys; from mission import api; print(*(m for m in sys.argv[1:] if m in sys.modules))"
-    )
+    code = "import sys, aerofed; print(*(m for m in sys.argv[1:] if m in sys.modules))"
     heavy = ("pandas", "torch", "altair", "mavsdk", "jsbsim", "cvxpy", "scipy", "asyncio.events")
     command = [sys.executable, "-c", code, *heavy[:-1]]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+OWN_MODULES = """
+import sys
+for name in sys.argv[1:]:
+    open(f"{name}.py", "w").write("raise AssertionError")
+import aerofed
+print(aerofed.config().name)
+"""
+
+
+def test_a_script_may_stand_beside_modules_of_our_names(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(OWN_MODULES)
+    command = [sys.executable, str(script), "mission", "fl", "native", "sitl", "flightdyn"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert (done.stdout, done.stderr) == ("quickstart\n", "")
+    script.write_text(
+        "import types, sys; sys.modules['fl'] = types.ModuleType('fl'); import aerofed"
+    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "ImportError: aerofed: another module is called 'fl': None; rename it" in done.stderr
 
 
 @pytest.mark.slow

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
 
+from aerofed import first_problem, plan
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
-from mission.api import first_problem, plan
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.cli import call

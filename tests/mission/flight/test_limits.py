@@ -6,12 +6,12 @@ from collections.abc import Callable
 import pytest
 
 from mission.base.errors import FlightError, LinkLostError
+from mission.flight.flight_plan import Demand
 from mission.flight.pilot.battery import BatteryWatch
 from mission.flight.pilot.clock import VehicleClock
 from mission.flight.pilot.limits import (
     ARDUPILOT_LIMITS,
     PX4_LIMITS,
-    Demand,
     LimitNames,
     Limits,
     read_limits,

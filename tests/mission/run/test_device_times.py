@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cutting import cut_after
 
-from mission import api as aerofed
+import aerofed
 from mission.analysis.load import load_run
 from mission.base.errors import FlightError, InputError
 from mission.cli import call

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cutting import cut_after
 
-from mission import api as aerofed
+import aerofed
 from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
 from mission.log.errors import LogError

@@ -52,7 +52,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from mission.api import Sortie
+from aerofed import Sortie
 
 from own_rules.weights import weights
 

@@ -1,0 +1,90 @@
+"""Aerofed from Python and from notebooks: everything that code of your own imports.
+
+    import aerofed
+
+    run = aerofed.run("quickstart", {"mission.rounds": 3}, out="out")
+    run.rounds                                   # a pandas DataFrame
+    aerofed.load("out").figure("map")            # a picture, shown in a notebook
+
+Names that are not here may change without notice. A wrong value raises an `AerofedError` whose
+message is what the command line prints.
+"""
+
+from aerofed import _packages  # noqa: F401  before any of ours is imported
+from fl.config import LearningConfig
+from fl.data.custom_dataset import Samples
+from fl.data.custom_partition import Partition, PartitionTask
+from fl.federation.algorithms import Algorithm, StaleStart, Update
+from fl.federation.rounds import RoundLearning
+from fl.radio.channel import Channel
+from fl.radio.custom_radio import Radio
+from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
+from fl.training.local import LocalResult, LocalSettings
+from mission.api.comparing import compare
+from mission.api.configuring import channel, config
+from mission.api.figures import Figure
+from mission.api.planning import first_problem, plan
+from mission.api.runs import Run, load, resume, run
+from mission.api.sweeps import Sweep, load_sweep, sweep
+from mission.base.area import Area
+from mission.base.errors import AerofedError, InputError, PlanError, UsersCodeError
+from mission.config.models import MissionConfig, RunConfig
+from mission.log.records import RoundRecord, UplinkRecord
+from mission.planner.evaluate import finish, fit_budget
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.run.callbacks import Callback, CallbackContext, RoundReport
+from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
+from mission.scenario.strategies import Sortie, Strategy
+
+__all__ = [
+    "AerofedError",
+    "Algorithm",
+    "Area",
+    "Callback",
+    "CallbackContext",
+    "Channel",
+    "DeviceData",
+    "Figure",
+    "ImportanceStrategy",
+    "InputError",
+    "LearningConfig",
+    "LocalResult",
+    "LocalSettings",
+    "MissionConfig",
+    "Partition",
+    "PartitionTask",
+    "PlanError",
+    "Planner",
+    "Radio",
+    "RoundInfo",
+    "RoundLearning",
+    "RoundPlan",
+    "RoundProblem",
+    "RoundRecord",
+    "RoundReport",
+    "Run",
+    "RunConfig",
+    "Samples",
+    "Sortie",
+    "StaleStart",
+    "Strategy",
+    "StrategyContext",
+    "Sweep",
+    "Trainer",
+    "TrainingDevice",
+    "Update",
+    "UplinkRecord",
+    "UsersCodeError",
+    "channel",
+    "compare",
+    "config",
+    "finish",
+    "first_problem",
+    "fit_budget",
+    "load",
+    "load_sweep",
+    "plan",
+    "resume",
+    "run",
+    "sweep",
+]
