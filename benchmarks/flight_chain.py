@@ -22,7 +22,7 @@ from mission.flight.flyers.simulated import SimulatedFlyer, open_simulated
 from mission.flight.mission_items import mission_items
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.planner.stops import Stop
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample

@@ -19,12 +19,12 @@ from foxglove import channels
 
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics
 from mission.base.area import Area
-from mission.log.live.view import LiveView
-from mission.log.read.inspection import info
+from mission.log import messages
+from mission.log.inspection import info
+from mission.log.live import LiveView
+from mission.log.sink import Sink
 from mission.log.values import Devices
-from mission.log.write import messages
-from mission.log.write.sink import Sink
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from sitl.observer import VehicleSample
 
 SECONDS = 600

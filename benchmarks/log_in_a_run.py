@@ -26,7 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
-from mission.log.write.rates import LogRates
+from mission.log.rates import LogRates
 from sitl.config import VehicleConfig
 
 REPEATS = 5
@@ -43,7 +43,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     from mission.base.console import RunConsole
     from mission.base.stopwatch import Stopwatch
     from mission.config.loading import builtin_config, load_config
-    from mission.log.write.writer import FlightLog
+    from mission.log.writer import FlightLog
     from mission.run import recorder, session
     from sitl.observer import VehicleEvent, VehicleSample
 

@@ -12,9 +12,9 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
+from mission.log.contents import load_damaged
 from mission.log.errors import DamagedLogError
-from mission.log.read.contents import load_damaged
-from mission.log.read.reader import decode, read_log
+from mission.log.reader import decode, read_log
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 

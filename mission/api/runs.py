@@ -84,7 +84,7 @@ class Run:
             InputError: there is no such table, or the log cannot be read.
         """
         from mission.api.frames import frame
-        from mission.log.export.tables import tables
+        from mission.log.export import tables
         from mission.log.records import RoundRecord, UplinkRecord
 
         found = tables(self._loaded.data)

@@ -27,7 +27,7 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
     as_json
         Print what was saved and what was lost as JSON.
     """
-    from mission.log.read.recover import recover as save
+    from mission.log.recover import recover as save
 
     log = _file(log)
     saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
@@ -57,7 +57,7 @@ def info(log: Path, *, as_json: Json = False) -> int:
     as_json
         Print it as JSON.
     """
-    from mission.log.read.inspection import info as look
+    from mission.log.inspection import info as look
 
     log = _file(log)
     found = look(log)
@@ -97,7 +97,7 @@ def check(log: Path, *, as_json: Json = False) -> int:
     as_json
         Print the findings as JSON.
     """
-    from mission.log.read.inspection import check as verify
+    from mission.log.inspection import check as verify
 
     log = _file(log)
     try:
@@ -154,10 +154,10 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
     folder = out or log.with_name(f"{log.stem}-{to}")
     file = out or log.with_suffix(f".{to}")
     if to == "kml":
-        from mission.log.export.kml import export_kml
+        from mission.log.export import export_kml
 
         return (export_kml(log, file),)
-    from mission.log.export.tables import export_attachments, export_csv, export_parquet
+    from mission.log.export import export_attachments, export_csv, export_parquet
 
     write = {"csv": export_csv, "parquet": export_parquet, "attachments": export_attachments}
     return write[to](log, folder)
@@ -175,7 +175,7 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     as_json
         Print the differences as JSON.
     """
-    from mission.log.read.inspection import diff as compare
+    from mission.log.inspection import diff as compare
 
     console = Terminal(**PLAIN)
     lines = compare(_file(first), _file(second))

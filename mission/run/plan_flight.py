@@ -31,9 +31,9 @@ from mission.flight.flyers.open import flyers_for
 from mission.flight.pilot.limits import Limits
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_path import PlannedPath, placed, planned_path
-from mission.log.live.view import LiveView, live_views
+from mission.log.live import LiveView, live_views
 from mission.log.values import Devices, FlightData, PlanFileRecord, PlanRecord
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
 from mission.run.progress import Progress, make_progress

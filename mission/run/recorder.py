@@ -20,10 +20,10 @@ from mission.log.records import (
     TimedUplinkRecord,
     UplinkRecord,
 )
+from mission.log.sink import Sink
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
-from mission.log.write.sink import Sink
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.callbacks import Callbacks, RoundReport

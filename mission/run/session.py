@@ -20,7 +20,7 @@ from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.flyers import Flyers
 from mission.flight.flyers.open import set_up
-from mission.log.live.view import LiveView, live_views
+from mission.log.live import LiveView, live_views
 from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment, IdealExperiment

@@ -7,7 +7,7 @@ import numpy as np
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.log.values import Devices
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
 
 _NAME = "flight-{:04d}.mcap"

@@ -18,7 +18,7 @@ from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.log.values import Devices
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleSample
 

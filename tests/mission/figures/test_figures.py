@@ -38,7 +38,7 @@ from mission.figures.words import Drawn, Look, Word, words
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import Table
 from mission.log.values import LearningRecord, Zone
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 
 PNG = b"\x89PNG\r\n"
 

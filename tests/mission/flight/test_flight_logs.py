@@ -8,7 +8,7 @@ from synthetic_flight import AREA
 
 from flightdyn.state import Kinematics
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.log.read.inspection import info
+from mission.log.inspection import info
 from sitl.observer import VehicleEvent
 
 _ZERO = np.zeros(3)

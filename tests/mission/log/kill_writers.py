@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from synthetic_flight import fly
 
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from sitl.observer import VehicleSample
 
 LONGEST_S = 0.25

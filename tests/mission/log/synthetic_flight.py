@@ -12,10 +12,10 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics
 from mission.base.area import Area
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
+from mission.log.sink import Sink
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
-from mission.log.write.sink import Sink
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 

@@ -10,7 +10,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.writer import CompressionType, Writer
 
 from mission.log.chunked import ChunkedWriter
-from mission.log.write.messages import POSE, TRANSFORM
+from mission.log.messages import POSE, TRANSFORM
 
 
 def drive(writer: Any, *, messages: int) -> None:

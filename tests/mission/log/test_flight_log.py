@@ -20,14 +20,14 @@ from scipy.spatial.transform import Rotation
 from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
+from mission.log import messages as encoded
+from mission.log.contents import load
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
-from mission.log.read.contents import load
-from mission.log.read.reader import decode, read_log
+from mission.log.rates import LogRates
+from mission.log.reader import decode, read_log
+from mission.log.sink import McapSink
 from mission.log.topics import FRAME, TOPICS, Topic, fields
-from mission.log.write import messages as encoded
-from mission.log.write.rates import LogRates
-from mission.log.write.sink import McapSink
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
 
 
@@ -247,7 +247,7 @@ def test_viewers_see_samples_as_they_come_at_the_pace_of_a_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
-    monkeypatch.setattr("mission.log.write.writer.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("mission.log.writer.time.monotonic", lambda: now[0])
     viewer = Viewer()
     world = devices(np.random.default_rng(1))
     with FlightLog(tmp_path / "a.mcap", area=AREA, devices=world, mirrors=[viewer]) as log:

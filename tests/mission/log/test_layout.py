@@ -19,9 +19,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.base.area import Area
-from mission.log.read.reader import read_log
+from mission.log.layout import ATTACHMENT, layout
+from mission.log.reader import read_log
 from mission.log.topics import fields
-from mission.log.write.layout import ATTACHMENT, layout
 
 NUMBERS = frozenset({FieldDescriptor.TYPE_DOUBLE, FieldDescriptor.TYPE_FLOAT})
 PATH = re.compile(r'(?P<topic>/[a-z_/]+)(?:\{(?P<key>\w+)=="(?P<value>[^"]+)"\})?\.(?P<field>.+)')

@@ -14,8 +14,8 @@ from synthetic_flight import fly
 
 from mission.base.errors import LinkLostError
 from mission.log import topics
-from mission.log.live.view import LiveView
-from mission.log.read.contents import load
+from mission.log.contents import load
+from mission.log.live import LiveView
 from mission.log.topics import TOPICS, Topic
 
 

@@ -22,10 +22,10 @@ from synthetic_flight import AREA, CONFIG, Fixed, fly
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.cli import call
 from mission.commands import log, report
+from mission.log import framing, inspection
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
-from mission.log.export.tables import _harmless
-from mission.log.read import framing, inspection
-from mission.log.read.reader import read_log
+from mission.log.export import _harmless
+from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 

@@ -21,14 +21,14 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from synthetic_flight import AREA, Fixed, fly
 
+from mission.log import framing
+from mission.log.contents import load
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
-from mission.log.read import framing
-from mission.log.read.contents import load
-from mission.log.read.framing import Frame
-from mission.log.read.inspection import check
-from mission.log.read.reader import read_log
-from mission.log.read.recover import recover
-from mission.log.write.writer import FlightLog
+from mission.log.framing import Frame
+from mission.log.inspection import check
+from mission.log.reader import read_log
+from mission.log.recover import recover
+from mission.log.writer import FlightLog
 
 KILLS = 50
 

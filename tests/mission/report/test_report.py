@@ -14,7 +14,7 @@ from patience import HANG_S
 from synthetic_flight import AREA, devices, fly
 
 from mission.base.errors import InputError
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.report.page import write_report
 
 CHROMIUM = shutil.which("chromium")

@@ -76,7 +76,7 @@ class View:
 def test_what_is_refused_leaves_no_folder_and_no_live_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plan: str, refused: str
 ) -> None:
-    monkeypatch.setattr("mission.log.live.view.LiveView", View)
+    monkeypatch.setattr("mission.log.live.LiveView", View)
     monkeypatch.setattr(View, "open", 0)
     out = tmp_path / "out"
     what = {

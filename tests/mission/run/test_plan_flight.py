@@ -22,7 +22,7 @@ from test_planfile import HOME_ROW, ROW, plan_document, simple
 from mission.analysis.load import reached
 from mission.cli import call
 from mission.log.errors import DamagedLogError
-from mission.log.read.reader import read_log
+from mission.log.reader import read_log
 from mission.log.values import EventRecord, FlightData
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)

@@ -17,7 +17,7 @@ from mission.config.loading import builtin_config, load_config
 from mission.log.errors import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
-from mission.log.write.writer import FlightLog
+from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
 from mission.run.session import _warnings
 from mission.scenario.scenario import Scenario

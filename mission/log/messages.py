@@ -23,9 +23,9 @@ from flightdyn.state import (
 )
 from mission.base.area import Area
 from mission.base.arrays import Floats
+from mission.log.templates import Template
 from mission.log.topics import BODY_FRAME, FRAME, SENSORS
 from mission.log.values import NS_PER_S, PlanRecord, Zone
-from mission.log.write.templates import Template
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7

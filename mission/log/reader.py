@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from mission.log import topics
+from mission.log.contents import Contents, Json, Row, load
 from mission.log.errors import ForeignLogError
-from mission.log.read.contents import Contents, Json, Row, load
 from mission.log.records import RoundRecord, TimedUplinkRecord, UplinkRecord
 from mission.log.topics import Topic
 from mission.log.values import (

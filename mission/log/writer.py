@@ -11,18 +11,17 @@ import numpy as np
 
 from mission.base import polyline
 from mission.base.area import Area
-from mission.log import topics
+from mission.log import messages, scene, topics
+from mission.log.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
+from mission.log.classic_layout import classic
+from mission.log.layout import ATTACHMENT as LAYOUT
+from mission.log.layout import layout
+from mission.log.rates import LogRates
 from mission.log.records import LATE, RoundRecord, UplinkRecord
+from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
-from mission.log.write import messages, scene
-from mission.log.write.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
-from mission.log.write.classic_layout import classic
-from mission.log.write.layout import ATTACHMENT as LAYOUT
-from mission.log.write.layout import layout
-from mission.log.write.rates import LogRates
-from mission.log.write.sink import McapSink, Sink
-from mission.log.write.vehicle import NOTICE, VehicleTopics, Write
+from mission.log.vehicle import NOTICE, VehicleTopics, Write
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 

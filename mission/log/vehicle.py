@@ -9,11 +9,10 @@ import numpy as np
 
 from flightdyn.state import Innovation
 from mission.base.area import Area
-from mission.log import topics
+from mission.log import messages, topics
+from mission.log.flown_path import FlownPath
+from mission.log.rates import Every, LogRates
 from mission.log.topics import Topic
-from mission.log.write import messages
-from mission.log.write.flown_path import FlownPath
-from mission.log.write.rates import Every, LogRates
 from sitl.observer import VehicleEvent, VehicleSample
 
 _SEVERITY = {"failsafe": 4, "fault": 4}

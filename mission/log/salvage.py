@@ -14,9 +14,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
+from mission.log import framing
+from mission.log.framing import HEAD, BrokenRecordError, Frame
 from mission.log.mcap_io import our_channels
-from mission.log.read import framing
-from mission.log.read.framing import HEAD, BrokenRecordError, Frame
 
 _OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _SUMMARY = frozenset((Opcode.SCHEMA, Opcode.CHANNEL))

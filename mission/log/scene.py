@@ -9,10 +9,10 @@ from foxglove import messages as fox
 from mission.base import palette
 from mission.base.area import Area
 from mission.base.arrays import Floats
+from mission.log.messages import geojson, timestamp
 from mission.log.records import UplinkRecord
 from mission.log.topics import FRAME
 from mission.log.values import Devices, PlanRecord, Zone
-from mission.log.write.messages import geojson, timestamp
 
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance

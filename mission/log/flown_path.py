@@ -2,9 +2,9 @@
 
 from flightdyn.state import Kinematics
 from mission.base.area import Area
+from mission.log import messages
+from mission.log.rates import Every
 from mission.log.values import NS_PER_S
-from mission.log.write import messages
-from mission.log.write.rates import Every
 
 _POINT_NS = NS_PER_S  # spacing of the points
 # It is written whole, so that it is there wherever somebody looks; a long one more rarely, or the

@@ -11,7 +11,7 @@ from mission.base.run_folder import write_atomically
 from mission.log.chunked import ChunkedWriter
 from mission.log.errors import LogError
 from mission.log.mcap_io import new_writer
-from mission.log.read.salvage import Gap, Salvaged, salvage
+from mission.log.salvage import Gap, Salvaged, salvage
 from mission.log.values import NS_PER_S
 
 

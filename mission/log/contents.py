@@ -12,11 +12,10 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from mission.base.area import Area
-from mission.log import topics
+from mission.log import framing, topics
 from mission.log.errors import DamagedLogError, ForeignLogError
-from mission.log.read import framing
-from mission.log.read.framing import BrokenRecordError
-from mission.log.read.salvage import Salvaged, salvage
+from mission.log.framing import BrokenRecordError
+from mission.log.salvage import Salvaged, salvage
 from mission.log.topics import Topic
 from mission.log.values import area_from_text
 

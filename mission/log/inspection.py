@@ -9,8 +9,8 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Message, Statistics
 
+from mission.log.contents import Contents, load
 from mission.log.errors import LogError
-from mission.log.read.contents import Contents, load
 from mission.log.values import NS_PER_S
 
 _SHOWN = 5  # differences or findings of one kind that are spelled out

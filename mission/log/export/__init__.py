@@ -1,1 +1,0 @@
-"""Logs in other programs' formats: CSV, Parquet, KML, MAVLink telemetry logs."""

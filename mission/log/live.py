@@ -1,0 +1,263 @@
+"""The same topics as the file, over a Foxglove WebSocket while the run goes on.
+
+Any page in the user's browser may open a WebSocket to 127.0.0.1, and all that tells it from the
+viewer is the Origin that the browser sends. Foxglove's server does not look at it, so `OriginProxy`
+does, in front of it.
+"""
+
+import asyncio
+import logging
+import secrets
+import sys
+import threading
+from collections.abc import Collection, Iterator
+from contextlib import closing, contextmanager, suppress
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+import foxglove
+from foxglove.websocket import Capability, ServerListener
+
+from mission.base.console import RunConsole
+from mission.base.errors import LinkLostError
+from mission.log import topics
+from mission.log.topics import TOPICS, Topic
+
+# Foxglove's and Lichtblick's web and desktop applications; pages of this machine and programs
+# that are no browser (which send no Origin) are let in, too.
+ORIGINS = frozenset({"https://app.foxglove.dev", "https://studio.foxglove.dev", "file://"})
+_OWN = frozenset({"localhost", "127.0.0.1", "::1"})
+_HEAD_BYTES = 8192
+_HEAD_S = 10.0  # wall time for the first words of a visitor
+_VISITORS = 16
+_REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+
+# What somebody who connects in mid-run needs to see at once.
+_LATCHED = frozenset(
+    topic.name
+    for topic in (
+        *(topics.DEVICES, topics.PLAN, topics.PLAN_PATH, topics.PLAN_MAP, topics.MODE),
+        *(topics.SCENE_GROUND, topics.SCENE_DEVICES, topics.ROUNDS, topics.LEARNING),
+        topics.FENCE,
+    )
+)
+
+
+class LiveView:
+    """A `Sink` that serves viewers; none has to be there, and a slow one only loses messages.
+
+    Messages carry simulated time, and viewers are told of it, so that they show the run's clock
+    whatever its speed.
+    """
+
+    def __init__(self, *, port: int, host: str = "127.0.0.1") -> None:
+        """Start serving; port 0 takes a free one.
+
+        Raises:
+            LinkLostError: the port is in use or may not be opened.
+        """
+        # A viewer that hangs up without a word is no error of the run's.
+        logging.getLogger("foxglove.websocket").setLevel(logging.CRITICAL)
+        # Kept: channels alone do not keep their context alive, and without it are never announced.
+        self._context = foxglove.Context()
+        self._channels = {
+            topic.name: foxglove.Channel(
+                topic.name,
+                message_encoding=topic.encoding,
+                schema=foxglove.Schema(
+                    name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
+                ),
+                context=self._context,
+            )
+            for topic in TOPICS
+        }
+        self._latest = _Latest(self._channels)
+        # Where no page finds it: only the proxy looks at who comes.
+        inner = _hidden_address()
+        try:
+            self._server = foxglove.start_server(
+                name="aerofed",
+                host=inner,
+                port=0,
+                capabilities=[Capability.Time],
+                server_listener=self._latest,
+                context=self._context,
+            )
+        except RuntimeError as error:
+            raise LinkLostError(f"live view: cannot serve on {host}: {error}") from None
+        try:
+            self._gate = OriginProxy(host, port, upstream=(inner, int(self._server.port)))
+        except LinkLostError:
+            self._server.stop()
+            raise
+        self.host, self.port = host, self._gate.port
+
+    @property
+    def url(self) -> str:
+        """What to give Foxglove's "open connection"."""
+        return f"ws://{self.host}:{self.port}"
+
+    def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        """Send to whoever has subscribed."""
+        channel = self._channels[topic.name]
+        if topic.name in _LATCHED:
+            self._latest.keep(topic.name, t_ns, data)
+        if topic is topics.TF:
+            self._server.broadcast_time(t_ns)
+        if channel.has_sinks():
+            channel.log(data, log_time=t_ns)
+
+    def flush(self) -> None:
+        """Messages go out as they come."""
+
+    def close(self) -> None:
+        """Stop serving. Closing twice is fine."""
+        self._gate.close()
+        self._server.stop()
+
+
+def _hidden_address() -> str:
+    """One of this machine's own addresses; Linux has sixteen million, others one."""
+    parts = (secrets.randbelow(254) + 1 for _ in range(3))
+    return "127.{}.{}.{}".format(*parts) if sys.platform == "linux" else "127.0.0.1"
+
+
+@contextmanager
+def live_views(console: RunConsole) -> Iterator[tuple[LiveView, ...]]:
+    """The view that the console asked for, told to it, while the block runs; none where it asked
+    for none.
+
+    Raises:
+        LinkLostError: see `LiveView`.
+    """
+    if console.live_port is None:
+        yield ()
+        return
+    with closing(LiveView(port=console.live_port)) as view:
+        console.say(f"live view: open {view.url} in Foxglove")
+        yield (view,)
+
+
+class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker
+    """Gives a new subscriber what was sent before it came."""
+
+    def __init__(self, channels: dict[str, Any]) -> None:
+        self._channels = channels
+        self._sent: dict[str, list[tuple[int, bytes]]] = {}
+        self._lock = threading.Lock()  # callbacks come from the server's thread
+
+    def keep(self, name: str, t_ns: int, data: bytes) -> None:
+        """Keep a message in place of those of an earlier instant; a round has some at one."""
+        with self._lock:
+            before = self._sent.get(name, [])
+            self._sent[name] = [item for item in before if item[0] == t_ns] + [(t_ns, data)]
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        with self._lock:
+            sent = tuple(self._sent.get(channel.topic, ()))
+        for t_ns, data in sent:
+            self._channels[channel.topic].log(data, log_time=t_ns, sink_id=client.id)
+
+
+def admitted(head: bytes, origins: Collection[str] = ORIGINS) -> bool:
+    """Whether the head of an HTTP request comes from where a viewer may be."""
+    lines = head.decode("latin-1").split("\r\n")[1:]
+    fields = [line.partition(":") for line in lines]
+    named = [value.strip() for name, _, value in fields if name.strip().lower() == "origin"]
+    if not named:
+        return True
+    try:
+        host = urlsplit(named[0]).hostname
+    except ValueError:
+        return False
+    return len(named) == 1 and (named[0] in origins or host in _OWN)
+
+
+class OriginProxy:
+    """Listens at an address, and passes on to another whoever is admitted; in a thread."""
+
+    def __init__(self, host: str, port: int, *, upstream: tuple[str, int]) -> None:
+        """Start; port 0 takes a free one.
+
+        Raises:
+            LinkLostError: the port is in use or may not be opened.
+        """
+        self._upstream = upstream
+        self._loop = asyncio.new_event_loop()
+        self._visits: set[asyncio.Task[None]] = set()
+        try:
+            self._server = self._loop.run_until_complete(
+                asyncio.start_server(self._visit, host, port, limit=_HEAD_BYTES)
+            )
+        except (OSError, OverflowError) as error:
+            self._loop.close()
+            reason = getattr(error, "strerror", None) or str(error)
+            if "in use" in reason:
+                reason = "the port is in use"
+            raise LinkLostError(f"live view: cannot serve on {host}:{port}: {reason}") from None
+        self.port = int(self._server.sockets[0].getsockname()[1])
+        self._thread = threading.Thread(target=self._loop.run_forever, name="live", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop; whoever is there is sent away. Closing twice is fine."""
+        if self._loop.is_closed():
+            return
+        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _stop(self) -> None:
+        self._server.close()
+        for visit in self._visits:
+            visit.cancel()
+        await asyncio.gather(*self._visits, return_exceptions=True)
+
+    async def _visit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._visits.add(task)
+        try:
+            # A visitor that leaves, says nothing or talks nonsense is no error of the run's.
+            with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, ValueError):
+                await self._receive(reader, writer)
+        except asyncio.CancelledError:
+            pass
+        finally:
+            self._visits.discard(task)
+            writer.close()
+
+    async def _receive(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async with asyncio.timeout(_HEAD_S):
+            try:
+                head = await reader.readuntil(b"\r\n\r\n")
+            except asyncio.LimitOverrunError:
+                head = b""
+        if not head or not admitted(head) or len(self._visits) > _VISITORS:
+            writer.write(_REFUSAL)
+            await writer.drain()
+            return
+        inner_reader, inner_writer = await asyncio.open_connection(*self._upstream)
+        inner_writer.write(head)
+        there = asyncio.create_task(_pass_on(reader, inner_writer))
+        back = asyncio.create_task(_pass_on(inner_reader, writer))
+        try:
+            await asyncio.wait((there, back), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            inner_writer.close()
+            there.cancel()
+            back.cancel()
+            await asyncio.gather(there, back, return_exceptions=True)
+
+
+async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(1 << 16):
+        writer.write(data)
+        await writer.drain()

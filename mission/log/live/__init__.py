@@ -1,1 +1,0 @@
-"""The log's topics over a WebSocket while the run goes on."""

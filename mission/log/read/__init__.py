@@ -1,1 +1,0 @@
-"""Logs read back: framing, verification, salvage, values."""

@@ -1,1 +1,0 @@
-"""A run's events as log messages, written while they happen."""
