@@ -99,7 +99,7 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
         return f"{height_m:.1f} m above home; {least_m:g} to {MAX_HEIGHT_M:g} m are allowed"
 
     def place_of(item: MissionItem) -> Floats:
-        return frame.to_ned(item.x, item.y, route.item_altitude(item, home))
+        return route.place_of(item, frame, home)
 
     for item in plan.items:
         refuse(item, _wrong(item, last=item.seq == len(plan.items) - 1) or _refused(item))
@@ -170,12 +170,7 @@ def _path(
     p: Parameters,
 ) -> PlannedPath:
     stages = route.compile_route(
-        plan.items,
-        first=0,
-        start=route.Start(np.zeros(3), on_ground=True),
-        frame=LocalFrame(home),
-        home=home,
-        limits=route.Limits.of(p),
+        plan.items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
     points: list[Floats] = [np.zeros(3)]
     duration_s = 0.0

@@ -247,14 +247,14 @@ class Autopilot:
     ) -> None:
         reason = self.flight.rewind_mission(msg.seq)
         if reason is not None:
-            self._warn(f"Set current item refused: {reason}")
+            self._report.say(f"Set current item refused: {reason}")
         self._report.mission_changed()
 
     def _set_mode(self, _peer: Peer, msg: mav.MAVLink_set_mode_message, _now: float) -> None:
         try:
             self._flight_commands.set_mode(msg.custom_mode)
         except RefusedError as refused:
-            self._warn(f"Set mode refused: {refused}")
+            self._report.say(f"Set mode refused: {refused}")
 
     def _pong(self, peer: Peer, msg: mav.MAVLink_ping_message, _now: float) -> None:
         self._outbox.append(mav.MAVLink_ping_message(msg.time_usec, msg.seq, *peer))
@@ -266,9 +266,6 @@ class Autopilot:
     def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, now: float) -> None:
         if msg.type == mav.MAV_TYPE_GCS:
             self.failsafes.ground_station_at = now
-
-    def _warn(self, text: str) -> None:
-        self._report.say(mav.MAV_SEVERITY_WARNING, text)
 
     def _store_parameters(self, order: CommandOrder) -> None:
         what = order.params[0]
@@ -298,34 +295,38 @@ class Autopilot:
     def _enable_fence(self, order: CommandOrder) -> None:
         if order.params[0] not in (0.0, 1.0):
             raise RefusedError(f"parameter 1 = {order.params[0]:g}: 0 or 1")
-        self._guard.fence.enabled = order.params[0] == 1.0
+        self._guard.fence_enabled = order.params[0] == 1.0
 
     def _check_item(self, item: MissionItem) -> int:
         verdict = check_item(item)
         if verdict != mav.MAV_MISSION_ACCEPTED:
             kind, name = _LISTS[item.mission_type], command_name(item.command)
-            self._warn(f"{kind} refused: item {item.seq} {name}: {why_refused(item, verdict)}")
+            self._report.say(
+                f"{kind} refused: item {item.seq} {name}: {why_refused(item, verdict)}"
+            )
         return verdict
 
     def _store(self, kind: int, items: tuple[MissionItem, ...]) -> int:
         """Take a list that was uploaded whole, or say what is wrong with it."""
         if kind == mav.MAV_MISSION_TYPE_FENCE:
             try:
-                self._guard.fence.draw(items)
+                self._guard.draw_fence(items)
             except SitlInputError as error:
-                self._warn(str(error))
+                self._report.say(str(error))
                 return mav.MAV_MISSION_INVALID_PARAM1
         if kind == mav.MAV_MISSION_TYPE_RALLY:
             self.flight.rally = items
         if kind != mav.MAV_MISSION_TYPE_MISSION:
             return mav.MAV_MISSION_ACCEPTED
         flight, farthest_m = self.flight, self.parameters["MIS_DIST_1WP"]
-        reason = check_mission(items, frame=flight.frame, home=flight.home, farthest_m=farthest_m)
+        reason = check_mission(
+            items, frame=flight.frame, home=self._guard.home, farthest_m=farthest_m
+        )
         if reason:
-            self._warn(f"Mission refused: {reason}")
+            self._report.say(f"Mission refused: {reason}")
             return mav.MAV_MISSION_INVALID
         being_flown = flight.replace_mission(items)
         if being_flown is not None:
-            self._warn(being_flown)
+            self._report.say(being_flown)
             return mav.MAV_MISSION_DENIED
         return mav.MAV_MISSION_ACCEPTED

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
@@ -22,18 +21,11 @@ _CIRCLES = frozenset(
 )
 
 
-_PAIRS = 1 << 20  # of a point and an edge that are looked at together
-
-
 @dataclass(frozen=True, slots=True)
 class Polygon:
     """An area with these corners, in either direction of rotation."""
 
     corners_ne_m: Vector  # (M, 2)
-
-    def contains(self, north: float, east: float) -> bool:
-        """Whether a point lies in it."""
-        return bool(Areas((self,)).contain(np.array([[north, east]]))[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,48 +37,30 @@ class Circle:
     radius_m: float
 
 
-class Areas:
-    """Polygons and circles, prepared to be asked about many points at once."""
+class _Areas:
+    """Polygons and circles, prepared to be asked about many points."""
 
     def __init__(self, shapes: Sequence[Polygon | Circle]) -> None:
-        polygons = [shape.corners_ne_m for shape in shapes if isinstance(shape, Polygon)]
-        circles = [s for s in shapes if isinstance(s, Circle)]
-        self._circles = np.array([(c.north_m, c.east_m, c.radius_m) for c in circles]).T
-        self._firsts = np.cumsum([0, *map(len, polygons)])[:-1]  # edge of each polygon
-        self._edges = np.empty((4, 0))
-        if polygons:
-            (n1, e1), (n2, e2) = (
-                np.vstack(polygons).T,
-                np.vstack([np.roll(corners, -1, axis=0) for corners in polygons]).T,
-            )
-            crosswise = e1 != e2  # an edge due north is never crossed
-            with np.errstate(divide="ignore", invalid="ignore"):
-                slope = np.where(crosswise, (n2 - n1) / (e2 - e1), 0.0)
-            self._edges = np.array([n1, e1, e2, slope])
+        circles = [(s.north_m, s.east_m, s.radius_m) for s in shapes if isinstance(s, Circle)]
+        self._circles = np.array(circles).reshape(-1, 3).T
+        rings = [s.corners_ne_m for s in shapes if isinstance(s, Polygon)]
+        self._firsts = np.cumsum([0, *map(len, rings)])[:-1]  # edge of each polygon
+        n1, e1 = np.vstack([np.empty((0, 2)), *rings]).T
+        n2, e2 = np.vstack([np.empty((0, 2)), *(np.roll(ring, -1, axis=0) for ring in rings)]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.where(e1 != e2, (n2 - n1) / (e2 - e1), 0.0)  # due north: never crossed
+        self._edges = n1, e1, e2, slope
 
-    def contain(self, points_ne_m: Vector) -> NDArray[np.bool_]:
-        """Whether each of `points_ne_m` (P, 2) lies in one of the areas: (P,)."""
-        inside = np.zeros(len(points_ne_m), dtype=bool)
-        for test, parts in ((self._in_circles, self._circles), (self._in_polygons, self._edges)):
-            if parts.size:
-                at_once = max(1, _PAIRS // parts.shape[1])
-                for first in range(0, len(points_ne_m), at_once):
-                    some = slice(first, first + at_once)
-                    inside[some] |= test(points_ne_m[some])
-        return inside
-
-    def _in_circles(self, points_ne_m: Vector) -> NDArray[np.bool_]:
-        north, east, radius = self._circles
-        distance = np.hypot(points_ne_m[:, :1] - north, points_ne_m[:, 1:] - east)
-        return np.asarray((distance <= radius).any(axis=1))
-
-    def _in_polygons(self, points_ne_m: Vector) -> NDArray[np.bool_]:
-        """Crossing-number test of each point against each polygon."""
+    def contain(self, north: float, east: float) -> bool:
+        """Whether a point lies in one of the areas; of polygons by the number of crossings."""
+        n, e, radius = self._circles
+        if bool((np.hypot(north - n, east - e) <= radius).any()):
+            return True
+        if not len(self._firsts):
+            return False
         n1, e1, e2, slope = self._edges
-        north, east = points_ne_m[:, :1], points_ne_m[:, 1:]
         crossed = ((e1 > east) != (e2 > east)) & (north < slope * (east - e1) + n1)
-        odd = np.logical_xor.reduceat(crossed, self._firsts, axis=1)
-        return np.asarray(odd.any(axis=1))
+        return bool(np.logical_xor.reduceat(crossed, self._firsts).any())
 
 
 @dataclass(frozen=True)
@@ -97,16 +71,16 @@ class Fence:
     exclusions: tuple[Polygon | Circle, ...] = ()
 
     @cached_property
-    def _prepared(self) -> tuple[Areas, Areas]:
-        return Areas(self.inclusions), Areas(self.exclusions)
+    def _prepared(self) -> tuple[_Areas, _Areas]:
+        return _Areas(self.inclusions), _Areas(self.exclusions)
 
     def breach(self, pos_ned_m: Vector) -> str:
         """What is wrong with being there, (3,), or in any of (P, 3) places; empty if nothing."""
         points = np.atleast_2d(pos_ned_m)[:, :2]
         keep_in, keep_out = self._prepared
-        if self.inclusions and not keep_in.contain(points).all():
+        if self.inclusions and not all(keep_in.contain(*point) for point in points):
             return "outside the fence"
-        if self.exclusions and keep_out.contain(points).any():
+        if self.exclusions and any(keep_out.contain(*point) for point in points):
             return "inside an excluded area"
         return ""
 
@@ -130,38 +104,6 @@ def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Paramete
     if high > 0 and -offset[:, 2].min() > high:
         return f"higher than {high:g} m above home"
     return ""
-
-
-class Geofence:
-    """The fence that is in force: as it was uploaded, and the cylinder of the parameters."""
-
-    def __init__(self, frame: LocalFrame, parameters: Parameters) -> None:
-        self.enabled = True
-        self._frame = frame
-        self._parameters = parameters
-        self._drawn = Fence()
-
-    def draw(self, items: Sequence[MissionItem]) -> None:
-        """Another fence; none where there are no items.
-
-        Raises:
-            SitlInputError: the items make no fence.
-        """
-        self._drawn = compile_fence(items, self._frame)
-
-    @property
-    def in_force(self) -> bool:
-        """Whether there is a fence, and it is not switched off."""
-        p = self._parameters
-        cylinder = p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
-        drawn = bool(self._drawn.inclusions or self._drawn.exclusions)
-        return self.enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
-
-    def breach(self, pos_ned_m: Vector, *, home_ned_m: Vector) -> str:
-        """What it has against being there, (3,), or in any of (P, 3) places; empty if nothing."""
-        if not self.enabled:
-            return ""
-        return breach_of(self._drawn, pos_ned_m, home_ned_m=home_ned_m, parameters=self._parameters)
 
 
 def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:

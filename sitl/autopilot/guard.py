@@ -1,10 +1,12 @@
 """Whether a flight may begin and where it may lead: by GNSS, battery and fence."""
 
 import math
+from collections.abc import Sequence
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.state import GnssFix, Vector
-from sitl.autopilot.fence import Geofence
+from sitl.autopilot.codec.orders import MissionItem
+from sitl.autopilot.fence import Fence, breach_of, compile_fence
 from sitl.autopilot.parameters import Parameters
 
 _CURRENT_S = 1.5  # a GNSS solution is current for so long
@@ -17,7 +19,9 @@ class Guard:
     """Watches what a flight depends on. It knows nothing of the flight that asks."""
 
     def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
-        self.fence = Geofence(aircraft.frame, parameters)
+        self.home = aircraft.frame.origin
+        self.fence_enabled = True
+        self._fence = Fence()
         self._aircraft = aircraft
         self._parameters = parameters
         self._fix: GnssFix | None = None
@@ -57,9 +61,34 @@ class Guard:
             self._below[name] = charge < self._parameters[name] + (_HYSTERESIS if below else 0.0)
         return self._below
 
-    def forbidden(self, places_ned_m: Vector, *, home_ned_m: Vector) -> str:
-        """What the fence has against places, (3,) or (n, 3); empty if nothing."""
-        return self.fence.breach(places_ned_m, home_ned_m=home_ned_m)
+    @property
+    def home_ned_m(self) -> Vector:
+        """Home in the aircraft's frame."""
+        home = self.home
+        return self._aircraft.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
+
+    def draw_fence(self, items: Sequence[MissionItem]) -> None:
+        """Another fence; none where there are no items.
+
+        Raises:
+            SitlInputError: the items make no fence.
+        """
+        self._fence = compile_fence(items, self._aircraft.frame)
+
+    @property
+    def fenced(self) -> bool:
+        """Whether there is a fence, drawn or by parameters, and it is not switched off."""
+        p = self._parameters
+        cylinder = p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
+        drawn = bool(self._fence.inclusions or self._fence.exclusions)
+        return self.fence_enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
+
+    def forbidden(self, places_ned_m: Vector) -> str:
+        """How places, (3,) or (n, 3), may not be, by the fence; empty if they may."""
+        if not self.fenced:
+            return ""
+        home = self.home_ned_m
+        return breach_of(self._fence, places_ned_m, home_ned_m=home, parameters=self._parameters)
 
     def arming_denied(self) -> str:
         """Why the motors must not be released; empty if they may."""

@@ -45,7 +45,7 @@ class Reporter:
         if (what, kind) not in self._told:
             self._told.add((what, kind))
             logger.error("internal error in %s", what, exc_info=error)
-            self.say(mav.MAV_SEVERITY_ERROR, f"Internal error in {what}: {kind}")
+            self.say(f"Internal error in {what}: {kind}", mav.MAV_SEVERITY_ERROR)
 
     def _text(self, severity: int, text: str) -> None:
         """A status text, in as many messages as it takes; one that is not full ends it."""
@@ -64,7 +64,7 @@ class Reporter:
             self._outside = error
             raise
 
-    def say(self, severity: int, text: str) -> None:
+    def say(self, text: str, severity: int = mav.MAV_SEVERITY_WARNING) -> None:
         """A status text."""
         self._text(severity, text)
         self._sink("status", text, None, severity)

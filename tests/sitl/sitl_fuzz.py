@@ -225,7 +225,7 @@ class Attack:
         flight = vehicle.autopilot.flight
         if not all(map(math.isfinite, (*mass.pos_ned_m, *mass.vel_ned_mps, mass.yaw_rad))):
             raise BrokenError("the vehicle's state is not finite")
-        home = flight.home
+        home = flight.guard.home
         if not (abs(home.lat_deg) <= 90 and abs(home.lon_deg) <= 180):
             raise BrokenError(f"home is {home}")
         if not -1000 <= home.alt_msl_m <= 20_000:

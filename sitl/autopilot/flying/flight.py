@@ -21,6 +21,10 @@ from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
 _STARTING = "starting up"
+_LANDED_STATES = {
+    Mode.TAKEOFF: mav.MAV_LANDED_STATE_TAKEOFF,
+    Mode.LAND: mav.MAV_LANDED_STATE_LANDING,
+}
 _LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # off the ground, by themselves
 
 
@@ -43,11 +47,9 @@ class Flight:
         self, aircraft: Aircraft, parameters: Parameters, *, guard: Guard, reporter: Reporter
     ) -> None:
         self.mode = Mode.HOLD
-        self.home = aircraft.frame.origin
         self.rally: tuple[MissionItem, ...] = ()
         self.flights = 0  # how often the motors were released
         self.armed_t_ns = 0  # when last
-        self.position_ok = guard.position_ok
         # What modes need; each pilot adds what its own mode does.
         self.needs: dict[Need, Callable[[], bool]] = {
             Need.ARMED: lambda: aircraft.armed,
@@ -57,16 +59,16 @@ class Flight:
             Need.POSITION: guard.position_ok,
         }
         self.frame = aircraft.frame
-        self.navigator = Navigator(aircraft, parameters)
+        self.guard = guard
+        self.navigator = Navigator(aircraft, parameters, guard)
         self.mission = Mission()
         self._aircraft = aircraft
         self._parameters = parameters
         self._report = reporter
-        self._guard = guard
         self._ordered_speed_mps: float | None = None
         self._goal: _Goal | None = None  # of a position order under way
-        self._last_stage: route.Stage | None = None  # that ended the mission by itself
-        self._manoeuvre: do.Manoeuvre | None = do.Settle(aircraft)
+        self._ended_by: int | None = None  # the command of the mission's last stage
+        self._manoeuvre: do.Manoeuvre | None = do.settle(aircraft)
         self._settling = True
         self._released = False  # the motors, by an order; a crash stops them without one
         self._wrecked = False
@@ -92,25 +94,11 @@ class Flight:
     def landed_state(self) -> int:
         """MAV_LANDED_STATE: on the ground, climbing from it, sinking to it, or in the air."""
         if self._aircraft.crashed:
-            return (
-                mav.MAV_LANDED_STATE_UNDEFINED
-            )  # down, but whoever waits for a landing has not got one
+            # Down, but whoever waits for a landing has not got one.
+            return mav.MAV_LANDED_STATE_UNDEFINED
         if self._aircraft.on_ground:
             return mav.MAV_LANDED_STATE_ON_GROUND
-        if self.mode is Mode.TAKEOFF:
-            return mav.MAV_LANDED_STATE_TAKEOFF
-        return (
-            mav.MAV_LANDED_STATE_LANDING if self.mode is Mode.LAND else mav.MAV_LANDED_STATE_IN_AIR
-        )
-
-    @property
-    def home_ned_m(self) -> Vector:
-        """Home in the aircraft's frame."""
-        return self.frame.to_ned(self.home.lat_deg, self.home.lon_deg, self.home.alt_msl_m)
-
-    def forbidden(self, places_ned_m: Vector) -> str:
-        """How places, (3,) or (n, 3), may not be; empty if they may."""
-        return self._guard.forbidden(places_ned_m, home_ned_m=self.home_ned_m)
+        return _LANDED_STATES.get(self.mode, mav.MAV_LANDED_STATE_IN_AIR)
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
@@ -120,7 +108,7 @@ class Flight:
             return "flight was terminated"
         if self._settling:
             return _STARTING
-        return self._guard.arming_denied()
+        return self.guard.arming_denied()
 
     def here(self) -> Vector:
         """Where paths begin: the point being held, or where the aircraft believes it is."""
@@ -197,7 +185,7 @@ class Flight:
         """Stop the motors wherever the aircraft is."""
         self._settling = False
         self._stop_motors()
-        self._enter(Mode.TERMINATED, why, do.Fall(self._aircraft))
+        self._enter(Mode.TERMINATED, why, do.fall(self._aircraft))
         return None
 
     def notice_crash(self) -> bool:
@@ -205,9 +193,8 @@ class Flight:
         impact_mps = self._aircraft.impact_mps
         if impact_mps is not None and not self._wrecked:
             self._wrecked = True
-            self._report.say(
-                mav.MAV_SEVERITY_CRITICAL, f"Crashed: hit the ground at {impact_mps:.1f} m/s"
-            )
+            said = f"Crashed: hit the ground at {impact_mps:.1f} m/s"
+            self._report.say(said, mav.MAV_SEVERITY_CRITICAL)
             self._settling = False
             self._stop_motors()
             self._enter(Mode.TERMINATED, "crashed", None)
@@ -217,8 +204,9 @@ class Flight:
         """Climb straight up to an altitude, or to the parameter's height above home."""
         if self.mode is Mode.TAKEOFF and self.moving:
             return None
-        height = self._parameters["MIS_TAKEOFF_ALT"]
-        altitude = self.home.alt_msl_m + height if altitude_msl_m is None else altitude_msl_m
+        altitude = altitude_msl_m
+        if altitude is None:
+            altitude = self.guard.home.alt_msl_m + self._parameters["MIS_TAKEOFF_ALT"]
         here = self.here()
         down_m = self.frame.origin.alt_msl_m - altitude
         if down_m > here[2] - _LEAST_CLIMB_M:
@@ -228,7 +216,7 @@ class Flight:
                 f"mean sea level, where it is at {here_msl_m:.1f} m; give more than "
                 f"{here_msl_m + _LEAST_CLIMB_M:.1f} m"
             )
-        if forbidden := self.forbidden(np.array([here[0], here[1], down_m])):
+        if forbidden := self.guard.forbidden(np.array([here[0], here[1], down_m])):
             return f"the end of the take-off is {forbidden}"
         return self.order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
 
@@ -240,7 +228,7 @@ class Flight:
         if self.mission.items and not stages:
             return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
         paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
-        if paths and (forbidden := self.forbidden(np.vstack(paths))):
+        if paths and (forbidden := self.guard.forbidden(np.vstack(paths))):
             return f"the mission leads {forbidden}"
         return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
 
@@ -277,7 +265,7 @@ class Flight:
         goal = _Goal(tuple(float(part) for part in pos_ned_m), yaw_rad)
         if goal == self._goal:
             return None
-        if forbidden := self.forbidden(np.array(goal.pos_ned_m)):
+        if forbidden := self.guard.forbidden(np.array(goal.pos_ned_m)):
             return f"the position is {forbidden}"
         reason = self.order(Trigger.ORDER_GOTO, lambda: self._go(goal))
         if reason is None:
@@ -313,7 +301,7 @@ class Flight:
 
     def set_home(self, home: GeodeticPoint) -> None:
         """Home is there from now on."""
-        self.home = home
+        self.guard.home = home
         self._report.home_changed()
 
     # --- transitions ----------------------------------------------------------------------------
@@ -331,7 +319,7 @@ class Flight:
             if not self.needs[need]():
                 return need.value
         lifts = trigger in _LIFTS and not self.airborne
-        if lifts and (denied := self._guard.arming_denied()):
+        if lifts and (denied := self.guard.arming_denied()):
             return denied  # what keeps it from being armed may have come since it was
         if row.target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()
@@ -355,11 +343,10 @@ class Flight:
         if self._settling:
             self._settling = False
             if self._aircraft.ready:
-                self._report.say(mav.MAV_SEVERITY_INFO, "Ready for takeoff")
+                self._report.say("Ready for takeoff", mav.MAV_SEVERITY_INFO)
             else:
-                self._report.say(
-                    mav.MAV_SEVERITY_ERROR, f"Not ready: {self._aircraft.why_not_ready}"
-                )
+                why = self._aircraft.why_not_ready
+                self._report.say(f"Not ready: {why}", mav.MAV_SEVERITY_ERROR)
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
@@ -374,14 +361,14 @@ class Flight:
             self._enter(row.target, Trigger.DONE.value, None)
 
     def _mission_ended(self) -> None:
-        last = self._last_stage
-        if isinstance(last, route.Loiter):
+        last = self._ended_by
+        if last == mav.MAV_CMD_NAV_LOITER_UNLIM:
             return  # stays in the mission, at an item without end
         self.mission.finish()
         self._report.mission_changed()
-        if isinstance(last, route.GoHome) and self.return_home("mission") is None:
+        if last == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH and self.return_home("mission") is None:
             return
-        if isinstance(last, route.Land):
+        if last == mav.MAV_CMD_NAV_LAND:
             self._landed()
         else:
             self._done()
@@ -407,38 +394,26 @@ class Flight:
 
     def _return(self) -> do.Manoeuvre:
         here = self.here()
-        name, goal = self.navigator.refuge(
-            here, self.rally, home=self.home, forbidden=self.forbidden
-        )
-        self._report.say(mav.MAV_SEVERITY_INFO, f"Returning to {name}")
-        home_down_m, speed_mps = float(self.home_ned_m[2]), self._ordered_speed_mps
-        return self.navigator.return_to(here, goal, home_down_m=home_down_m, speed_mps=speed_mps)
+        name, goal = self.navigator.refuge(here, self.rally)
+        self._report.say(f"Returning to {name}", mav.MAV_SEVERITY_INFO)
+        return self.navigator.return_to(here, goal, speed_mps=self._ordered_speed_mps)
 
     def _land_here(self) -> do.Manoeuvre:
-        return self.navigator.land(
-            self.here(), ground_down_m=float(self.home_ned_m[2]), sure=self.position_ok()
-        )
+        return self.navigator.land(self.here(), sure=self.guard.position_ok())
 
     def _stages(self) -> tuple[route.Stage, ...]:
         """What is left of the mission from here on."""
-        return self.navigator.stages(
-            self.mission, self.here(), home=self.home, speed_mps=self._ordered_speed_mps
-        )
+        return self.navigator.stages(self.mission, self.here(), self._ordered_speed_mps)
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
         """Begin the stages of the mission, or go on with them."""
         self.mission.start()
-        self._last_stage = None
+        self._ended_by = None
         self._report.mission_changed()
-        return self.navigator.fly(
-            stages,
-            reached=self._reached,
-            ended=self._ended_by,
-            ground_down_m=float(self.home_ned_m[2]),
-        )
+        return self.navigator.fly(stages, reached=self._reached, ended=self._ended)
 
-    def _ended_by(self, stage: route.Stage) -> None:
-        self._last_stage = stage
+    def _ended(self, command: int) -> None:
+        self._ended_by = command
 
     def _reached(self, seq: int) -> None:
         self.mission.reached(seq)

@@ -199,7 +199,7 @@ class FlightCommands:
 
     def _altitude(self, z: float, frame: float | None) -> float:
         """Above mean sea level (m), of one in a frame."""
-        altitude = z + (self._flight.home.alt_msl_m if frame in RELATIVE_FRAMES else 0.0)
+        altitude = z + (self._flight.guard.home.alt_msl_m if frame in RELATIVE_FRAMES else 0.0)
         demand_within("altitude", altitude, ranges.ALTITUDE)
         return altitude
 

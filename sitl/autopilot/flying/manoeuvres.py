@@ -7,6 +7,7 @@ progress of its path does not change.
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -61,15 +62,41 @@ class Timer:
         return self._aircraft.t_ns >= self._until_ns
 
 
-class Settle(Manoeuvre):
-    """Stand until the estimator has found itself."""
+class Until(Manoeuvre):
+    """Let simulated time pass until something has happened, or for as long as that may take."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
-        self._patience = Timer(aircraft, _READY_TIMEOUT_S)
+    def __init__(self, aircraft: Aircraft, happened: Callable[[], bool], most_s: float) -> None:
+        self._happened = happened
+        self._patience = Timer(aircraft, most_s)
 
     def tick(self) -> bool:
-        return self._aircraft.ready or self._patience.over
+        return self._happened() or self._patience.over
+
+
+def settle(aircraft: Aircraft) -> Manoeuvre:
+    """Stand until the estimator has found itself."""
+    return Until(aircraft, lambda: aircraft.ready, _READY_TIMEOUT_S)
+
+
+def pause(aircraft: Aircraft, duration_s: float) -> Manoeuvre:
+    """Hold for some simulated time."""
+    return Until(aircraft, lambda: False, duration_s)
+
+
+def fall(aircraft: Aircraft) -> Manoeuvre:
+    """Nobody flies the aircraft any more; done when it lies still."""
+    return Until(aircraft, lambda: aircraft.on_ground, _FALL_TIMEOUT_S)
+
+
+def turn(aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> Manoeuvre:
+    """Turn on the spot to a heading."""
+
+    def turned() -> bool:
+        error = wrap_pi(yaw_of(aircraft.belief.q_frd_to_ned) - yaw_rad)
+        return abs(error) < _TURN_TOLERANCE_RAD
+
+    aircraft.hold(pos_ned_m, yaw_rad)
+    return Until(aircraft, turned, _TURN_TIMEOUT_S)
 
 
 class Follow(Manoeuvre):
@@ -131,41 +158,27 @@ class Stop(Manoeuvre):
         return self._aircraft.progress.finished
 
 
-class Turn(Manoeuvre):
-    """Turn on the spot to a heading."""
+@dataclass(frozen=True, slots=True)
+class LandingTerms:
+    """How an aircraft lands: fast down to a height above the ground, slowly from there."""
 
-    def __init__(self, aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> None:
-        self._aircraft = aircraft
-        self._yaw_rad = yaw_rad
-        self._patience = Timer(aircraft, _TURN_TIMEOUT_S)
-        aircraft.hold(pos_ned_m, yaw_rad)
-
-    def tick(self) -> bool:
-        error = wrap_pi(yaw_of(self._aircraft.belief.q_frd_to_ned) - self._yaw_rad)
-        return abs(error) < _TURN_TOLERANCE_RAD or self._patience.over
-
-
-class Pause(Manoeuvre):
-    """Let simulated time pass."""
-
-    def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
-        self._pause = Timer(aircraft, duration_s)
-
-    def tick(self) -> bool:
-        return self._pause.over
+    ground_down_m: float
+    descent_mps: float
+    landing_mps: float
+    landing_height_m: float
+    settle_s: float  # on the ground, after which it has landed
 
 
 class _Landing(Manoeuvre):
     """On the ground for a while means landed; not in a multiple of the time it takes, never."""
 
-    def __init__(
-        self, aircraft: Aircraft, *, ground_down_m: float, landing_mps: float, settle_s: float
-    ) -> None:
+    def __init__(self, aircraft: Aircraft, terms: LandingTerms) -> None:
         self._aircraft = aircraft
-        self._settled = Timer(aircraft, settle_s)
-        height_m = max(0.0, ground_down_m - float(aircraft.belief.pos_ned_m[2]))
+        self._terms = terms
+        self._settled = Timer(aircraft, terms.settle_s)
+        height_m = max(0.0, terms.ground_down_m - float(aircraft.belief.pos_ned_m[2]))
         self._patience = Timer(
-            aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / landing_mps
+            aircraft, _LANDING_SLACK_S + _LANDING_PATIENCE * height_m / terms.landing_mps
         )
 
     def tick(self) -> bool:
@@ -184,29 +197,16 @@ class _Landing(Manoeuvre):
 class Descend(_Landing):
     """Sink until on the ground, slowly at the end; done when it has stood there for a while."""
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        *,
-        start_ned_m: Vector,
-        ground_down_m: float,
-        descent_mps: float,
-        landing_mps: float,
-        landing_height_m: float,
-        settle_s: float,
-    ) -> None:
-        super().__init__(
-            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
-        )
-        self._landing_mps = landing_mps
+    def __init__(self, aircraft: Aircraft, terms: LandingTerms, *, start_ned_m: Vector) -> None:
+        super().__init__(aircraft, terms)
         self._blind = False
         north, east, down = map(float, start_ned_m)
-        slow = max(ground_down_m - landing_height_m, down)
-        end = max(ground_down_m, slow) + _BELOW_GROUND_M
+        slow = max(terms.ground_down_m - terms.landing_height_m, down)
+        end = max(terms.ground_down_m, slow) + _BELOW_GROUND_M
         aircraft.follow(
             FlightPath(
                 np.array([[north, east, down], [north, east, slow], [north, east, end]]),
-                np.array([descent_mps, landing_mps]),
+                np.array([terms.descent_mps, terms.landing_mps]),
                 np.array([1.0, 1.0, 1.0]),
             )
         )
@@ -215,7 +215,7 @@ class Descend(_Landing):
         if self._aircraft.progress.finished and not self._blind:
             # The ground is lower than believed: go on until it comes.
             self._blind = True
-            self._sink(self._landing_mps)
+            self._sink(self._terms.landing_mps)
         return super().tick()
 
 
@@ -225,40 +225,17 @@ class DescendUnsure(_Landing):
     Landing speed rules from higher up, for the barometer's height drifts too.
     """
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        *,
-        ground_down_m: float,
-        descent_mps: float,
-        landing_mps: float,
-        landing_height_m: float,
-        settle_s: float,
-    ) -> None:
-        super().__init__(
-            aircraft, ground_down_m=ground_down_m, landing_mps=landing_mps, settle_s=settle_s
-        )
-        self._slow_down_m = ground_down_m - landing_height_m
-        self._landing_mps = landing_mps
+    def __init__(self, aircraft: Aircraft, terms: LandingTerms) -> None:
+        super().__init__(aircraft, terms)
         self._slow = False
-        self._sink(descent_mps, drifting=True)
+        self._sink(terms.descent_mps, drifting=True)
 
     def tick(self) -> bool:
-        if not self._slow and float(self._aircraft.belief.pos_ned_m[2]) > self._slow_down_m:
+        slow_down_m = self._terms.ground_down_m - self._terms.landing_height_m
+        if not self._slow and float(self._aircraft.belief.pos_ned_m[2]) > slow_down_m:
             self._slow = True
-            self._sink(self._landing_mps, drifting=True)
+            self._sink(self._terms.landing_mps, drifting=True)
         return super().tick()
-
-
-class Fall(Manoeuvre):
-    """Nobody flies the aircraft any more; done when it lies still."""
-
-    def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
-        self._patience = Timer(aircraft, _FALL_TIMEOUT_S)
-
-    def tick(self) -> bool:
-        return self._aircraft.on_ground or self._patience.over
 
 
 class Piloted(Manoeuvre):

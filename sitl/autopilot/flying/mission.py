@@ -6,7 +6,7 @@ from itertools import islice
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.autopilot.flying.route import flown_order, repeats
+from sitl.autopilot.flying.route import flown_order, repeats, speed_from
 from sitl.autopilot.protocol.item_rules import NAVIGATION
 
 
@@ -35,7 +35,7 @@ class Mission:
         self._started = False
         self.item_speed_mps = None
         for item in self.items[:seq]:
-            self._note_speed(item)
+            self.item_speed_mps = speed_from(item, self.item_speed_mps)
 
     @property
     def next_start(self) -> tuple[int, Mapping[int, int], float | None]:
@@ -52,7 +52,7 @@ class Mission:
 
     def reached(self, seq: int) -> None:
         """Item `seq` has been reached or carried out."""
-        self._note_speed(self.items[seq])
+        self.item_speed_mps = speed_from(self.items[seq], self.item_speed_mps)
         # After the last one it is the last again, for whoever holds before the aircraft rests.
         self._next, self.current = seq, len(self.items) - 1
         left = self._jumps_left
@@ -87,11 +87,3 @@ class Mission:
         if in_mission_mode:
             return mav.MISSION_STATE_ACTIVE
         return mav.MISSION_STATE_PAUSED if self._started else mav.MISSION_STATE_NOT_STARTED
-
-    def _note_speed(self, item: MissionItem) -> None:
-        if item.command == mav.MAV_CMD_DO_CHANGE_SPEED:
-            speed = item.params[1]
-            if speed == -2.0:
-                self.item_speed_mps = None
-            elif speed > 0:
-                self.item_speed_mps = speed

@@ -1,25 +1,26 @@
 """How the aircraft gets where it is wanted: manoeuvres made from parameters and positions."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.path import FlightPath
-from flightdyn.state import GeodeticPoint, Vector
+from flightdyn.state import Vector
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
+from sitl.autopilot.guard import Guard
 from sitl.autopilot.parameters import Parameters
 
 _SAME_PLACE_M = 2.0  # the guidance's own reference is as good as the estimate within this
 _UNSURE = 3.0  # times the height from which the landing speed rules, without GNSS
-
-MissionEnd: TypeAlias = Callable[[route.Stage], None]
 
 
 class SpeedLimits(NamedTuple):
@@ -33,8 +34,9 @@ class SpeedLimits(NamedTuple):
 class Navigator:
     """Makes manoeuvres of one aircraft. A manoeuvre starts when it is made."""
 
-    def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
+    def __init__(self, aircraft: Aircraft, parameters: Parameters, guard: Guard) -> None:
         self._aircraft = aircraft
+        self._guard = guard
         self._parameters = parameters
 
     @property
@@ -67,7 +69,7 @@ class Navigator:
 
     def turn(self, place: Vector, yaw_rad: float) -> do.Manoeuvre:
         """Turn on the spot."""
-        return do.Turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad)
+        return do.turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad)
 
     def go_to(
         self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float | None
@@ -81,82 +83,61 @@ class Navigator:
 
         return do.Sequence(parts())
 
-    def return_to(
-        self, start: Vector, goal: Vector, *, home_down_m: float, speed_mps: float | None
-    ) -> do.Manoeuvre:
+    def return_to(self, start: Vector, goal: Vector, *, speed_mps: float | None) -> do.Manoeuvre:
         """Climb to the return height, or the goal's own if that is higher, and over the goal.
 
         Nobody climbs where the goal is near.
         """
         p = self._parameters
         far = float(np.hypot(*(start - goal)[:2])) > p["RTL_MIN_DIST"]
-        ceiling = min(float(goal[2]), home_down_m - p["RTL_RETURN_ALT"])
+        ceiling = min(float(goal[2]), self._home_down_m() - p["RTL_RETURN_ALT"])
         down = min(float(start[2]), ceiling) if far else float(start[2])
         above_start = np.array([start[0], start[1], down])
         above_goal = np.array([goal[0], goal[1], down])
         return self._follow([start, above_start, above_goal], self._speed(speed_mps))
 
-    def refuge(
-        self,
-        here: Vector,
-        rally: Sequence[MissionItem],
-        *,
-        home: GeodeticPoint,
-        forbidden: Callable[[Vector], str],
-    ) -> tuple[str, Vector]:
+    def refuge(self, here: Vector, rally: Sequence[MissionItem]) -> tuple[str, Vector]:
         """Where a return leads, by name and in NED: home, or a rally point that is closer.
 
-        Rally points that are `forbidden` are none. Home is always one.
+        Rally points that are forbidden are none. Home is always one.
         """
-        frame = self._aircraft.frame
-        name, found = "home", frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
+        name, found = "home", self._guard.home_ned_m
         for item in rally:
-            place = frame.to_ned(item.x, item.y, route.item_altitude(item, home))
+            place = route.place_of(item, self._aircraft.frame, self._guard.home)
             closer = np.hypot(*(here - place)[:2]) < np.hypot(*(here - found)[:2])
-            if closer and not forbidden(place):
+            if closer and not self._guard.forbidden(place):
                 name, found = f"rally point {item.seq}", place
         return name, found
 
-    def land(self, start: Vector, *, ground_down_m: float, sure: bool = True) -> do.Manoeuvre:
+    def land(self, start: Vector, *, sure: bool = True) -> do.Manoeuvre:
         """Straight down until on the ground; keeping the position where that is `sure`."""
         p = self._parameters
-        speeds = {"descent_mps": p["MPC_Z_VEL_MAX_DN"], "landing_mps": p["MPC_LAND_SPEED"]}
-        height, settle = p["MPC_LAND_ALT2"], p["COM_DISARM_LAND"]
-        if not sure:
-            return do.DescendUnsure(
-                self._aircraft,
-                ground_down_m=ground_down_m,
-                landing_height_m=_UNSURE * height,
-                settle_s=settle,
-                descent_mps=speeds["descent_mps"],
-                landing_mps=0.7 * speeds["landing_mps"],
-            )
-        return do.Descend(
-            self._aircraft,
-            start_ned_m=start,
-            ground_down_m=ground_down_m,
-            landing_height_m=height,
-            settle_s=settle,
-            **speeds,
+        terms = do.LandingTerms(
+            ground_down_m=self._home_down_m(),
+            descent_mps=p["MPC_Z_VEL_MAX_DN"],
+            landing_mps=p["MPC_LAND_SPEED"] * (1.0 if sure else 0.7),
+            landing_height_m=p["MPC_LAND_ALT2"] * (1.0 if sure else _UNSURE),
+            settle_s=p["COM_DISARM_LAND"],
         )
+        if sure:
+            return do.Descend(self._aircraft, terms, start_ned_m=start)
+        return do.DescendUnsure(self._aircraft, terms)
 
     def stages(
-        self, mission: Mission, start: Vector, *, home: GeodeticPoint, speed_mps: float | None
+        self, mission: Mission, start: Vector, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
         """What the mission comes to from where it would start."""
         first, jumps_left, item_speed = mission.next_start
         return route.compile_route(
             mission.items,
+            self._parameters,
+            frame=self._aircraft.frame,
+            home=self._guard.home,
+            start=start,
+            on_ground=self._aircraft.on_ground,
+            speed_mps=speed_mps if item_speed is None else item_speed,
             first=first,
             jumps_left=jumps_left,
-            start=route.Start(
-                start,
-                on_ground=self._aircraft.on_ground,
-                speed_mps=speed_mps if item_speed is None else item_speed,
-            ),
-            frame=self._aircraft.frame,
-            home=home,
-            limits=route.Limits.of(self._parameters),
         )
 
     def fly(
@@ -164,37 +145,40 @@ class Navigator:
         stages: Sequence[route.Stage],
         *,
         reached: Callable[[int], None],
-        ended: MissionEnd,
-        ground_down_m: float,
+        ended: Callable[[int], None],
     ) -> do.Manoeuvre:
-        """Stage after stage; `ended` hears of a stage that ends the mission before its last."""
+        """Stage after stage; `ended` hears of the command that ends the mission."""
+
+        def tell(items: Sequence[Sequence[int]], point: int) -> None:
+            for seq in items[point]:
+                reached(seq)
 
         def parts() -> Iterator[do.Manoeuvre]:
             for stage in stages:
                 match stage:
                     case route.Fly(path, at):
-                        yield do.Follow(self._aircraft, path, _reporter(at, reached))
+                        yield do.Follow(self._aircraft, path, passed=partial(tell, at))
                     case route.Wait(duration_s, seq, reports):
                         if duration_s > 0:
-                            yield do.Pause(self._aircraft, duration_s)
+                            yield do.pause(self._aircraft, duration_s)
                         if reports:
                             reached(seq)
                     case route.Turn(yaw_rad, relative, seq):
                         now = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
                         yield self.turn(self.here(resting=True), now + yaw_rad)
                         reached(seq)
-                    case route.Land(seq):
-                        yield self.land(self.here(resting=True), ground_down_m=ground_down_m)
-                        reached(seq)
-                        ended(stage)
-                        return
-                    case route.GoHome() | route.Loiter():
-                        if isinstance(stage, route.GoHome):
-                            reached(stage.seq)
-                        ended(stage)
+                    case route.End(command, seq):
+                        if command == mav.MAV_CMD_NAV_LAND:
+                            yield self.land(self.here(resting=True))
+                        if command != mav.MAV_CMD_NAV_LOITER_UNLIM:
+                            reached(seq)
+                        ended(command)
                         return
 
         return do.Sequence(parts())
+
+    def _home_down_m(self) -> float:
+        return float(self._guard.home_ned_m[2])
 
     def _speed(self, ordered_mps: float | None) -> float:
         return self._parameters["MPC_XY_CRUISE"] if ordered_mps is None else ordered_mps
@@ -203,17 +187,6 @@ class Navigator:
         return do.Follow(self._aircraft, self._path(points, speed_mps))
 
     def _path(self, points: Sequence[Vector], speed_mps: float) -> FlightPath:
-        limits = route.Limits.of(self._parameters)
-        speeds = [
-            route.leg_speed(a, b, speed_mps=speed_mps, limits=limits) for a, b in pairwise(points)
-        ]
-        radii = np.full(len(points), limits.acceptance_m)
+        speeds = [route.leg_speed(a, b, speed_mps, self._parameters) for a, b in pairwise(points)]
+        radii = np.full(len(points), self._parameters["NAV_ACC_RAD"])
         return FlightPath(np.array(points), np.array(speeds), radii)
-
-
-def _reporter(at: Sequence[Sequence[int]], reached: Callable[[int], None]) -> Callable[[int], None]:
-    def passed(point: int) -> None:
-        for seq in at[point]:
-            reached(seq)
-
-    return passed

@@ -108,7 +108,7 @@ class Orbits:
         if far := flight.navigator.too_far(np.array(orbit.center_ned_m)):
             raise RefusedError(f"the orbit is {far}")
         circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
-        if forbidden := flight.forbidden(circle):
+        if forbidden := flight.guard.forbidden(circle):
             raise RefusedError(f"the orbit leads {forbidden}")
         if orbit != self.current:
             demand(flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit)))

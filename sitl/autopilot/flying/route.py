@@ -8,7 +8,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -45,13 +45,6 @@ class Wait:
 
 
 @dataclass(frozen=True, slots=True)
-class Loiter:
-    """Stay here until somebody orders something else: the mission goes no further."""
-
-    seq: int
-
-
-@dataclass(frozen=True, slots=True)
 class Turn:
     """Turn to a heading, or by an angle."""
 
@@ -61,53 +54,14 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class Land:
-    """Descend here until on the ground."""
+class End:
+    """The mission goes no further: by its command it lands here, returns or loiters for good."""
 
+    command: int
     seq: int
 
 
-@dataclass(frozen=True, slots=True)
-class GoHome:
-    """Leave the mission for the return."""
-
-    seq: int
-
-
-Stage: TypeAlias = Fly | Wait | Turn | Land | GoHome | Loiter
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the vehicle adds to the items."""
-
-    cruise_mps: float
-    max_speed_mps: float
-    climb_mps: float
-    descent_mps: float
-    takeoff_mps: float
-    acceptance_m: float
-
-    @classmethod
-    def of(cls, parameters: Parameters) -> Self:
-        """As the vehicle's parameters have it."""
-        return cls(
-            cruise_mps=parameters["MPC_XY_CRUISE"],
-            max_speed_mps=parameters["MPC_XY_VEL_MAX"],
-            climb_mps=parameters["MPC_Z_VEL_MAX_UP"],
-            descent_mps=parameters["MPC_Z_VEL_MAX_DN"],
-            takeoff_mps=parameters["MPC_TKO_SPEED"],
-            acceptance_m=parameters["NAV_ACC_RAD"],
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Where a route begins."""
-
-    pos_ned_m: Vector  # (3,)
-    on_ground: bool
-    speed_mps: float | None = None  # rules until an item says otherwise; None: the cruise speed
+Stage: TypeAlias = Fly | Wait | Turn | End
 
 
 @dataclass(slots=True)
@@ -118,16 +72,16 @@ class _Leg:
     reached: list[list[int]] = field(default_factory=list)
 
 
-def leg_speed(start: Vector, end: Vector, *, speed_mps: float, limits: Limits) -> float:
+def leg_speed(start: Vector, end: Vector, speed_mps: float, parameters: Parameters) -> float:
     """Speed along a leg such that neither the vertical nor the overall limit is exceeded."""
     delta = np.asarray(end) - np.asarray(start)
     length = float(np.linalg.norm(delta))
-    speed = min(speed_mps, limits.max_speed_mps)
+    speed = min(speed_mps, parameters["MPC_XY_VEL_MAX"])
     climb_share = -float(delta[2]) / length if length > 1e-6 else 0.0
     if climb_share > 1e-6:
-        speed = min(speed, limits.climb_mps / climb_share)
+        speed = min(speed, parameters["MPC_Z_VEL_MAX_UP"] / climb_share)
     elif climb_share < -1e-6:
-        speed = min(speed, limits.descent_mps / -climb_share)
+        speed = min(speed, parameters["MPC_Z_VEL_MAX_DN"] / -climb_share)
     return max(speed, ranges.SPEED.low)
 
 
@@ -139,25 +93,52 @@ def turn_of(params: Sequence[float]) -> tuple[float, bool]:
     return math.radians(-angle_deg if direction < 0 else angle_deg), True
 
 
+def speed_from(item: MissionItem, before: float | None) -> float | None:
+    """The ordered speed (m/s) after an item; None for the default."""
+    if item.command != mav.MAV_CMD_DO_CHANGE_SPEED:
+        return before
+    speed = item.params[1]  # -1 keeps it, -2 returns to the default
+    return speed if speed > 0 else None if speed == -2.0 else before
+
+
 def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
     """Altitude above mean sea level in metres of an item with a global frame."""
     return item.z + (home.alt_msl_m if item.frame in RELATIVE_FRAMES else 0.0)
+
+
+def place_of(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector:
+    """Where an item with a global frame lies, (3,) NED."""
+    return frame.to_ned(item.x, item.y, item_altitude(item, home))
 
 
 class _Compiler:
     """Walks through the items once and collects stages."""
 
     def __init__(
-        self, frame: LocalFrame, *, home: GeodeticPoint, start: Start, limits: Limits
+        self,
+        parameters: Parameters,
+        frame: LocalFrame,
+        *,
+        home: GeodeticPoint,
+        start: Vector,
+        on_ground: bool,
+        speed_mps: float | None,
     ) -> None:
+        self._parameters = parameters
+        self._radius_m = parameters["NAV_ACC_RAD"]
         self._frame = frame
         self._home = home
-        self._limits = limits
-        self._here = np.array(start.pos_ned_m, dtype=float)
-        self._speed = limits.cruise_mps if start.speed_mps is None else start.speed_mps
-        self._climb_first = start.on_ground
-        self._leg = _Leg([self._here], acceptance=[limits.acceptance_m], reached=[[]])
+        self._here = np.array(start, dtype=float)
+        self._speed = speed_mps
+        self._climb_first = on_ground
+        self._leg = self._new_leg()
         self.stages: list[Stage] = []
+
+    def _new_leg(self) -> _Leg:
+        return _Leg([self._here], acceptance=[self._radius_m], reached=[[]])
+
+    def _cruise_mps(self) -> float:
+        return self._parameters["MPC_XY_CRUISE"] if self._speed is None else self._speed
 
     def add(self, item: MissionItem) -> None:
         """Carry out one item after those added before."""
@@ -171,31 +152,24 @@ class _Compiler:
                 self._then(Wait(max(item.params[0], 0.0), item.seq, reports=True))
             case mav.MAV_CMD_NAV_LOITER_UNLIM:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan)
-                self._then(Loiter(item.seq))
+                self._then(End(item.command, item.seq))
             case mav.MAV_CMD_NAV_TAKEOFF:
                 self._takeoff(item)
             case mav.MAV_CMD_NAV_LAND:
                 place = self._place(item)
                 above = np.array([place[0], place[1], min(self._here[2], place[2])])
                 self._go(above, item.seq, acceptance_m=math.nan, report=False)
-                self._then(Land(item.seq))
+                self._then(End(item.command, item.seq))
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-                self._then(GoHome(item.seq))
+                self._then(End(item.command, item.seq))
             case mav.MAV_CMD_NAV_DELAY | mav.MAV_CMD_CONDITION_DELAY:
                 self._then(Wait(item.params[0], item.seq, reports=True))
             case mav.MAV_CMD_CONDITION_YAW:
                 yaw_rad, relative = turn_of(item.params)
                 self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
             case mav.MAV_CMD_DO_CHANGE_SPEED:
-                self.change_speed(item.params[1])
+                self._speed = speed_from(item, self._speed)
                 self._leg.reached[-1].append(item.seq)
-
-    def change_speed(self, speed_mps: float) -> None:
-        """The speed of the legs to come: -1 keeps it, -2 returns to the default."""
-        if speed_mps == -2.0:
-            self._speed = self._limits.cruise_mps
-        elif speed_mps > 0:
-            self._speed = speed_mps
 
     def close(self) -> None:
         """End the path that is being collected, with a stop at its last point."""
@@ -203,8 +177,8 @@ class _Compiler:
         if leg.speeds or any(leg.reached):
             if not leg.speeds:  # items before any movement: a path of no length reports them
                 leg.points.append(leg.points[0])
-                leg.speeds.append(self._limits.cruise_mps)
-                leg.acceptance.append(self._limits.acceptance_m)
+                leg.speeds.append(self._parameters["MPC_XY_CRUISE"])
+                leg.acceptance.append(self._radius_m)
                 leg.reached = [[], leg.reached[0]]
             self.stages.append(
                 Fly(
@@ -214,7 +188,7 @@ class _Compiler:
                     tuple(tuple(seqs) for seqs in leg.reached),
                 )
             )
-        self._leg = _Leg([self._here], acceptance=[self._limits.acceptance_m], reached=[[]])
+        self._leg = self._new_leg()
 
     def _then(self, stage: Stage) -> None:
         self.close()
@@ -231,7 +205,7 @@ class _Compiler:
         place = self._place(item)
         up = np.array([self._here[0], self._here[1], min(place[2], self._here[2])])
         self._climb_first = False
-        self._append(up, self._limits.takeoff_mps, self._limits.acceptance_m, [])
+        self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])
         self._go(np.array([place[0], place[1], up[2]]), item.seq, acceptance_m=item.params[1])
         self.close()
 
@@ -240,17 +214,15 @@ class _Compiler:
             # From the ground straight up first: nobody flies sideways through the grass.
             self._climb_first = False
             up = np.array([self._here[0], self._here[1], min(point[2], self._here[2])])
-            self._append(up, self._limits.takeoff_mps, self._limits.acceptance_m, [])
+            self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])
             self.close()
-        radius = acceptance_m if acceptance_m > 0 else self._limits.acceptance_m
-        self._append(point, self._speed, radius, [seq] if report else [])
+        radius = acceptance_m if acceptance_m > 0 else self._radius_m
+        self._append(point, self._cruise_mps(), radius, [seq] if report else [])
 
     def _append(
         self, point: Vector, speed_mps: float, acceptance_m: float, reached: list[int]
     ) -> None:
-        self._leg.speeds.append(
-            leg_speed(self._here, point, speed_mps=speed_mps, limits=self._limits)
-        )
+        self._leg.speeds.append(leg_speed(self._here, point, speed_mps, self._parameters))
         self._leg.points.append(point)
         self._leg.acceptance.append(acceptance_m)
         self._leg.reached.append(reached)
@@ -259,19 +231,25 @@ class _Compiler:
 
 def compile_route(
     items: Sequence[MissionItem],
+    parameters: Parameters,
     *,
-    first: int,
-    start: Start,
     frame: LocalFrame,
     home: GeodeticPoint,
-    limits: Limits,
+    start: Vector,
+    on_ground: bool,
+    speed_mps: float | None = None,
+    first: int = 0,
     jumps_left: Mapping[int, int] | None = None,
 ) -> tuple[Stage, ...]:
     """The stages from item `first` on of a mission that `check_mission` has nothing against.
 
-    `jumps_left`: how often each jump is still taken; without it as often as the items say.
+    It is flown from `start`, (3,) NED, at `speed_mps` until an item says otherwise; without it at
+    the cruise speed. `jumps_left`: how often each jump is still taken; without it as often as the
+    items say.
     """
-    compiler = _Compiler(frame, home=home, start=start, limits=limits)
+    compiler = _Compiler(
+        parameters, frame, home=home, start=start, on_ground=on_ground, speed_mps=speed_mps
+    )
     left = repeats(items) if jumps_left is None else dict(jumps_left)
     for item in flown_order(items, first, left):
         compiler.add(item)
@@ -341,7 +319,7 @@ def check_mission(
     """What keeps a whole mission from being flown; empty if nothing."""
     for item in items:
         if item.command in PLACES and not math.isnan(item.x):
-            place = frame.to_ned(item.x, item.y, item_altitude(item, home))
+            place = place_of(item, frame, home)
             if far := too_far(place, farthest_m=farthest_m):
                 return f"item {item.seq} is {far}"
     return _jump_trouble(items)

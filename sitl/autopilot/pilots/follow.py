@@ -80,11 +80,12 @@ class Follower:
         beside = self._course_rad + math.radians(p["FLW_TGT_FA"])
         distance = p["FLW_TGT_DST"]
         by_target = int(p["FLW_TGT_ALT_M"]) == 2
-        floor = z if by_target else float(self._flight.home_ned_m[2])
+        home_down = float(self._flight.guard.home_ned_m[2])
+        floor = z if by_target else home_down
         place = (
             x + distance * math.cos(beside),
             y + distance * math.sin(beside),
-            min(floor - p["FLW_TGT_HT"], float(self._flight.home_ned_m[2]) - _LOWEST_M),
+            min(floor - p["FLW_TGT_HT"], home_down - _LOWEST_M),
         )
         limits = self._flight.navigator.speed_limits
         own_mps = math.hypot(self._vel[0], self._vel[1])

@@ -78,7 +78,7 @@ class Offboard(StreamPilot):
         return self._flight.order(Trigger.ORDER_OFFBOARD, self._piloted)
 
     def _flyable(self) -> bool:
-        placed = isinstance(self._order, AttitudeOrder) or self._flight.position_ok()
+        placed = isinstance(self._order, AttitudeOrder) or self._flight.guard.position_ok()
         return self._alive and placed
 
     def _piloted(self) -> do.Manoeuvre:
@@ -95,7 +95,7 @@ class Offboard(StreamPilot):
         """Once, not at every setpoint of a stream."""
         if text != self._complaint:
             self._complaint = text
-            self._report.say(mav.MAV_SEVERITY_ERROR, text)
+            self._report.say(text, mav.MAV_SEVERITY_ERROR)
 
     def _target(self, msg: _LocalTarget | _GlobalTarget) -> Target:
         mask, frame = msg.type_mask, msg.coordinate_frame
@@ -130,7 +130,7 @@ class Offboard(StreamPilot):
         if math.isnan(lat_deg) or math.isnan(lon_deg) or math.isnan(altitude):
             return OPEN  # PX4: all of a global position, or nothing
         if frame in RELATIVE_FRAMES:
-            altitude += self._flight.home.alt_msl_m
+            altitude += self._flight.guard.home.alt_msl_m
         north, east, down = self._flight.frame.to_ned(lat_deg, lon_deg, altitude)
         if math.hypot(north, east) not in ranges.AWAY:
             raise _InvalidError(f"position {math.hypot(north, east) / 1000:.0f} km away")

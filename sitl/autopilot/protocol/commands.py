@@ -138,4 +138,4 @@ class CommandServer:
         self._answer(peer, order.command, result)
         if reason:
             name = command_name if command is None else bare_name
-            self._report.say(mav.MAV_SEVERITY_WARNING, f"{name(order.command)} refused: {reason}")
+            self._report.say(f"{name(order.command)} refused: {reason}")

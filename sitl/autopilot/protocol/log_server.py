@@ -95,12 +95,12 @@ class LogServer:
 
     def _erase(self, _peer: Peer, _msg: mav.MAVLink_message, _now: float) -> None:
         if self._armed():
-            self._report.say(mav.MAV_SEVERITY_WARNING, "Logs are not erased while armed")
+            self._report.say("Logs are not erased while armed")
             return
         self._download = None
         self._logs = ()
         self._folder.erase()
-        self._report.say(mav.MAV_SEVERITY_INFO, "Logs erased")
+        self._report.say("Logs erased", mav.MAV_SEVERITY_INFO)
 
 
 def _data(log: int, offset: int, part: bytes) -> mav.MAVLink_message:

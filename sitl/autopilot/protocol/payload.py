@@ -40,7 +40,7 @@ class NoPayload:
         text = _DROPPED[type(msg)]
         if text not in self._said:
             self._said.add(text)
-            self._report.say(mav.MAV_SEVERITY_NOTICE, text)
+            self._report.say(text, mav.MAV_SEVERITY_NOTICE)
 
     def _shell(self, _peer: Peer, msg: mav.MAVLink_serial_control_message, _now: float) -> None:
         if msg.flags & mav.SERIAL_CONTROL_FLAG_RESPOND and msg.count > 0:

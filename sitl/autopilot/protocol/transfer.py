@@ -259,7 +259,7 @@ class MissionTransfer:
     def _refuse_partial(self, peer: Peer, msg: Any, _now: float) -> None:
         self._ack(peer, msg.mission_type, mav.MAV_MISSION_UNSUPPORTED)
         text = "Partial mission lists are not supported: transfer the whole list"
-        self._report.say(mav.MAV_SEVERITY_WARNING, text)
+        self._report.say(text)
 
     def _take(self, kind: int, items: tuple[MissionItem, ...]) -> int:
         verdict = self._store(kind, items)

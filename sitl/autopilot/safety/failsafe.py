@@ -125,8 +125,8 @@ class Failsafes:
         lost = age_s < math.inf and not guard.position_ok()
         self.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
         breach = ""
-        if guard.fence.in_force and self._flight.airborne:
-            breach = self._flight.forbidden(self._aircraft.belief.pos_ned_m)
+        if self._flight.airborne:
+            breach = guard.forbidden(self._aircraft.belief.pos_ned_m)
         self.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 
     def poll(self, now: float) -> None:
@@ -158,7 +158,7 @@ class Failsafes:
                 self._present.discard(cause)
                 self._acted.pop(cause, None)
                 if self._action(cause) is not Action.NOTHING:
-                    self._report.say(mav.MAV_SEVERITY_NOTICE, f"{cause.value}: over")
+                    self._report.say(f"{cause.value}: over", mav.MAV_SEVERITY_NOTICE)
             return
         airborne = self._flight.airborne
         if was and (not airborne or self.acted(cause)):

@@ -65,7 +65,7 @@ class Monitor:
         if limited is not self._limited:
             self._limited = limited
             if limited:
-                self._report.say(mav.MAV_SEVERITY_WARNING, "Ordered speed cannot be held")
+                self._report.say("Ordered speed cannot be held")
 
     def watch_faults(self) -> None:
         """Tell of faults that have begun or ended."""
@@ -84,7 +84,7 @@ class Monitor:
         """The vehicle as it is."""
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
-        fix, fenced = self._guard.gnss(), self._guard.fence.in_force
+        fix, fenced = self._guard.gnss(), self._guard.fenced
         return Snapshot(
             t_ns=aircraft.t_ns,
             belief=belief,
@@ -92,8 +92,8 @@ class Monitor:
             truth=truth,
             true_position=aircraft.frame.to_geodetic(np.asarray(truth.pos_ned_m)),
             origin=aircraft.frame.origin,
-            home=flight.home,
-            home_ned_m=flight.home_ned_m,
+            home=self._guard.home,
+            home_ned_m=self._guard.home_ned_m,
             gnss=fix,
             gnss_position=None if fix is None else aircraft.frame.to_geodetic(fix.pos_ned_m),
             battery=aircraft.battery,

@@ -255,7 +255,7 @@ def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
     reporter = Reporter(outbox, lambda *_: None)
     for length in (1, 50, 51, 100, 120):
         text = "".join(chr(97 + i % 26) for i in range(length))
-        reporter.say(mav.MAV_SEVERITY_INFO, text)
+        reporter.say(text)
         heard = [over_the_wire(message) for message in outbox]
         outbox.clear()
         assert "".join(chunk.text for chunk in heard) == text

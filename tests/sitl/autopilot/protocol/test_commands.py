@@ -138,17 +138,17 @@ def test_a_retransmitted_command_is_answered_and_not_repeated() -> None:
     for confirmation in (0, 1, 2):
         assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1, confirmation=confirmation) == OK
         if confirmation == 0:
-            home = desk.vehicle.autopilot.flight.home
+            home = desk.vehicle.autopilot.flight.guard.home
             desk.vehicle.autopilot.flight.go_to(np.array([50.0, 0.0, -30.0]))
             desk.fly()
-    assert desk.vehicle.autopilot.flight.home == home
+    assert desk.vehicle.autopilot.flight.guard.home == home
     # Another command of the same number whose first transmission was lost is no repetition.
     before = len(of(desk.heard, "HOME_POSITION"))
     assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 148) == OK
     assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 242, confirmation=1) == OK
     assert len(of(desk.heard, "HOME_POSITION")) == before + 1
     assert desk.command(mav.MAV_CMD_DO_SET_HOME, 1, confirmation=0) == OK
-    assert desk.vehicle.autopilot.flight.home != home
+    assert desk.vehicle.autopilot.flight.guard.home != home
 
 
 @pytest.mark.parametrize(("frame", "z"), [(RELATIVE, 40.0), (0, 528.0)])

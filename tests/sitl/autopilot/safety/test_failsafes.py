@@ -12,7 +12,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle
 from flightdyn.config import AircraftConfig
 from flightdyn.faults import GnssOff, WindBurst
 from flightdyn.state import BatteryState
-from sitl.autopilot.fence import Polygon
+from sitl.autopilot.fence import Fence, Polygon
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import SPECS
 from sitl.autopilot.safety.failsafe import RULES, Action, Cause
@@ -275,9 +275,9 @@ def test_fence_of_polygons_and_circles() -> None:
     assert desk.upload(fence_items(), mav.MAV_MISSION_TYPE_FENCE) == mav.MAV_MISSION_ACCEPTED
     flight = desk.vehicle.autopilot.flight
     inside, outside, excluded = (60.0, 0.0), (60.0, 51.0), (100.0, 19.0)
-    assert flight.forbidden(np.array([*inside, -30.0])) == ""
-    assert flight.forbidden(np.array([*outside, -30.0])) == "outside the fence"
-    assert flight.forbidden(np.array([*excluded, -30.0])) == "inside an excluded area"
+    assert flight.guard.forbidden(np.array([*inside, -30.0])) == ""
+    assert flight.guard.forbidden(np.array([*outside, -30.0])) == "outside the fence"
+    assert flight.guard.forbidden(np.array([*excluded, -30.0])) == "inside an excluded area"
     assert flight.go_to(np.array([*outside, -30.0])) == "the position is outside the fence"
     desk.upload([item(0, mav.MAV_CMD_NAV_WAYPOINT, north=60.0, east=80.0)])
     assert flight.fly_mission() == "the mission leads outside the fence"
@@ -296,9 +296,9 @@ def test_polygons_may_be_concave_and_turn_either_way() -> None:
     inside = [(1, 1), (39, 1), (39, 39), (21, 39), (1, 19), (19, 19)]
     outside = [(-1, 1), (41, 1), (-30, 10), (1, 21), (19, 21), (19, 39), (60, 39), (1, -1), (1, 50)]
     for shape in (corners, corners[::-1]):
-        area = Polygon(shape)
-        assert all(area.contains(*place) for place in inside)
-        assert not any(area.contains(*place) for place in outside)
+        fence = Fence((Polygon(shape),))
+        assert fence.breach(np.array([(*place, -9.0) for place in inside])) == ""
+        assert all(fence.breach(np.array([*place, -9.0])) for place in outside)
 
 
 def test_the_fence_in_the_vehicles_status() -> None:
