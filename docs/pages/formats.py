@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable
 
-from mission.base.columns import told
+from mission.base.tables import told
 from mission.log import topics
 from mission.log.records import OPTIONAL, DeviceRecord, TimedUplinkRecord, UplinkRecord
 

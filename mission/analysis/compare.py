@@ -15,8 +15,8 @@ import numpy as np
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure
 from mission.base.arrays import Floats
-from mission.base.columns import told
 from mission.base.errors import InputError
+from mission.base.tables import told
 from mission.log.records import LATE
 from mission.log.values import FlightData
 

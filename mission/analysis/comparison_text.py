@@ -8,7 +8,7 @@ from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.measure import CORNER_M
-from mission.base.columns import number, told
+from mission.base.tables import number, told
 from mission.base.terminal import TABLE_WIDTH
 
 _Cell = Callable[[Comparison], str]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from mission.base.columns import columns
+from mission.base.tables import columns
 from mission.log.records import is_by_community
 
 

@@ -11,8 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from mission.base.columns import number
 from mission.base.errors import InputError
+from mission.base.tables import number
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 

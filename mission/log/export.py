@@ -11,11 +11,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.base import csv_text
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.base.run_folder import write_atomically
+from mission.base.tables import csv_lines, parquet
 from mission.log.errors import LogError
 from mission.log.reader import read_log
 from mission.log.records import flat
@@ -97,7 +97,7 @@ def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
     with new_folder(folder) as partial:
         for name, columns in found.items():
             rows = zip(*map(_harmless, columns.values()), strict=True)
-            text = csv_text.lines([columns, *rows])
+            text = csv_lines([columns, *rows])
             (partial / f"{name}.csv").write_text(text, encoding="utf-8", newline="")
     return tuple(folder / f"{name}.csv" for name in found)
 
@@ -108,7 +108,6 @@ def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
-    from mission.base.parquet import parquet  # with it pyarrow
 
     found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
     with new_folder(folder) as partial:

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias, get_origin
 
-from mission.base.columns import Column, columns
+from mission.base.tables import Column, columns
 
 
 @dataclass(frozen=True)

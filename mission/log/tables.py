@@ -1,6 +1,6 @@
 """`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row, read back with checks.
 
-CSV of the dialect of `csv_text` with one header line. A round's accuracies and CoVs stand in one
+CSV of the dialect of `csv_lines` with one header line. A round's accuracies and CoVs stand in one
 column a community: `accuracy_<name>`, `cov_<name>`. The same records give the same bytes.
 """
 
@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Generic, Self, TypeVar
 
-from mission.base import csv_text
-from mission.base.columns import columns
 from mission.base.errors import InputError
+from mission.base.tables import columns, csv_lines
 from mission.log.records import (
     OPTIONAL,
     DeviceRecord,
@@ -67,7 +66,7 @@ class Table(Generic[Record]):
 
     def _append(self, rows: Iterable[Sequence[object]]) -> None:
         try:
-            self._file.write(csv_text.lines(rows))
+            self._file.write(csv_lines(rows))
             self._file.flush()
         except OSError as error:
             raise TableError(f"{self.path}: cannot write the table: {error.strerror}") from None

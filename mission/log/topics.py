@@ -10,7 +10,7 @@ from typing import Any
 
 from foxglove import messages as fox
 
-from mission.base.columns import columns
+from mission.base.tables import columns
 from mission.log.records import Kind, RoundRecord, UplinkRecord
 from mission.log.values import BatteryTrack, Devices, EventRecord, LearningRecord, PlanRecord
 

@@ -6,7 +6,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.plugins import is_plugin
-from mission.base.wording import count
+from mission.base.tables import count
 
 _ROUNDING = 1e-9  # of a gap that was met
 

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 
 from mission.analysis.load import LoadedRun
-from mission.base.wording import count
+from mission.base.tables import count
 
 _COMPASS = "north north-east east south-east south south-west west north-west"
 _NAMED = (

@@ -9,9 +9,9 @@ import numpy as np
 from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.comparison_text import labelled
 from mission.analysis.load import LoadedRun, load_run, reached
-from mission.base.columns import number
 from mission.base.errors import InputError
 from mission.base.run_folder import RunSummary, write_atomically
+from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts

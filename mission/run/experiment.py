@@ -13,8 +13,8 @@ from fl.federation import rounds as learning
 from mission.base.console import RunConsole
 from mission.base.errors import TrainingError
 from mission.base.stopwatch import Stopwatch
+from mission.base.tables import count
 from mission.base.user_code import plugins_of_learning, users_code
-from mission.base.wording import count
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals, optional_columns
 from mission.run.checkpoint import RoundMemory

@@ -14,13 +14,14 @@ from flightdyn.state import GeodeticPoint
 from mission.analysis.compare import RunComparison, compare_run, plain
 from mission.analysis.comparison_text import tables
 from mission.analysis.load import load_run, reached
-from mission.base import csv_text, polyline
+from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
+from mission.base.tables import csv_lines
 from mission.config.models import AreaConfig, RunConfig
 from mission.flight.failures import of_settings
 from mission.flight.fence_zones import fence_of
@@ -305,7 +306,7 @@ def _places(order: _Order) -> PlanFileRecord:
 
 def _track_csv(data: FlightData) -> str:
     rows = np.hstack((data.truth.pos_m, data.belief.pos_m)).tolist()
-    return csv_text.lines(
+    return csv_lines(
         [
             _COLUMNS,
             *(

@@ -16,10 +16,9 @@ from typing import TypeAlias
 import numpy as np
 
 from fl.errors import first_line
-from mission.base import csv_text
 from mission.base.errors import InputError
-from mission.base.parquet import parquet
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically
+from mission.base.tables import csv_lines, parquet
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
 from mission.sweep.grid import Key, Point
@@ -117,7 +116,7 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> None:
         columns = list(dict.fromkeys(key for row in rows for key in row))
         # Where communities are swept, a run has no value in another's columns.
         cells = [[row.get(column) for column in columns] for row in rows]
-        write_atomically(folder / f"{name}.csv", csv_text.lines([columns, *cells]))
+        write_atomically(folder / f"{name}.csv", csv_lines([columns, *cells]))
         if name != "timings":
             by_column = {column: [row.get(column) for row in rows] for column in columns}
             write_atomically(folder / f"{name}.parquet", parquet(by_column))

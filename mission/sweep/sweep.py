@@ -9,8 +9,8 @@ from typing import TypeAlias
 from rich.console import Console
 
 from mission.base.errors import INTERRUPTED, AerofedError
+from mission.base.tables import count
 from mission.base.terminal import PLAIN
-from mission.base.wording import count
 from mission.config.models import RunConfig
 from mission.flight.flyers.open import set_up
 from mission.sweep.execute.choice import EngineChoice

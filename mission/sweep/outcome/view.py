@@ -8,7 +8,7 @@ from typing import TypeAlias
 from rich import box
 from rich.table import Table
 
-from mission.base import columns
+from mission.base import tables
 from mission.sweep.outcome.curves import communities_of, groups_of
 from mission.sweep.outcome.stats import Interval, interval
 from mission.sweep.results import FINAL_ROUNDS, RunResult
@@ -113,7 +113,7 @@ def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
 
 def number(value: Interval, digits: int, *, unit: float = 1.0) -> str:
     """The mean alone, in units of `unit`; `-` without a value."""
-    return columns.number(value.mean / unit, digits)
+    return tables.number(value.mean / unit, digits)
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:

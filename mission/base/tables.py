@@ -1,0 +1,108 @@
+"""Tables: columns declared once as the fields of a dataclass, and their cells as text or Parquet.
+
+    path_m: Annotated[float, "length of the planned path"]
+
+What stands beside a field's type is found again by its own type, so that headers, schemas, pages
+and tables on the terminal all follow from the one declaration.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+Told = TypeVar("Told")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One field: its name, what it holds, and what is told of it."""
+
+    name: str
+    holds: object  # its bare type
+    told: tuple[object, ...]
+
+    def find(self, kind: type[Told]) -> Told | None:
+        """What is told that is of a kind: `str` gives the words; None where nothing is."""
+        return next((item for item in self.told if isinstance(item, kind)), None)
+
+
+def columns(record: type) -> tuple[Column, ...]:
+    """The fields of a dataclass, in their order."""
+    return _columns(record)
+
+
+@cache
+def _columns(record: type) -> tuple[Column, ...]:
+    hints = get_type_hints(record, include_extras=True)
+    return tuple(_column(field.name, hints[field.name]) for field in fields(record))
+
+
+def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
+    """Names of the fields of which something of a kind is told, and what."""
+    for column in columns(record):
+        found = column.find(kind)
+        if found is not None:
+            yield column.name, found
+
+
+def number(value: float, digits: int = 2) -> str:
+    """As tables show it, also those of pages; a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _column(name: str, hint: object) -> Column:
+    if get_origin(hint) is Annotated:
+        bare, *about = get_args(hint)
+        return Column(name, bare, tuple(about))
+    return Column(name, hint, ())
+
+
+def count(number: int, noun: str) -> str:
+    """`1 round`, `2 rounds`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def csv_lines(rows: Iterable[Iterable[object]]) -> str:
+    """Rows in the one dialect of our CSV files: comma, "\\n", numbers in their shortest exact form.
+
+    `nan` where a number has no value, `true` and `false`, an empty cell for None. Reading a number
+    back gives the very same.
+    """
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(map(_cell, row) for row in rows)
+    return out.getvalue()
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(float(value))  # numpy's own floats would say np.float64(...)
+    return "" if value is None else str(value)
+
+
+def parquet(columns: Mapping[str, Iterable[Any]]) -> bytes:
+    """A Parquet file (zstd) of columns of equal length, None where there is no value.
+
+    A column whose values are of several kinds becomes one of numbers, or else of texts.
+    """
+    import pyarrow as pa  # slow to import
+    import pyarrow.parquet
+
+    out = io.BytesIO()
+    table = pa.table({name: pa.array(_of_one_kind(values)) for name, values in columns.items()})
+    pyarrow.parquet.write_table(table, out, compression="zstd")
+    return out.getvalue()
+
+
+def _of_one_kind(values: Iterable[Any]) -> list[Any]:
+    values = list(values)
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) < 2:
+        return values
+    number = kinds <= {int, float}  # as 1 beside 0.5
+    return [v if v is None else float(v) if number else str(v) for v in values]
