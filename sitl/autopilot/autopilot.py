@@ -149,7 +149,7 @@ class Autopilot:
             mav.MAVLink_timesync_message: self._time_sync,
             mav.MAVLink_heartbeat_message: self._heartbeat,
         }
-        servers = (self._transfer, parameter_server, log_server, ftp_server)
+        servers = (self._transfer, parameter_server.burst, log_server.burst, ftp_server.burst)
         self._timers = (self._streams, *servers, self._offboard, self._sticks)
 
         # Made once, as they are entered many times a second.

@@ -4,24 +4,22 @@ https://mavlink.io/en/services/ftp.html. Nothing can be written; what is not the
 allowed, is answered by FTP's own errors.
 """
 
-import math
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
 from sitl.autopilot.parameters import INT32, SPECS, Parameters
+from sitl.autopilot.protocol.burst import Burst
 from sitl.logfolder import LogFolder
 
 _HEADER = struct.Struct("<HBBBBBxI")  # number, session, opcode, size, asked, complete, offset
 _DATA = 239
 _PAYLOAD = 251
 _SESSIONS = 8
-_BURST = 30  # messages sent at a time, so that no receiver's buffer overflows
-_BURST_EVERY_S = 0.005
 _LOGS = ("/log", "/fs/microsd/log")  # where PX4 has them, on a file system of its own and not
 _PARAMETERS = "@PARAM/param.pck"
 _PACK_MAGIC = 0x671B
@@ -64,15 +62,6 @@ class _File:
     read: Callable[[int, int], bytes]  # offset, count
 
 
-@dataclass(slots=True)
-class _Burst:
-    peer: Peer
-    number: int
-    session: int
-    offset: int
-    part: int
-
-
 class FtpServer:
     """A few sessions; at most one of them in a burst."""
 
@@ -81,8 +70,8 @@ class FtpServer:
         self._folder = folder
         self._parameters = parameters
         self._sessions: dict[int, _File] = {}  # the least recently used one first
-        self._burst: _Burst | None = None
-        self._next_burst = 0.0
+        self.burst = Burst(outbox, at_once=30, every_s=0.005)
+        self._bursting: int | None = None  # the session
         self._last: tuple[Peer, bytes, bytes] | None = None  # request and answer
         self._handlers: dict[int, Callable[[_Request], tuple[int, bytes]]] = {
             mav.MAV_FTP_OPCODE_NONE: lambda r: (r.session, b""),
@@ -125,40 +114,28 @@ class FtpServer:
         self._last = (peer, payload, packed)
         self._send(peer, packed)
 
-    def poll(self, now: float) -> None:
-        """Send the next parts of a burst."""
-        burst = self._burst
-        if burst is None or now < self._next_burst:
-            return
-        self._next_burst = now + _BURST_EVERY_S
-        file = self._used(burst.session)
-        for _ in range(_BURST):
-            data = b"" if file is None else file.read(burst.offset, burst.part)
-            left = 0 if file is None else file.size - burst.offset - len(data)
-            burst.number = (burst.number + 1) % 2**16
-            complete = left <= 0 or not data
-            ack, read = mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_BURSTREADFILE
-            head = (burst.number, burst.session, ack, len(data), read, complete, burst.offset)
-            self._send(burst.peer, (_HEADER.pack(*head) + data).ljust(_PAYLOAD, b"\0"))
-            burst.offset += len(data)
-            if complete:
-                self._burst = None
-                return
-
-    def due(self) -> float:
-        """When `poll` has something to do; infinite for never."""
-        return math.inf if self._burst is None else self._next_burst
-
     def _send(self, peer: Peer, payload: bytes) -> None:
-        self._outbox.append(mav.MAVLink_file_transfer_protocol_message(0, *peer, list(payload)))
+        self._outbox.append(_message(peer, payload))
 
     def _begin_burst(self, peer: Peer, request: _Request, now: float) -> None:
         file = self._file(request)
         if request.offset >= file.size:
             raise _RefusedError(mav.MAV_FTP_ERR_EOF)
-        part = request.size or _DATA
-        self._burst = _Burst(peer, request.number, request.session, request.offset, part)
-        self._next_burst = now
+        self._bursting = request.session
+        self.burst.start(self._parts(peer, request, file), now)
+
+    def _parts(self, peer: Peer, request: _Request, file: _File) -> Iterator[mav.MAVLink_message]:
+        """A file from an offset to its end."""
+        number, offset, complete = request.number, request.offset, False
+        ack, read = mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_BURSTREADFILE
+        while not complete:
+            self._used(request.session)
+            data = file.read(offset, request.size or _DATA)
+            number = (number + 1) % 2**16
+            complete = not data or offset + len(data) >= file.size
+            head = (number, request.session, ack, len(data), read, complete, offset)
+            yield _message(peer, (_HEADER.pack(*head) + data).ljust(_PAYLOAD, b"\0"))
+            offset += len(data)
 
     def _file(self, request: _Request) -> _File:
         file = self._used(request.session)
@@ -174,12 +151,17 @@ class FtpServer:
 
     def _terminate(self, request: _Request) -> tuple[int, bytes]:
         self._file(request)
-        del self._sessions[request.session]
+        self._close(request.session)
         return request.session, b""
+
+    def _close(self, session: int) -> None:
+        del self._sessions[session]
+        if self._bursting == session:
+            self.burst.stop()
 
     def _reset(self, request: _Request) -> tuple[int, bytes]:
         self._sessions.clear()
-        self._burst = None
+        self.burst.stop()
         return request.session, b""
 
     def _list(self, request: _Request) -> tuple[int, bytes]:
@@ -224,9 +206,7 @@ class FtpServer:
         free = next((i for i in range(_SESSIONS) if i not in self._sessions), None)
         if free is None:  # a client that died never closes its own
             free = next(iter(self._sessions))
-            del self._sessions[free]
-            if self._burst is not None and self._burst.session == free:
-                self._burst = None
+            self._close(free)
         self._sessions[free] = file
         return free, struct.pack("<I", file.size)
 
@@ -274,3 +254,7 @@ def _packed(request: _Request, op: int, data: bytes, *, session: int | None = No
         request.offset,
     )
     return (head + data).ljust(_PAYLOAD, b"\0")
+
+
+def _message(peer: Peer, payload: bytes) -> mav.MAVLink_message:
+    return mav.MAVLink_file_transfer_protocol_message(0, *peer, list(payload))

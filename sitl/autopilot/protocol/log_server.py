@@ -1,27 +1,16 @@
 """The MAVLink log protocol from the vehicle's side: lists, sends and erases flight logs."""
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
+from sitl.autopilot.protocol.burst import Burst
 from sitl.autopilot.reporter import Reporter
 from sitl.logfolder import LogFile, LogFolder
 
 _PART = 90  # bytes of one message
-_BURST = 60  # messages sent at a time, so that no receiver's buffer overflows
-_BURST_EVERY_S = 0.005
-_READ = _PART * _BURST
-
-
-@dataclass(slots=True)
-class _Download:
-    log: int
-    name: str
-    offset: int
-    left: int
+_AT_ONCE = 60  # messages
 
 
 class LogServer:
@@ -35,8 +24,7 @@ class LogServer:
         self._report = reporter
         self._armed = armed
         self._logs: Sequence[LogFile] = ()  # as listed last: numbers stay what they were
-        self._download: _Download | None = None
-        self._next_burst = 0.0
+        self.burst = Burst(outbox, at_once=_AT_ONCE, every_s=0.005)
 
     def handlers(self) -> Handlers:
         """Who handles which message."""
@@ -46,28 +34,6 @@ class LogServer:
             mav.MAVLink_log_request_end_message: self._end,
             mav.MAVLink_log_erase_message: self._erase,
         }
-
-    def poll(self, now: float) -> None:
-        """Send the next parts of what is being downloaded."""
-        download = self._download
-        if download is None or now < self._next_burst:
-            return
-        self._next_burst = now + _BURST_EVERY_S
-        data = self._folder.read(download.name, download.offset, min(_READ, download.left))
-        parts = [data[i : i + _PART] for i in range(0, len(data), _PART)]
-        ended = len(data) < min(_READ, download.left) or len(data) == download.left
-        if ended and len(data) < download.left and len(data) % _PART == 0:
-            parts.append(b"")  # the end of the file, where its last part was full
-        for part in parts:
-            self._outbox.append(_data(download.log, download.offset, part))
-            download.offset += len(part)
-            download.left -= len(part)
-        if ended:
-            self._download = None
-
-    def due(self) -> float:
-        """When `poll` has something to do; infinite for never."""
-        return math.inf if self._download is None else self._next_burst
 
     def _list(self, _peer: Peer, msg: mav.MAVLink_log_request_list_message, _now: float) -> None:
         if msg.start == 0 or not self._logs:
@@ -87,17 +53,30 @@ class LogServer:
         if msg.id >= len(self._logs):
             self._outbox.append(_data(msg.id, msg.ofs, b""))
             return
-        self._download = _Download(msg.id, self._logs[msg.id].name, msg.ofs, msg.count)
-        self._next_burst = now
+        parts = self._parts(msg.id, self._logs[msg.id].name, msg.ofs, msg.count)
+        self.burst.start(parts, now)
+
+    def _parts(self, log: int, name: str, offset: int, left: int) -> Iterator[mav.MAVLink_message]:
+        """LOG_DATA up to the end of what was asked for, or of the file."""
+        while left > 0:
+            wanted = min(_PART * _AT_ONCE, left)
+            data = self._folder.read(name, offset, wanted)
+            for at in range(0, len(data), _PART):
+                yield _data(log, offset + at, data[at : at + _PART])
+            offset, left = offset + len(data), left - len(data)
+            if len(data) < wanted:
+                if len(data) % _PART == 0:
+                    yield _data(log, offset, b"")  # the end of a file whose last part was full
+                return
 
     def _end(self, _peer: Peer, _msg: mav.MAVLink_message, _now: float) -> None:
-        self._download = None
+        self.burst.stop()
 
     def _erase(self, _peer: Peer, _msg: mav.MAVLink_message, _now: float) -> None:
         if self._armed():
             self._report.say("Logs are not erased while armed")
             return
-        self._download = None
+        self.burst.stop()
         self._logs = ()
         self._folder.erase()
         self._report.say("Logs erased", mav.MAV_SEVERITY_INFO)

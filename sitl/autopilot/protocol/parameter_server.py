@@ -1,17 +1,14 @@
 """The MAVLink parameter protocol from the vehicle's side."""
 
-import math
 import struct
-from collections import deque
 
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
 from sitl.autopilot.parameters import INT32, SPECS, TABLE, Parameters
+from sitl.autopilot.protocol.burst import Burst
 
 _BY_NAME = 65535  # index of a value that nobody asked for by index
-_BURST = 20  # values of a list sent at a time, so that no receiver's buffer overflows
-_BURST_EVERY_S = 0.01
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
 # The types a ground station may send a value in; the value is what counts.
 _INTEGER_TYPES = frozenset(range(1, 9))
@@ -25,8 +22,7 @@ class ParameterServer:
     def __init__(self, outbox: Outbox, parameters: Parameters) -> None:
         self._outbox = outbox
         self._parameters = parameters
-        self._listing: deque[int] = deque()
-        self._next_burst = 0.0
+        self.burst = Burst(outbox, at_once=20, every_s=0.01)
 
     def handlers(self) -> Handlers:
         """Who handles which message."""
@@ -36,27 +32,14 @@ class ParameterServer:
             mav.MAVLink_param_set_message: self._set,
         }
 
-    def poll(self, now: float) -> None:
-        """Send the next values of a list that was asked for."""
-        if not self._listing or now < self._next_burst:
-            return
-        for _ in range(min(_BURST, len(self._listing))):
-            index = self._listing.popleft()
-            self._send(TABLE[index].name, index)
-        self._next_burst = now + _BURST_EVERY_S
-
-    def due(self) -> float:
-        """When `poll` has something to do; infinite for never."""
-        return self._next_burst if self._listing else math.inf
-
     def _list(self, _peer: Peer, _msg: mav.MAVLink_message, now: float) -> None:
-        self._listing = deque(range(len(TABLE)))
-        self._next_burst = now
+        values = (self._value(spec.name, index) for index, spec in enumerate(TABLE))
+        self.burst.start(values, now)
 
     def _read(self, peer: Peer, msg: mav.MAVLink_param_request_read_message, _now: float) -> None:
         index = _INDEX.get(msg.param_id, -1) if msg.param_index == -1 else msg.param_index
         if 0 <= index < len(TABLE):
-            self._send(TABLE[index].name, index)
+            self._outbox.append(self._value(TABLE[index].name, index))
         else:
             error = mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
             self._refuse(peer, msg.param_id, msg.param_index, error)
@@ -74,16 +57,14 @@ class ParameterServer:
             self._refuse(peer, name, -1, error)
         if spec is not None:
             # Older ground stations know no error: the value that stayed tells them.
-            self._send(name, _BY_NAME)
+            self._outbox.append(self._value(name, _BY_NAME))
 
     def _refuse(self, peer: Peer, name: str, index: int, error: int) -> None:
         named = name.encode()
         self._outbox.append(mav.MAVLink_param_error_message(*peer, named, index, error))
 
-    def _send(self, name: str, index: int) -> None:
+    def _value(self, name: str, index: int) -> mav.MAVLink_message:
         value, kind = self._parameters[name], SPECS[name].kind
         if kind == INT32:
             value = _FLOAT.unpack(_INT.pack(int(value)))[0]
-        self._outbox.append(
-            mav.MAVLink_param_value_message(name.encode(), value, kind, len(TABLE), index)
-        )
+        return mav.MAVLink_param_value_message(name.encode(), value, kind, len(TABLE), index)
