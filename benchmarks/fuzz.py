@@ -16,7 +16,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Hashable
 from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
@@ -85,10 +84,10 @@ async def _attack_over_udp(frames: int, *, seed: int) -> tuple[int, bool]:
     desk, drawn, heard, arrived = Desk(), Frames(seed), 0, 0
     receive = desk.vehicle.receive
 
-    def counted(data: bytes, now: float, stream: Hashable = None) -> None:
+    def counted(datagram: bytes, now: float) -> None:
         nonlocal arrived
         arrived += 1
-        receive(data, now, stream)
+        receive(datagram, now)
 
     desk.vehicle.receive = counted  # type: ignore[method-assign]
     link, loop = UdpLink("udpin://127.0.0.1:0"), asyncio.get_running_loop()
@@ -140,7 +139,6 @@ def once(data):
             orders.read_order(message)
         elif message.get_type().startswith("MISSION_ITEM") and hasattr(message, "param1"):
             orders.read_item(message)
-    wire.read(data, stream="serial")
     seal.opened(data)
 
 atheris.Setup(sys.argv, once)

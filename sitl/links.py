@@ -5,16 +5,15 @@ import math
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from sitl.errors import LinkError
 
 Wake: TypeAlias = Callable[[], None]
-Chunk: TypeAlias = tuple[bytes, Hashable]  # bytes, and the stream they belong to; None: a datagram
 _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
-_BACKLOG = 4096  # chunks or datagrams that wait, or are read at a time, at most
+_BACKLOG = 4096  # datagrams that wait, or are read at a time, at most
 _RECEIVE_BYTES = 2048
 # Wall time of silence after which a peer is forgotten; MAVLink has everybody speak each second.
 # One on another machine, whose address may be made up, is sent to for a few seconds a word only.
@@ -31,8 +30,8 @@ class Link(Protocol):
     def open(self, wake: Wake) -> None:
         """Start; `wake` is called in the event loop whenever something has arrived."""
 
-    def receive(self) -> list[Chunk]:
-        """What has arrived."""
+    def receive(self) -> list[bytes]:
+        """The datagrams that have arrived."""
 
     def newcomers(self) -> bool:
         """Whether somebody has joined since this was asked last."""
@@ -81,11 +80,8 @@ class RawLink:
         self._loop = asyncio.get_running_loop()
         self._wake = wake
 
-    def receive(self) -> list[Chunk]:
-        chunks: list[Chunk] = []
-        while self._arrived:
-            chunks.append((self._arrived.popleft(), None))
-        return chunks
+    def receive(self) -> list[bytes]:
+        return [self._arrived.popleft() for _ in range(len(self._arrived))]
 
     def newcomers(self) -> bool:
         joined, self._joined = self._joined, False
@@ -172,9 +168,9 @@ class UdpLink:
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(sock.fileno(), wake)
 
-    def receive(self) -> list[Chunk]:
+    def receive(self) -> list[bytes]:
         sock, now = self._opened(), time.monotonic()
-        chunks: list[Chunk] = []
+        datagrams: list[bytes] = []
         for _ in range(_BACKLOG):
             try:
                 data, peer = sock.recvfrom(_RECEIVE_BYTES)
@@ -185,9 +181,9 @@ class UdpLink:
             if self._seal is not None:
                 data = self._seal.opened(data)
             if data and self._knows(peer, now):
-                chunks.append((data, None))
+                datagrams.append(data)
         self._peers = {p: at for p, at in self._peers.items() if now - at < _kept_s(p)}
-        return chunks
+        return datagrams
 
     def _knows(self, peer: Address, now: float) -> bool:
         """Whether what `peer` says counts; it may be the first word."""

@@ -72,8 +72,8 @@ class Simulation:
         self._wake.clear()
         now = time.monotonic()
         for link in self._links:
-            for data, stream in link.receive():
-                vehicle.receive(data, now, stream)
+            for datagram in link.receive():
+                vehicle.receive(datagram, now)
             if link.newcomers():
                 vehicle.greet()
         frames = vehicle.outgoing(now)

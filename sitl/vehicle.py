@@ -1,13 +1,12 @@
 """The vehicle: aircraft and autopilot, step by step. It owns simulated time."""
 
-from collections.abc import Hashable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
-from sitl.autopilot.autopilot import Autopilot, Storage
-from sitl.autopilot.parameters import Parameters, load_parameters, save_parameters
+from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.parameters import Parameters, load_parameters
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
@@ -67,7 +66,7 @@ class Vehicle:
             parameters,
             system=config.system_id,
             sink=self._happened,
-            storage=_storage(config.parameter_file),
+            parameter_file=config.parameter_file,
             logs=self._logs,
             standalone=self._standalone,
         )
@@ -127,9 +126,9 @@ class Vehicle:
         self.aircraft.exchange_battery()
         self.autopilot.watch()
 
-    def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
-        """Take MAVLink bytes at the wall time `now` (s): a datagram, or more of a `stream`."""
-        self.autopilot.receive(data, now, stream)
+    def receive(self, datagram: bytes, now: float) -> None:
+        """Take a datagram of MAVLink at the wall time `now` (s)."""
+        self.autopilot.receive(datagram, now)
 
     def greet(self) -> None:
         """Somebody has joined a link: send a heartbeat at once, not within a second."""
@@ -206,11 +205,3 @@ def parameters_of(config: VehicleConfig) -> Parameters:
         parameters.apply(load_parameters(path), str(path))
     parameters.apply(config.parameters, "parameters")
     return parameters
-
-
-def _storage(path: Path | None) -> Storage | None:
-    if path is None:
-        return None
-    return Storage(
-        load=lambda: load_parameters(path), save=lambda values: save_parameters(path, values)
-    )

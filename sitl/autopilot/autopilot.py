@@ -1,8 +1,7 @@
 """The autopilot as a whole: messages in, flight, telemetry out. Without I/O and without a clock."""
 
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -17,12 +16,15 @@ from sitl.autopilot.codec.orders import (
 )
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
+from sitl.autopilot.failsafe import Failsafes
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.flight_commands import FlightCommands
 from sitl.autopilot.flying.orbit import Orbits
 from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.guard import Guard
+from sitl.autopilot.injection import Injector
 from sitl.autopilot.modes import Mode
+from sitl.autopilot.monitor import Monitor
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.pilots.follow import Follower
 from sitl.autopilot.pilots.offboard import Offboard
@@ -42,9 +44,6 @@ from sitl.autopilot.protocol.payload import NoPayload
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.protocol.transfer import Lists, MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter
-from sitl.autopilot.safety.failsafe import Failsafes
-from sitl.autopilot.safety.injection import Injector
-from sitl.autopilot.safety.monitor import Monitor
 from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
 
@@ -54,14 +53,6 @@ _LISTS = {
     mav.MAV_MISSION_TYPE_FENCE: "Fence",
     mav.MAV_MISSION_TYPE_RALLY: "Rally",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Storage:
-    """Where parameters survive; both raise SitlInputError where that fails."""
-
-    load: Callable[[], Mapping[str, float]]
-    save: Callable[[Mapping[str, float]], None]
 
 
 class Autopilot:
@@ -78,7 +69,7 @@ class Autopilot:
         *,
         system: int,
         sink: EventSink,
-        storage: Storage | None = None,
+        parameter_file: Path | None = None,
         logs: LogFolder | None = None,
         standalone: bool = False,
     ) -> None:
@@ -88,7 +79,6 @@ class Autopilot:
         self._wire = Wire(system, COMPONENT)
         rates_hz = SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ
         self._streams = Streams(self._outbox, rates_hz)
-        self._storage = storage
         self._standalone = standalone
         self.reboot_ordered = False  # whoever owns the autopilot makes a new one
 
@@ -111,7 +101,7 @@ class Autopilot:
             self._outbox, report, check=self._check_item, store=self._store
         )
         files = logs or LogFolder(None)
-        parameter_server = ParameterServer(self._outbox, parameters)
+        parameter_server = ParameterServer(self._outbox, parameters, parameter_file)
         log_server = LogServer(self._outbox, files, reporter=report, armed=lambda: aircraft.armed)
         ftp_server = FtpServer(self._outbox, files, parameters)
         flown = {
@@ -128,7 +118,7 @@ class Autopilot:
                 **self._streams.commands(),
                 **self._orbits.commands(),
                 **Injector(aircraft, parameters, monitor=self.monitor).commands(),
-                mav.MAV_CMD_PREFLIGHT_STORAGE: self._store_parameters,
+                **parameter_server.commands(),
                 mav.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
                 mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
             },
@@ -184,12 +174,12 @@ class Autopilot:
         """The flight mode."""
         return self.flight.mode
 
-    def receive(self, data: bytes, now: float, stream: Hashable = None) -> None:
-        """Take bytes that arrived: a datagram, or more of a `stream`."""
+    def receive(self, datagram: bytes, now: float) -> None:
+        """Take a datagram that arrived."""
         self._cockpit.now = now
         received: list[mav.MAVLink_message] = []
         with self._report.contain("bytes that arrived"):
-            received = self._wire.read(data, stream)
+            received = self._wire.read(datagram)
         for message in received:
             handler = self._handlers.get(type(message))
             if handler is not None:
@@ -266,23 +256,6 @@ class Autopilot:
     def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, now: float) -> None:
         if msg.type == mav.MAV_TYPE_GCS:
             self.failsafes.ground_station_at = now
-
-    def _store_parameters(self, order: CommandOrder) -> None:
-        what = order.params[0]
-        if what == 2.0:
-            self.parameters.reset()
-            return
-        if what not in (0.0, 1.0):
-            raise UnsupportedError
-        if self._storage is None:
-            raise RefusedError("no parameter file is configured", mav.MAV_RESULT_FAILED)
-        try:
-            if what == 0.0:
-                self.parameters.apply(self._storage.load(), "parameter file")
-            else:
-                self._storage.save(self.parameters.as_dict())
-        except SitlInputError as error:
-            raise RefusedError(str(error), mav.MAV_RESULT_FAILED) from None
 
     def _order_reboot(self, order: CommandOrder) -> None:
         if order.params[0] != 1.0:

@@ -225,7 +225,7 @@ class Relay:
 
     def _from_stations(self) -> None:
         for link in self._links:
-            for data, _ in link.receive():
+            for data in link.receive():
                 for packet in packets(data):
                     if packet.number == HEARTBEAT:
                         self._station_heartbeat = packet.data

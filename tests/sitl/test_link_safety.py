@@ -54,7 +54,7 @@ def test_a_stranger_cannot_speak_to_a_called_link(station: socket.socket) -> Non
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"disarm!", ("127.0.0.1", link.port))
         station.sendto(b"arm", vehicle)
-        assert link.receive() == [(b"arm", None)]
+        assert link.receive() == [b"arm"]
         link.close()
 
     asyncio.run(run())
@@ -75,10 +75,10 @@ def test_who_answers_a_broadcast_first_is_the_peer() -> None:
             _, vehicle = station.recvfrom(99)
             station.sendto(b"I", ("127.0.0.1", vehicle[1]))
             stranger.sendto(b"me", ("127.0.0.1", vehicle[1]))
-            assert link.receive() == [(b"I", None)]
+            assert link.receive() == [b"I"]
             stranger.sendto(b"me", ("127.0.0.1", vehicle[1]))
             station.sendto(b"again", ("127.0.0.1", vehicle[1]))
-            assert link.receive() == [(b"again", None)]
+            assert link.receive() == [b"again"]
             link.send([b"only you"])
             assert station.recv(99) == b"only you"
             with pytest.raises(BlockingIOError):
@@ -94,7 +94,7 @@ def test_a_listening_link_hears_so_many_and_no_more() -> None:
         sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(MOST_PEERS + 4)]
         for number, sock in enumerate(sockets):
             sock.sendto(bytes([number]), ("127.0.0.1", link.port))
-        assert [data[0] for data, _ in link.receive()] == list(range(MOST_PEERS))
+        assert [data[0] for data in link.receive()] == list(range(MOST_PEERS))
         link.send([b"frame"])
         for number, sock in enumerate(sockets):
             sock.setblocking(False)

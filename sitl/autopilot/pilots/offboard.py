@@ -16,10 +16,10 @@ from flightdyn.guidance.pursuit import OPEN, Target
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, Handlers, Peer
 from sitl.autopilot.codec.units import from_deg_e7
+from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
-from sitl.autopilot.safety.failsafe import Cause
 
 _LocalTarget: TypeAlias = mav.MAVLink_set_position_target_local_ned_message
 _GlobalTarget: TypeAlias = mav.MAVLink_set_position_target_global_int_message

@@ -14,10 +14,10 @@ from flightdyn.frames import quaternion_from_euler, wrap_pi, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
 from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.codec.orders import Handlers, Peer
+from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
-from sitl.autopilot.safety.failsafe import Cause
 
 _MIDDLE_US, _HALF_US = 1500, 500
 _DEADZONE = 0.1  # of the throttle's middle, and of sticks that hold a position

@@ -5,11 +5,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from flightdyn.aircraft import Aircraft
+from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.safety.failsafe import Cause, Failsafes
 
 
 @dataclass(slots=True)

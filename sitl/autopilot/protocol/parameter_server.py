@@ -1,12 +1,22 @@
 """The MAVLink parameter protocol from the vehicle's side."""
 
 import struct
+from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
-from sitl.autopilot.parameters import INT32, SPECS, TABLE, Parameters
+from sitl.autopilot.codec.orders import CommandOrder, Handlers, Outbox, Peer
+from sitl.autopilot.parameters import (
+    INT32,
+    SPECS,
+    TABLE,
+    Parameters,
+    load_parameters,
+    save_parameters,
+)
 from sitl.autopilot.protocol.burst import Burst
+from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
+from sitl.errors import SitlInputError
 
 _BY_NAME = 65535  # index of a value that nobody asked for by index
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
@@ -19,9 +29,11 @@ _INT, _FLOAT = struct.Struct("<i"), struct.Struct("<f")
 class ParameterServer:
     """Reads, writes and lists parameters over MAVLink."""
 
-    def __init__(self, outbox: Outbox, parameters: Parameters) -> None:
+    def __init__(self, outbox: Outbox, parameters: Parameters, file: Path | None) -> None:
+        """`file`: where they are saved when a ground station asks for that."""
         self._outbox = outbox
         self._parameters = parameters
+        self._file = file
         self.burst = Burst(outbox, at_once=20, every_s=0.01)
 
     def handlers(self) -> Handlers:
@@ -31,6 +43,27 @@ class ParameterServer:
             mav.MAVLink_param_request_read_message: self._read,
             mav.MAVLink_param_set_message: self._set,
         }
+
+    def commands(self) -> Commands:
+        """Who answers which command."""
+        return {mav.MAV_CMD_PREFLIGHT_STORAGE: self._store}
+
+    def _store(self, order: CommandOrder) -> None:
+        what = order.params[0]
+        if what == 2.0:
+            self._parameters.reset()
+            return
+        if what not in (0.0, 1.0):
+            raise UnsupportedError
+        if self._file is None:
+            raise RefusedError("no parameter file is configured", mav.MAV_RESULT_FAILED)
+        try:
+            if what == 0.0:
+                self._parameters.apply(load_parameters(self._file), "parameter file")
+            else:
+                save_parameters(self._file, self._parameters.as_dict())
+        except SitlInputError as error:
+            raise RefusedError(str(error), mav.MAV_RESULT_FAILED) from None
 
     def _list(self, _peer: Peer, _msg: mav.MAVLink_message, now: float) -> None:
         values = (self._value(spec.name, index) for index, spec in enumerate(TABLE))

@@ -7,12 +7,12 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 
 from sitl.autopilot.codec.orders import bare_name
+from sitl.autopilot.failsafe import RULES
+from sitl.autopilot.injection import FAILURES
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.autopilot.protocol.item_rules import NAVIGATION
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
-from sitl.autopilot.safety.failsafe import RULES
-from sitl.autopilot.safety.injection import FAILURES
 
 TEXT = (Path(__file__).parents[4] / "docs" / "mavlink.md").read_text(encoding="utf-8")
 

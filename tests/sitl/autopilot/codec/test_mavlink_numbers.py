@@ -241,15 +241,6 @@ def test_damaged_datagrams_do_not_harm_the_next() -> None:
         assert len(wire.read(good + good)) == 2
 
 
-def test_streams_go_on_and_do_not_mix() -> None:
-    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
-    wire = Wire(1, 1)
-    frame = bytes(mav.MAVLink_mission_request_list_message(1, 1, 0).pack(station))
-    assert wire.read(frame[:9], "a") == []
-    assert len(wire.read(frame, "b")) == 1
-    assert len(wire.read(frame[9:], "a")) == 1
-
-
 def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
     outbox: list[mav.MAVLink_message] = []
     reporter = Reporter(outbox, lambda *_: None)

@@ -12,10 +12,10 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle
 from flightdyn.config import AircraftConfig
 from flightdyn.faults import GnssOff, WindBurst
 from flightdyn.state import BatteryState
+from sitl.autopilot.failsafe import RULES, Action, Cause
 from sitl.autopilot.fence import Fence, Polygon
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import SPECS
-from sitl.autopilot.safety.failsafe import RULES, Action, Cause
 from sitl.config import VehicleConfig
 
 AFTERWARDS = {

@@ -10,9 +10,9 @@ from flightdyn.errors import FaultError
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import CommandOrder
+from sitl.autopilot.monitor import Monitor
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
-from sitl.autopilot.safety.monitor import Monitor
 
 _MOTORS = 4
 # MAVLink says that something is wrong, not by how much: enough for an autopilot to notice.

@@ -8,12 +8,12 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
 from sitl.autopilot.codec.snapshot import Dials, Snapshot
+from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.orbit import Orbit
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
-from sitl.autopilot.safety.failsafe import Cause, Failsafes
 
 _PRESENT = (
     mav.MAV_SYS_STATUS_SENSOR_3D_GYRO

@@ -1,1 +1,0 @@
-"""What is watched, and what the vehicle does by itself when something is wrong."""
