@@ -12,12 +12,12 @@ message is what the command line prints.
 
 from aerofed import _packages  # noqa: F401  before any of ours is imported
 from fl.config import LearningConfig
-from fl.data.custom_dataset import Samples
-from fl.data.custom_partition import Partition, PartitionTask
+from fl.data.arrays import Samples
+from fl.data.partition import Partition, PartitionTask
 from fl.federation.algorithms import Algorithm, StaleStart, Update
 from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
-from fl.radio.custom_radio import Radio
+from fl.radio.uplink import Radio
 from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
 from fl.training.local import LocalResult, LocalSettings
 from mission.api.comparing import compare

@@ -29,7 +29,7 @@ from plain_loop import LEARNING_RATE, MOMENTUM, MU, PlainNet, loader_of, plain_e
 
 from fl.data.dataset import Split
 from fl.training.local import LocalSettings, LocalTask, Network, scaling_of
-from fl.training.networks import ConvNet, make_network
+from fl.training.networks import ConvNet, CustomNetwork, make_network
 from fl.training.torch_module import ModuleNetwork
 
 BATCH = 16
@@ -77,7 +77,9 @@ def make_jobs(name: str, shape: tuple[int, int, int], *, devices: int, samples: 
             rng = np.random.Generator(np.random.PCG64(device))
             network.train(LocalTask(split, share, scaling, model, settings, rng))
 
-    module = ModuleNetwork(partial(PlainNet, net), name=name, image_shape=shape, classes=10)
+    module = ModuleNetwork(
+        CustomNetwork(name, partial(PlainNet, net)), image_shape=shape, classes=10
+    )
     return Jobs(
         net=net,
         steps=sum(-(-share.size // BATCH) for share in shares),

@@ -9,12 +9,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validat
 from fl.errors import did_you_mean
 from fl.plugins import checked_name, is_plugin
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
+from fl.radio.uplink import GATES
 
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
 WEIGHED_PARTITIONS = ("labels", "dirichlet", "iid")
 PARTITIONS = (*WEIGHED_PARTITIONS, "owners")
-GATES = ("average", "instantaneous")
 
 USUAL_DEVICES = 6  # of a community that says nothing of them
 
@@ -192,7 +192,7 @@ class CommunityConfig(_Frozen):
     dirichlet_alpha: Positive = Field(
         0.5, le=1e6, description="for partition = 'dirichlet': small is uneven"
     )
-    network: str = Field(
+    network: Annotated[str, _one_of(BUILT_IN_NETWORKS)] = Field(
         "lenet",
         description="'lenet', 'mcmahan', 'convnet', or a torch module as "
         "'package.module:callable', which needs the extra `torch`",

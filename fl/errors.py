@@ -92,19 +92,6 @@ class DataLayoutError(DataDamagedError):
 
 
 @dataclass(eq=False)
-class NetworkError(LearningInputError):
-    """A network that cannot be used for a task."""
-
-    network: str
-    reason: str
-    community: int | None = None  # whose it is, from 0, where that is known
-
-    def __str__(self) -> str:
-        key = "communities" if self.community is None else f"communities.{self.community}"
-        return f"{key}.network = {self.network!r}: {self.reason}"
-
-
-@dataclass(eq=False)
 class CheckpointError(LearningInputError):
     """Learning state that is damaged or belongs to another federation."""
 

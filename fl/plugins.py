@@ -1,7 +1,8 @@
-"""A researcher's own code: found by name, held to its interface, and named where it fails.
+"""A researcher's own code: found by name, called under guard, its answers checked.
 
 A name is an import path, `package.module:callable`, found in the working directory too, or that of
-an entry point which an installed package declares in the group `aerofed.plugins`.
+an entry point which an installed package declares in the group `aerofed.plugins`. Each place for
+such code is a subclass of `PlugIn`, which says by which setting it is named and what it must have.
 """
 
 import importlib
@@ -10,12 +11,16 @@ import importlib.util
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from fl.arrays import frozen
 from fl.errors import LearningError, LearningInputError, did_you_mean, first_line, kind_of
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
@@ -23,21 +28,20 @@ GROUP = "aerofed.plugins"
 # What code of others may raise; sys.exit() in it ends no run either.
 FAILURES = (Exception, SystemExit)
 
+_NEVER_ANEW = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
+
+Kind = TypeVar("Kind")
+_imported: dict[str, tuple[int, int]] = {}  # when the sources of plug-ins were written, their size
+
 
 @dataclass(eq=False)
 class PluginError(LearningInputError):
     """A plug-in that cannot be used, or that failed: `__cause__` is what its code raised."""
 
-    key: str  # the setting that names it
-    name: str
-    reason: str
+    line: str
 
     def __str__(self) -> str:
-        return f"{self.key} = {self.name!r}: {self.reason}"
-
-    def in_community(self, index: int) -> "PluginError":
-        """The same error, with the community whose setting it is, from 0."""
-        return replace(self, key=self.key.replace("communities.", f"communities.{index}.", 1))
+        return self.line
 
 
 def is_import_path(text: str) -> bool:
@@ -83,6 +87,174 @@ def needs_torch() -> str | None:
     return "needs torch, which is an extra and not installed: pip install 'aerofed[torch]'"
 
 
+@dataclass(frozen=True)
+class PlugIn:
+    """A researcher's own code at one place; the places are subclasses.
+
+    Whatever it is given is read-only to it. What it raises, and answers that break a rule, become
+    one line with the setting and the name: a `failure` and a `refusal`.
+    """
+
+    setting: ClassVar[str]  # that names it
+    members: ClassVar[tuple[str, ...]] = ()  # of what its factory makes; none: it is a function
+    refusal: ClassVar[type[Exception]] = PluginError
+    failure: ClassVar[type[Exception]] = PluginError
+    passed: ClassVar[tuple[type[Exception], ...]] = (LearningError,)  # told as they are
+
+    name: str
+    inner: Any = field(repr=False)
+    community: int | None = field(default=None, repr=False, compare=False)  # whose, from 0
+
+    @property
+    def key(self) -> str:
+        """The setting as it stands in the configuration."""
+        if self.community is None:
+            return self.setting
+        return self.setting.replace("communities.", f"communities.{self.community}.")
+
+    @classmethod
+    def found(cls, name: str, community: int | None = None) -> Self:
+        """The function of that name.
+
+        Raises:
+            refusal: it cannot be imported, or cannot be called.
+        """
+        _look_here()
+        module, _, attribute = _path(name).partition(":")
+        plugin = cls(name, None, community)
+        try:
+            _forget_changed(module)
+            inner = getattr(importlib.import_module(module), attribute)
+            _imported.update(_beside(module))
+        except FAILURES as error:
+            raise plugin._error(cls.refusal, _not_imported(error)) from error
+        if not callable(inner):
+            plugin.refuse(f"is {kind_of(inner)}, not callable")
+        return cls(name, inner, community)
+
+    @classmethod
+    def made(cls, name: str, *arguments: object) -> Self:
+        """What the factory of that name makes of the arguments.
+
+        Raises:
+            refusal: it cannot be imported or called, or makes something without the `members`.
+        """
+        factory = cls.found(name)
+        try:
+            inner = factory.inner(*map(read_only, arguments))
+        except FAILURES as error:
+            reason = f"calling it fails: {first_line(error)}{factory._place(error)}"
+            raise factory._error(cls.refusal, reason) from error
+        missing = [member for member in cls.members if not hasattr(inner, member)]
+        if missing:
+            factory.refuse(
+                f"gives {kind_of(inner)} without {', '.join(missing)}; needed: "
+                f"{', '.join(cls.members)}"
+            )
+        return cls(name, inner)
+
+    def ask(self, member: str, *arguments: object, of: str = "") -> Any:
+        """What a method gives for the arguments; `of` says which call it is in errors."""
+        with self.guarded(f"{member}(){of}"):
+            return getattr(self.inner, member)(*map(read_only, arguments))
+
+    def value(self, member: str) -> Any:
+        """The value of an attribute."""
+        with self.guarded(member):
+            return getattr(self.inner, member)
+
+    def array(
+        self,
+        found: object,
+        what: str,
+        *,
+        shape: tuple[int, ...] | None = None,
+        low: float = -np.inf,
+        high: float = np.inf,
+        dtype: DTypeLike = np.float64,
+    ) -> NDArray[Any]:
+        """Numbers that it gave, as a read-only array of its own; `what` they are, in errors.
+
+        Raises:
+            refusal: another shape, or a number that is not finite, or not from `low` to `high`.
+        """
+        with self.guarded(what):
+            made: NDArray[Any] = np.array(found, dtype=dtype)
+        if shape is not None and made.shape != shape:
+            self.refuse(f"{what} is of shape {made.shape}, not {shape}")
+        wrong = ~(np.isfinite(made) & (made >= low) & (made <= high))
+        if wrong.any():
+            at = tuple(np.argwhere(wrong)[0].tolist())
+            value = f"is {made[at]}" if made.ndim == 0 else f"holds {made[at]} at {list(at)}"
+            bounds = "finite" if low == -np.inf else f"finite and {low:g} or more"
+            bounds = bounds if high == np.inf else f"from {low:g} to {high:g}"
+            self.refuse(f"{what} {value}: must be {bounds}")
+        return frozen(made)
+
+    def of_kind(self, found: object, kind: type[Kind], what: str) -> Kind:
+        """What it gave, where it is of that kind.
+
+        Raises:
+            refusal: it is of another.
+        """
+        if not isinstance(found, kind):
+            self.refuse(f"{what} gives {kind_of(found)}, not a {kind.__name__}")
+        return found
+
+    @contextmanager
+    def guarded(self, doing: str) -> Iterator[None]:
+        """Run its code in the block: what it raises is its own, and is said to be.
+
+        Raises:
+            failure: one line with the place in its file.
+        """
+        try:
+            yield
+        except self.passed:
+            raise
+        except FAILURES as error:
+            reason = f"{doing}: {first_line(error)}{self._place(error)}"
+            raise self._error(self.failure, reason) from error
+
+    def refuse(self, reason: str) -> NoReturn:
+        """Say that it breaks a rule. Raises `refusal`."""
+        raise self._error(self.refusal, reason)
+
+    def _error(self, kind: type[Exception], reason: str) -> Exception:
+        return kind(f"{self.key} = {self.name!r}: {reason}")
+
+    def _place(self, error: BaseException) -> str:
+        """Where in its module an error was raised, or else in any code that is not ours."""
+        module = sys.modules.get(_path(self.name).partition(":")[0])
+        file = getattr(module, "__file__", None)
+        frames = [
+            (frame.f_code.co_filename, line, str(frame.f_globals.get("__name__")).partition(".")[0])
+            for frame, line in traceback.walk_tb(error.__traceback__)
+        ]
+        own = [frame for frame in frames if frame[0] == file]
+        # The first is the one who asked: where nothing but its package failed, no place helps.
+        others = [frame for frame in frames if frame[2] != frames[0][2]]
+        return "".join(f" ({name}, line {line})" for name, line, _ in (own or others)[-1:])
+
+
+def read_only(value: Any) -> Any:
+    """The same value, in which no array can be written to; also within lists, tables and frozen
+    dataclasses, which are copied."""
+    if isinstance(value, np.ndarray):
+        return frozen(value.view())
+    if isinstance(value, list | tuple):
+        return value if hasattr(value, "_fields") else type(value)(map(read_only, value))
+    if isinstance(value, Mapping):
+        return {key: read_only(item) for key, item in value.items()}
+    params = getattr(type(value), "__dataclass_params__", None)
+    if params is None or not params.frozen or isinstance(value, PlugIn):
+        return value
+    copied = object.__new__(type(value))
+    for item in fields(value):
+        object.__setattr__(copied, item.name, read_only(getattr(value, item.name)))
+    return copied
+
+
 def _not_imported(error: BaseException) -> str:
     if getattr(error, "name", None) == "torch" and (reason := needs_torch()):
         return reason
@@ -91,74 +263,27 @@ def _not_imported(error: BaseException) -> str:
     return f"cannot be imported: {first_line(error)}{where if missing else ''}"
 
 
-def find(name: str, *, key: str) -> Callable[..., Any]:
-    """The callable of that name.
-
-    Raises:
-        PluginError: it cannot be imported, or cannot be called; `key` is the setting.
-    """
-    _look_here()
-    module, _, attribute = _path(name).partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except FAILURES as error:
-        raise PluginError(key, name, _not_imported(error)) from error
-    if not callable(found):
-        raise PluginError(key, name, f"is {kind_of(found)}, not callable")
-    made: Callable[..., Any] = found
-    return made
+def _beside(module: str) -> dict[str, tuple[int, int]]:
+    """Of a module, and of others from its folder or below: when they were written, and the size."""
+    own = getattr(sys.modules.get(module), "__file__", None)
+    files = {name: getattr(other, "__file__", None) for name, other in [*sys.modules.items()]}
+    found = {}
+    for name, file in files.items():
+        if own is None or file is None or name.partition(".")[0] in _NEVER_ANEW:
+            continue
+        path = Path(file)
+        if path.is_relative_to(Path(own).parent) and "site-packages" not in path.parts:
+            found[name] = (path.stat().st_mtime_ns, path.stat().st_size)
+    return found
 
 
-def make(name: str, *arguments: object, key: str, members: tuple[str, ...]) -> Any:
-    """What the factory of that name makes of the arguments; it must have these members.
-
-    Raises:
-        PluginError: it cannot be imported or called, or makes something else.
-    """
-    factory = find(name, key=key)
-    try:
-        made = factory(*arguments)
-    except FAILURES as error:
-        raise PluginError(key, name, f"calling it fails: {first_line(error)}") from error
-    missing = [member for member in members if not hasattr(made, member)]
-    if missing:
-        raise PluginError(
-            key,
-            name,
-            f"gives {kind_of(made)} without {', '.join(missing)}; needed: {', '.join(members)}",
-        )
-    return made
-
-
-@contextmanager
-def guarded(name: str, *, key: str, doing: str) -> Iterator[None]:
-    """Run a plug-in's code in the block: what it raises is its own, and is said to be.
-
-    Raises:
-        PluginError: one line with the place in its file.
-    """
-    try:
-        yield
-    except LearningError:
-        raise
-    except FAILURES as error:
-        raise PluginError(key, name, told(name, doing, error)) from error
-
-
-def told(name: str, doing: str, error: BaseException) -> str:
-    """What a plug-in was asked, what it raised, and where in its module (or anywhere else)."""
-    module = sys.modules.get(_path(name).partition(":")[0])
-    file = getattr(module, "__file__", None)
-    frames = [
-        (frame.f_code.co_filename, line, str(frame.f_globals.get("__name__")).partition(".")[0])
-        for frame, line in traceback.walk_tb(error.__traceback__)
-    ]
-    own = [frame for frame in frames if frame[0] == file]
-    # The first is the one who asked: where nothing but its package failed, no place helps.
-    others = [frame for frame in frames if frame[2] != frames[0][2]]
-    found = (own or others)[-1:]
-    where = "".join(f" ({name}, line {line})" for name, line, _ in found)
-    return f"{doing}: {first_line(error)}{where}"
+def _forget_changed(module: str) -> None:
+    """Have a module, and those beside it, imported anew where one has changed since."""
+    now = _beside(module)
+    if any(_imported.get(name, stamp) != stamp for name, stamp in now.items()):
+        for name in now:
+            del sys.modules[name]
+        importlib.invalidate_caches()
 
 
 def _look_here() -> None:

@@ -6,14 +6,11 @@ from fl.config import BUILT_IN_NETWORKS, TASKS, CommunityConfig
 from fl.data.load import CLASSES
 from fl.data.partition import check_owners
 from fl.errors import SettingError
-from fl.plugins import is_plugin, needs_torch
+from fl.plugins import needs_torch
 
 
 def problems_of(community: CommunityConfig) -> Iterator[SettingError]:
-    """Settings of a community that cannot be used, by their keys within it.
-
-    Own networks are not imported.
-    """
+    """Settings of a community that cannot be used, by their keys within it."""
     if community.partition == "labels" and community.task in TASKS[:-1]:
         try:
             check_owners(
@@ -24,14 +21,5 @@ def problems_of(community: CommunityConfig) -> Iterator[SettingError]:
             )
         except SettingError as error:
             yield error
-    if community.network in BUILT_IN_NETWORKS:
-        return
-    if not is_plugin(community.network):
-        choices = ", ".join(map(repr, BUILT_IN_NETWORKS))
-        yield SettingError(
-            "network",
-            community.network,
-            f"must be one of {choices}, or your own as 'package.module:callable'",
-        )
-    elif reason := needs_torch():
+    if community.network not in BUILT_IN_NETWORKS and (reason := needs_torch()):
         yield SettingError("network", community.network, reason)

@@ -6,7 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from fl.config import TASKS
-from fl.data import bundled, cifar, custom_dataset, idx, npz
+from fl.data import bundled, cifar, idx, npz
+from fl.data.arrays import CustomDataset
 from fl.data.dataset import Dataset
 from fl.errors import DataDamagedError, DataMissingError
 
@@ -41,20 +42,27 @@ def bring(datasets: Mapping[Source, Dataset]) -> None:
     _brought.update(datasets)
 
 
-def load(task: str, *, data_dir: Path | None, data_file: str | None = None) -> Dataset:
+def load(
+    task: str,
+    *,
+    data_dir: Path | None,
+    data_file: str | None = None,
+    community: int | None = None,
+) -> Dataset:
     """The data set of `task`, from `data_dir` unless it is bundled or generated.
 
     Raises `DataMissingError` that says what is looked for, `DataDamagedError` naming the file.
     Intact files that are not the official ones (a subset, say) are used, and said so. A process
     that asks again while the files are as they were gets the same data set again: an archive
-    takes seconds to unpack, and a sweep has many runs.
+    takes seconds to unpack, and a sweep has many runs. Errors of code of one's own name the
+    `community`, from 0.
     """
     if task in _BUNDLED:
         return _BUNDLED[task]()
     if (task, data_dir, data_file) in _brought:
         return _brought[task, data_dir, data_file]
     if task not in TASKS:
-        return custom_dataset.load(task, data_dir)
+        return CustomDataset.found(task, community).load(data_dir)
     if data_file is not None and Path(data_file).is_absolute():
         data_dir = Path(data_file).parent
     return _read(task, data_dir, data_file, _stamp(data_dir, data_file))

@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.data.arrays import Arrays, dataset_of, labels
+from fl.data.arrays import Samples, dataset_of, labels
 from fl.data.bounded import LARGEST_BYTES
 from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
 from fl.data.official import md5
@@ -79,7 +79,7 @@ def load(name: str, data_dir: Path) -> Dataset:
         arrays, owner = _held_out(arrays, layout, owner, path)
         layout = layout * 2
     x_train, y_train, x_test, y_test = arrays
-    found = Arrays(x_train, y_train, x_test, y_test, owner)
+    found = Samples(x_train, y_train, x_test, y_test, owner)
     return dataset_of("npz", found, provenance=provenance, names=layout)
 
 

@@ -4,10 +4,16 @@ Every partitioner returns one sorted index array per device; together they hold 
 the classes that have an owner exactly once.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fl.arrays import Bools, Floats, Ints, frozen
 from fl.errors import SettingError
+from fl.plugins import PlugIn, read_only
 
 DIRICHLET_TRIES = 100
 
@@ -139,3 +145,53 @@ def _finish(shares: list[Ints]) -> list[Ints]:
                 "devices", len(shares), f"device {device} of them would be without a sample"
             )
     return [frozen(np.sort(share).astype(np.int64)) for share in shares]
+
+
+@dataclass(frozen=True)
+class PartitionTask:
+    """The samples and devices of a community, for a partition of one's own."""
+
+    labels: Ints  # (n,) class of each training sample, 0 to classes - 1
+    owners: Ints | None  # (n,) whose each sample is, where the data set tells
+    devices: int  # K_c, of the community
+    classes: int
+    rng: np.random.Generator  # the community's own stream: draw from nothing else
+
+
+class Partition(Protocol):
+    """How samples are spread over the devices of a community: a function."""
+
+    def __call__(self, task: PartitionTask) -> Sequence[ArrayLike]:
+        """For each device the indices of its samples, from 0; none empty, none given twice."""
+
+
+class CustomPartition(PlugIn):
+    """A researcher's own partition, whose shares are checked."""
+
+    setting = "communities.partition"
+
+    def shares(self, task: PartitionTask) -> list[Ints]:
+        """What it deals out, each device's share sorted.
+
+        Raises:
+            PluginError: the answer is no partition.
+        """
+        with self.guarded("the partition"):
+            given = [np.asarray(share) for share in self.inner(read_only(task))]
+        if len(given) != task.devices:
+            self.refuse(f"gives shares of {len(given)} devices, not {task.devices}")
+        for device, share in enumerate(given):
+            if share.ndim != 1 or share.dtype.kind not in "iu" or share.size == 0:
+                self.refuse(
+                    f"device {device} gets {share.dtype} {share.shape}; wanted whole numbers "
+                    "(n,), one at least"
+                )
+            if share.min() < 0 or share.max() >= len(task.labels):
+                wrong = share.min() if share.min() < 0 else share.max()
+                self.refuse(
+                    f"device {device} gets sample {wrong}; there are 0 to {len(task.labels) - 1}"
+                )
+        every, times = np.unique(np.concatenate(given), return_counts=True)
+        if times.max() > 1:
+            self.refuse(f"sample {every[times.argmax()]} is given {times.max()} times")
+        return [frozen(np.sort(share).astype(np.int64)) for share in given]

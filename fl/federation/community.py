@@ -1,7 +1,6 @@
 """Communities and their devices: data loaded, spread over devices, networks made. Set up once."""
 
 import hashlib
-import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,19 +12,15 @@ import numpy as np
 from fl.arrays import Floats, Ints, frozen
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
-from fl.data.custom_partition import PartitionTask, custom_partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out, subset
 from fl.data.load import load
-from fl.errors import NetworkError, SettingError
+from fl.errors import SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
 from fl.federation.device_work import compute_times
-from fl.plugins import PluginError
 from fl.training.custom_trainer import CustomTrainer, make_trainer
 from fl.training.local import Network, Scaling, scaling_of
 from fl.training.networks import make_network
-
-logger = logging.getLogger(__name__)
 
 Stream = Callable[[str], np.random.Generator]
 
@@ -179,69 +174,53 @@ def build(
     for name in names:
         if names.count(name) > 1:
             raise SettingError("communities.name", name, "is given twice")
-    loaded: dict[tuple[str, str | None], Dataset] = {}
-    built = []
-    for index, config in enumerate(communities):
-        key = (config.task, config.data_file)
-        rng = stream(f"fl/{config.name}/partition")
-        test_share = learning.test_share if learning.report_on == "test" else None
-        try:
-            if key not in loaded:
-                loaded[key] = load(config.task, data_dir=data_dir, data_file=config.data_file)
-            dataset = subset(loaded[key], config.subset)
-            built.append(_community(config, dataset, rng, test_share=test_share))
-        except NetworkError as error:
-            raise replace(error, community=index) from error
-        except PluginError as error:
-            raise error.in_community(index) from error.__cause__
+    test_share = learning.test_share if learning.report_on == "test" else None
+    built = [
+        _community(index, config, data_dir=data_dir, stream=stream, test_share=test_share)
+        for index, config in enumerate(communities)
+    ]
     algorithm, trainer = make_algorithm(learning), make_trainer(learning)
     return Federation(tuple(built), learning, algorithm, stream, trainer)
 
 
 def _community(
+    index: int,
     config: CommunityConfig,
-    dataset: Dataset,
-    rng: np.random.Generator,
     *,
+    data_dir: Path | None,
+    stream: Stream,
     test_share: float | None,
 ) -> Community:
-    labels, classes = dataset.labels, dataset.classes
+    dataset = load(config.task, data_dir=data_dir, data_file=config.data_file, community=index)
+    dataset = subset(dataset, config.subset)
     try:
-        shares = _shares(config, dataset, rng)
-    except SettingError as error:
-        raise SettingError(
-            f"community {config.name}: {error.key}", error.value, error.allowed
-        ) from error
-    counts = frozen(partition.class_counts(labels, shares, classes=classes))
-    network = make_network(
-        config.network,
-        image_shape=dataset.image_shape,
-        classes=classes,
-        convnet=config.convnet,
-    )
-    if config.buffers is not None and network.buffers == 0:
-        raise SettingError(
-            f"community {config.name}: buffers",
-            config.buffers,
-            "its network has none: leave it out",
+        shares = _shares(index, config, dataset, stream(f"fl/{config.name}/partition"))
+        network = make_network(
+            config.network,
+            image_shape=dataset.image_shape,
+            classes=dataset.classes,
+            convnet=config.convnet,
+            community=index,
         )
-    orphans = np.flatnonzero(counts.sum(axis=0) == 0)
-    if orphans.size:
-        logger.info("%s: classes without an owner: %s", config.name, orphans.tolist())
-    community = Community(config, dataset, network, tuple(shares), counts, test_share)
-    if test_share is not None:
-        held_out = dataset.held_out
-        if held_out.sum() == held_out_of_each(held_out, test_share).sum():
-            raise SettingError(
-                "learning.report_on",
-                "test",
-                f"must be 'validation' for community {config.name}: of the {held_out.sum()} "
-                f"images of {config.task} that do not train, none would be left to validate",
-            )
-    return community
+        if config.buffers is not None and network.buffers == 0:
+            raise SettingError("buffers", config.buffers, "its network has none: leave it out")
+    except SettingError as error:
+        raise replace(error, key=f"communities.{index}.{error.key}") from error
+    counts = frozen(partition.class_counts(dataset.labels, shares, classes=dataset.classes))
+    held_out = dataset.held_out
+    if test_share is not None and held_out.sum() == held_out_of_each(held_out, test_share).sum():
+        raise SettingError(
+            "learning.report_on",
+            "test",
+            f"must be 'validation' for community {config.name}: of the {held_out.sum()} "
+            f"images of {config.task} that do not train, none would be left to validate",
+        )
+    return Community(config, dataset, network, tuple(shares), counts, test_share)
 
 
-def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator) -> list[Ints]:
+def _shares(
+    index: int, config: CommunityConfig, dataset: Dataset, rng: np.random.Generator
+) -> list[Ints]:
     """The samples of each device."""
     labels, classes, devices = dataset.labels, dataset.classes, config.devices
     weights = None if config.data_shares is None else np.array(config.data_shares)
@@ -273,5 +252,5 @@ def _shares(config: CommunityConfig, dataset: Dataset, rng: np.random.Generator)
                 )
             return partition.by_owner(dataset.owners, devices=devices, rng=rng)
         case name:
-            task = PartitionTask(labels, dataset.owners, devices, classes, rng)
-            return custom_partition(name, task)
+            task = partition.PartitionTask(labels, dataset.owners, devices, classes, rng)
+            return partition.CustomPartition.found(name, index).shares(task)

@@ -39,29 +39,16 @@ def trained(
     return made
 
 
-def _correction(
-    federation: Federation, state: FederationState, index: int, device: int
-) -> Vector | None:
-    """What the algorithm adds to a device's gradients; that of a user's may be of any size."""
-    found = federation.algorithm.correction(state.algorithm[index], device)
-    parameters, _ = parts_of(federation.communities[index], state.models[index])
-    if found is None:
-        return None
-    if found.shape != parameters.shape:
-        raise PluginError(
-            "learning.algorithm",
-            federation.learning.algorithm,
-            f"correction() of device {device} is of shape {found.shape}, not the model's "
-            f"{parameters.shape}",
-        )
-    return frozen(found[:])
-
-
 def _train(federation: Federation, state: FederationState, index: int, device: int) -> Pending:
     """Local training of a device, which counts within its community."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
     start = _start(federation, state, index, device)
+    correction = algorithm.correction(state.algorithm[index], device)
+    shape = (start.size - community.network.buffers,)
+    if correction is not None and correction.shape != shape:  # a user's may be of any
+        key = f"learning.algorithm = {learning.algorithm!r}: correction() of device {device}"
+        raise PluginError(f"{key} is of shape {correction.shape}, not {shape}")
     task = LocalTask(
         community.dataset.train,
         community.shares[device],
@@ -75,7 +62,7 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
             epochs=learning.local_epochs,
         ),
         federation.stream(f"fl/{community.name}/device{device}/round{number}"),
-        _correction(federation, state, index, device),
+        correction,
     )
     if federation.trainer is None:
         result = community.network.train(task)
@@ -83,13 +70,13 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
         shapes, classes = community.network.shapes, community.dataset.classes
         result = federation.trainer.train(
             TrainingDevice(
-                community.name, device, number, shapes, classes, task.settings, task.correction
+                community.name, device, number, shapes, classes, task.settings, correction
             ),
             task,
         )
     if not (np.isfinite(result.loss) and np.all(np.isfinite(result.model))):
         raise DivergedError(number, community.name, device, result.loss)
-    return Pending(number, start, result, task.correction)
+    return Pending(number, start, result, correction)
 
 
 def _start(federation: Federation, state: FederationState, index: int, device: int) -> Vector:

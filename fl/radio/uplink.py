@@ -5,21 +5,56 @@ one device depends on no other, and two strategies with one seed meet the same l
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from fl.arrays import frozen
+from fl.arrays import Floats, frozen
+from fl.plugins import PlugIn
 from fl.radio.channel import Channel, log_mean_snr, los_probability
-from fl.radio.custom_radio import CustomRadio
 
 Gate = Literal["average", "instantaneous"]
+GATES = get_args(Gate)
+
+
+class Radio(Protocol):
+    """Packet error rates by distance and height. `Channel` is one."""
+
+    def per(self, distance_m: Floats, height_m: Floats) -> ArrayLike:
+        """Packet error rates, (n,), each in [0, 1].
+
+        `distance_m` (n,), 0 or more: horizontal, in metres, from the device to the aircraft.
+        `height_m` (n,): of the aircraft above home, in metres; 0 or less on the ground. Where a
+        device sent nothing, both are anything, and its rate is not looked at. The answer may
+        depend on the arguments alone, so that a run can be resumed.
+        """
+
+
+class CustomRadio(PlugIn):
+    """A researcher's own radio, whose rates are checked."""
+
+    setting = "channel.gate"
+    members = ("per",)
+
+    def per(self, distance_m: Floats, height_m: Floats) -> Floats:
+        """As `Radio.per`."""
+        rates = self.ask("per", distance_m, height_m)
+        return self.array(rates, "what per() gives", shape=np.shape(distance_m), low=0, high=1)
+
+
+def make_radio(gate: str, channel: Channel) -> Channel | CustomRadio:
+    """The channel itself, or what the factory that `gate` names makes of it.
+
+    Raises:
+        PluginError: it cannot be imported, or what it makes is no radio.
+    """
+    return channel if gate in GATES else CustomRadio.made(gate, channel)
 
 
 @dataclass(frozen=True)
 class Arrivals:
-    """What became of the updates of one round."""
+    """Packet error rates of one round's updates, and which of them arrived."""
 
     per: NDArray[np.float64]  # (K,) average PER where it was sent; 1 where nothing was sent
     delivered: NDArray[np.bool_]  # (K,)

@@ -1,23 +1,20 @@
 """A researcher's own local training, held to what every device sends up."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.arrays import Vector, frozen
+from fl.arrays import Vector
 from fl.config import LearningConfig
-from fl.errors import kind_of
-from fl.plugins import PluginError, guarded, make
+from fl.plugins import PlugIn
 from fl.training.local import LocalResult, LocalSettings, LocalTask, Shapes
-
-KEY = "learning.trainer"
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingDevice:
-    """Who trains, and how it is asked to."""
+    """A device whose training is asked for, and the settings of that."""
 
     community: str
     device: int  # within its community, from 0
@@ -50,12 +47,11 @@ class Trainer(Protocol):
         """
 
 
-@dataclass(frozen=True)
-class CustomTrainer:
-    """Checks what the researcher's trainer answers: an error is found where it is made."""
+class CustomTrainer(PlugIn):
+    """A `Trainer` whose answers are checked where they are made."""
 
-    name: str
-    inner: Trainer = field(repr=False)  # a fingerprint is made of the rest
+    setting = "learning.trainer"
+    members = ("train",)
 
     def train(self, device: TrainingDevice, task: LocalTask) -> LocalResult:
         """The researcher's training of one device.
@@ -63,26 +59,14 @@ class CustomTrainer:
         Raises:
             PluginError: it fails, or gives something else than a result of finite numbers.
         """
-        model, data, doing = task.model, _data(task), f"train() of device {device.device}"
-        with guarded(self.name, key=KEY, doing=doing):
-            found = self.inner.train(device, model, data, task.rng)
-        if not isinstance(found, LocalResult):
-            raise PluginError(KEY, self.name, f"{doing} gives {kind_of(found)}, not a LocalResult")
-        with guarded(self.name, key=KEY, doing=f"{doing}: the result that it gives"):
-            sent = np.array(found.model, dtype=np.float32)
-            steps, loss = int(found.steps), float(found.loss)
-        if sent.shape != model.shape:
-            reason = f"{doing} gives a model of shape {sent.shape}, not {model.shape}"
-            raise PluginError(KEY, self.name, reason)
-        if steps < 1:
-            raise PluginError(KEY, self.name, f"{doing} gives {steps} steps: must be 1 or more")
-        if not (np.isfinite(loss) and np.isfinite(sent).all()):
-            reason = (
-                f"{doing} in round {device.round} left the finite numbers (mean loss {loss:.3g}); "
-                "a smaller learning rate may help"
-            )
-            raise PluginError(KEY, self.name, reason)
-        return LocalResult(frozen(sent), steps, loss)
+        of = f" of device {device.device} in round {device.round}"
+        found = self.ask("train", device, task.model, _data(task), task.rng, of=of)
+        result = self.of_kind(found, LocalResult, f"train(){of}")
+        what, shape = f"that train(){of} gives", task.model.shape
+        model = self.array(result.model, f"the model {what}", shape=shape, dtype=np.float32)
+        steps = self.array(result.steps, f"the number of steps {what}", shape=(), low=1)
+        loss = self.array(result.loss, f"the loss {what}", shape=())
+        return LocalResult(model, int(steps), float(loss))
 
 
 def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
@@ -91,14 +75,12 @@ def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
     Raises:
         PluginError: it cannot be imported, or what it makes is no trainer.
     """
-    name = learning.trainer
-    if name is None:
-        return None
-    return CustomTrainer(name, make(name, learning, key=KEY, members=("train",)))
+    return None if learning.trainer is None else CustomTrainer.made(learning.trainer, learning)
 
 
 def _data(task: LocalTask) -> DeviceData:
     images = task.split.images[task.samples].astype(np.float32)
     scaled = images * task.scaling.scale + task.scaling.shift
-    x = np.ascontiguousarray(np.moveaxis(scaled, -1, 1))
-    return DeviceData(frozen(x), frozen(task.split.labels[task.samples]))
+    return DeviceData(
+        np.ascontiguousarray(np.moveaxis(scaled, -1, 1)), task.split.labels[task.samples]
+    )

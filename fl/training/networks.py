@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from fl.arrays import Vector
 from fl.config import BUILT_IN_NETWORKS, ConvNetConfig
 from fl.data.dataset import Split
-from fl.errors import NetworkError
+from fl.errors import SettingError
 from fl.native.library import Images, count_correct, train
 from fl.native.library import Network as NativeNetwork
-from fl.plugins import PluginError, find, is_plugin, needs_torch
+from fl.plugins import PlugIn, needs_torch
 from fl.training.local import LocalResult, LocalTask, Network, Scaling, Shapes, batch_order
 
 _SIZES = {
@@ -106,12 +106,19 @@ def _images(split: Split, scaling: Scaling) -> Images:
     return Images(split.images, split.labels, scaling.scale, scaling.shift)
 
 
+class CustomNetwork(PlugIn):
+    """A researcher's own network: a factory of torch modules."""
+
+    setting = "communities.network"
+
+
 def make_network(
     name: str,
     *,
     image_shape: tuple[int, int, int],
     classes: int,
     convnet: ConvNetConfig | None = None,
+    community: int | None = None,
 ) -> Network:
     """The network `name` for a task: a built-in one or "package.module:callable".
 
@@ -121,22 +128,18 @@ def make_network(
     of `convnet` and "same" padding. A callable is called without arguments and returns the module.
 
     Raises:
-        NetworkError: says what does not fit.
+        SettingError: says what does not fit.
+        PluginError: a module of one's own cannot be used; `community` is whose it is, from 0.
     """
     if name in BUILT_IN_NETWORKS:
         return _conv_net(name, convnet, image_shape=image_shape, classes=classes)
-    if not is_plugin(name):
-        raise NetworkError(name, "it is 'lenet', 'mcmahan' or 'package.module:callable'")
     if reason := needs_torch():
-        raise NetworkError(name, reason)
-    try:
-        factory = find(name, key="communities.network")
-    except PluginError as error:
-        raise NetworkError(name, error.reason) from error
+        raise SettingError("network", name, reason)
+    factory = CustomNetwork.found(name, community)
     # Imported here: native code needs no torch, an extra that takes seconds.
     from fl.training.torch_module import ModuleNetwork
 
-    return ModuleNetwork(factory, name=name, image_shape=image_shape, classes=classes)
+    return ModuleNetwork(factory, image_shape=image_shape, classes=classes)
 
 
 def _conv_net(
@@ -146,7 +149,7 @@ def _conv_net(
     smallest, blocks = min(image_shape[:2]), len(sizes.channels)
     if smallest < 2**blocks:
         least = f"{blocks} blocks halve them to nothing, {2**blocks} x {2**blocks} is the least"
-        raise NetworkError(name, f"images of {image_shape} are too small: {least}")
+        raise SettingError("network", name, f"images of {image_shape} are too small: {least}")
     padding = (sizes.kernel // 2,) * blocks
     if name == "lenet":
         first = 0 if smallest >= 32 else 2

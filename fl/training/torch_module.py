@@ -5,7 +5,7 @@ has one random generator.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -17,39 +17,29 @@ from torch.nn.parameter import is_lazy
 
 from fl.arrays import Vector
 from fl.data.dataset import Split
-from fl.errors import NetworkError, first_line, kind_of
-from fl.plugins import FAILURES
+from fl.plugins import PlugIn
 from fl.training.local import LocalResult, LocalTask, Scaling, Shapes, batch_order
 
 EVALUATION_BATCH = 250
-
-Factory = Callable[[], nn.Module]
 
 
 class ModuleNetwork:
     """A `torch.nn.Module`, called with images (batch, channels, height, width).
 
-    `NetworkError` says why a module cannot be used.
+    Raises:
+        PluginError: says why a module cannot be used.
     """
 
     parallel = False
 
-    def __init__(
-        self,
-        factory: Factory,
-        *,
-        name: str,
-        image_shape: tuple[int, int, int],
-        classes: int,
-    ) -> None:
-        self._factory = factory
+    def __init__(self, plugin: PlugIn, *, image_shape: tuple[int, int, int], classes: int) -> None:
+        self._plugin = plugin
         self._classes = classes
         height, width, channels = image_shape
         self._images = torch.zeros(2, channels, height, width)
-        self._module = _checked(factory, self._images, name=name)
+        self._module = self._checked()
         self._parameters = list(self._module.parameters())
         self._buffers = list(self._module.buffers())
-        _check_logits(self._module, self._images, name=name, classes=classes)
 
     @property
     def shapes(self) -> Shapes:
@@ -64,7 +54,7 @@ class ModuleNetwork:
     def initial(self, rng: np.random.Generator) -> Vector:
         """The module's own initialisation, with torch's generator seeded from `rng`."""
         with _seeded(rng):
-            module = _made(self._factory, self._images)
+            module = self._made()
         return _flat([*module.parameters(), *module.buffers()])
 
     def train(self, task: LocalTask) -> LocalResult:
@@ -75,7 +65,7 @@ class ModuleNetwork:
         correction = None if task.correction is None else torch.tensor(task.correction)
         total = torch.zeros((), dtype=torch.float64)
         self._module.train()
-        with _one_thread(), _seeded(task.rng):
+        with self._plugin.guarded("training"), _one_thread(), _seeded(task.rng):
             for padded in order:
                 chosen = padded[padded >= 0]
                 logits = self._module(_images_of(task.split, chosen, task.scaling))
@@ -100,13 +90,51 @@ class ModuleNetwork:
         correct = np.zeros(self._classes, dtype=np.int64)
         self._take(model)
         self._module.eval()
-        with _one_thread(), torch.inference_mode():
+        with self._plugin.guarded("measuring"), _one_thread(), torch.inference_mode():
             for start in range(0, len(split.labels), EVALUATION_BATCH):
                 part = np.arange(start, min(start + EVALUATION_BATCH, len(split.labels)))
                 guess = self._module(_images_of(split, part, scaling)).argmax(dim=1).numpy()
                 right = split.labels[part][guess == split.labels[part]]
                 correct += np.bincount(right, minlength=self._classes)
         return correct
+
+    def _made(self) -> nn.Module:
+        """A new module; lazy layers have their sizes from one forward pass."""
+        with self._plugin.guarded("calling it fails"):
+            module = self._plugin.inner()
+            if isinstance(module, nn.Module) and _unsized(module):
+                # Not in training: the images are none to learn statistics from.
+                training = module.training
+                with torch.no_grad():
+                    module.eval()(self._images)
+                module.train(training)
+        return self._plugin.of_kind(module, nn.Module, "it")
+
+    def _checked(self) -> nn.Module:
+        """A module all of whose parameters are trained as float32, and that gives logits."""
+        plugin, count = self._plugin, len(self._images)
+        with torch.random.fork_rng(devices=[]):
+            module = self._made()
+        if next(iter(module.parameters()), None) is None:
+            plugin.refuse("it has no parameters")
+        if unsized := _unsized(module):
+            layer = f"the layer of {unsized[0]}"
+            plugin.refuse(f"no forward pass uses {layer}: use it, or give it sizes")
+        for key, value in module.named_parameters():
+            if not value.requires_grad:
+                plugin.refuse(f"parameter {key} is frozen; all parameters are trained")
+            if value.dtype != torch.float32:
+                plugin.refuse(f"parameter {key} is {value.dtype}, not torch.float32")
+        shape = tuple(self._images.shape)
+        with plugin.guarded(f"fails on images of {shape}"), torch.inference_mode():
+            out = module(self._images)
+        logits = plugin.of_kind(out, Tensor, "it")
+        if tuple(logits.shape) != (count, self._classes):
+            plugin.refuse(
+                f"gives {tuple(logits.shape)} for {count} images, not ({count}, {self._classes}): "
+                "one logit a class"
+            )
+        return module
 
     def _take(self, model: Vector) -> Tensor:
         """Make the module's parameters views of a copy of the model's, (P,), which it returns.
@@ -157,65 +185,10 @@ def _seeded(rng: np.random.Generator) -> Iterator[None]:
         yield
 
 
-def _made(factory: Factory, images: Tensor) -> nn.Module:
-    """What the factory makes; lazy layers have their sizes from one forward pass of the images."""
-    module = factory()
-    if isinstance(module, nn.Module) and _unsized(module):
-        # Not in training: the images are none to learn statistics from.
-        training = module.training
-        with torch.no_grad():
-            module.eval()(images)
-        module.train(training)
-    return module
-
-
 def _unsized(module: nn.Module) -> list[str]:
-    """Names of the parameters and buffers that have no size yet."""
+    """Names of the parameters and buffers of lazy layers that have no size yet."""
     return [
         key
         for key, value in (*module.named_parameters(), *module.named_buffers())
         if is_lazy(value)
     ]
-
-
-def _checked(factory: Factory, images: Tensor, *, name: str) -> nn.Module:
-    """The module that the factory makes, with all its parameters trained as float32.
-
-    Raises `NetworkError`.
-    """
-    try:
-        with torch.random.fork_rng(devices=[]):
-            module = _made(factory, images)
-    except FAILURES as error:
-        raise NetworkError(name, f"calling it fails: {first_line(error)}") from error
-    if not isinstance(module, nn.Module):
-        raise NetworkError(name, f"gives {kind_of(module)}, not a torch.nn.Module")
-    if next(iter(module.parameters()), None) is None:
-        raise NetworkError(name, "it has no parameters")
-    if unsized := _unsized(module):
-        reason = f"no forward pass uses the layer of {unsized[0]}: use it, or give it sizes"
-        raise NetworkError(name, reason)
-    for key, value in module.named_parameters():
-        if not value.requires_grad:
-            raise NetworkError(name, f"parameter {key} is frozen; all parameters are trained")
-        if value.dtype != torch.float32:
-            raise NetworkError(name, f"parameter {key} is {value.dtype}, not torch.float32")
-    return module
-
-
-def _check_logits(module: nn.Module, images: Tensor, *, name: str, classes: int) -> None:
-    """One forward pass, so that a wrong shape shows before the first flight: `NetworkError`."""
-    try:
-        with torch.inference_mode():
-            out = module(images)
-    except FAILURES as error:
-        reason = f"fails on images of {tuple(images.shape)}: {first_line(error)}"
-        raise NetworkError(name, reason) from error
-    if not isinstance(out, Tensor):
-        raise NetworkError(name, f"gives {kind_of(out)}, not a torch.Tensor")
-    if tuple(out.shape) != (len(images), classes):
-        raise NetworkError(
-            name,
-            f"gives {tuple(out.shape)} for {len(images)} images, not ({len(images)}, {classes}):"
-            " one logit a class",
-        )

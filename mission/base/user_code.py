@@ -2,35 +2,29 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import ClassVar
 
-from fl.errors import LearningError
-from fl.plugins import FAILURES, PluginError, make, told
-from mission.base.errors import AerofedError, InputError, UsersCodeError
+from fl.errors import DivergedError, LearningError, LearningInputError
+from fl.plugins import PlugIn, PluginError
+from mission.base.errors import AerofedError, InputError, TrainingError, UsersCodeError
 
 
-@contextmanager
-def users_code(path: str, *, key: str, doing: str) -> Iterator[None]:
-    """Run a researcher's code in the block: what it raises is theirs, and is said to be.
+class OwnCode(PlugIn):
+    """A researcher's own code at a place of the application."""
 
-    Raises:
-        UsersCodeError: one line with the place in their file; `key` is the setting that names it.
-    """
-    try:
-        yield
-    except (AerofedError, LearningError):
-        raise
-    except FAILURES as error:
-        raise UsersCodeError(f"{key} = {path!r}: {told(path, doing, error)}") from error
+    refusal = InputError
+    failure = UsersCodeError
+    passed: ClassVar[tuple[type[Exception], ...]] = (AerofedError, LearningError)
 
 
 @contextmanager
-def plugins_of_learning() -> Iterator[None]:
-    """Have what goes wrong in plug-ins of `fl` while the block runs end the run in one line.
+def errors_of_learning() -> Iterator[None]:
+    """Have errors of `fl` in the block end the run in one line.
 
     Raises:
-        UsersCodeError: their code raised something.
-        InputError: what it answered cannot be used.
+        UsersCodeError: a researcher's own code raised something.
+        InputError: what it answered, or a setting or a file, cannot be used.
+        TrainingError: training left the finite numbers.
     """
     try:
         yield
@@ -38,16 +32,7 @@ def plugins_of_learning() -> Iterator[None]:
         if error.__cause__ is not None:
             raise UsersCodeError(str(error)) from error.__cause__
         raise InputError(str(error)) from None
-
-
-def make_from(path: str, *arguments: object, key: str, members: tuple[str, ...]) -> Any:
-    """What the factory at `path` makes of the arguments; it must have these members.
-
-    Raises:
-        InputError: it cannot be imported or called, or makes something else; `key` is the setting
-            that holds the path.
-    """
-    try:
-        return make(path, *arguments, key=key, members=members)
-    except PluginError as error:
-        raise InputError(str(error)) from error.__cause__
+    except LearningInputError as error:
+        raise InputError(str(error)) from None
+    except DivergedError as error:
+        raise TrainingError(f"learning diverged: {error}") from None

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from fl import preflight as learning
-from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, GATES, PARTITIONS, TASKS
+from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS
 from fl.data.load import load, needs_files
-from fl.errors import LearningInputError
-from fl.plugins import PluginError, is_plugin, problem_of
+from fl.errors import DataMissingError
+from fl.plugins import is_plugin, problem_of
+from fl.radio.uplink import GATES
 from mission.base.errors import InputError
+from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from sitl import preflight as vehicle
 
@@ -57,13 +59,13 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
     Raises:
         InputError: one is missing or damaged.
     """
-    for index, community in enumerate(config.communities):
-        if needs_files(community.task):
+    with errors_of_learning():
+        for index, community in enumerate(config.communities):
+            task, file = community.task, community.data_file
             try:
-                load(community.task, data_dir=data_dir, data_file=community.data_file)
-            except PluginError as error:
-                raise InputError(str(error.in_community(index))) from error.__cause__
-            except LearningInputError as error:
+                if needs_files(task):
+                    load(task, data_dir=data_dir, data_file=file, community=index)
+            except DataMissingError as error:
                 raise InputError(f"{error}{_others(config, index, data_dir)}") from None
 
 

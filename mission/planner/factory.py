@@ -1,17 +1,13 @@
 """From the configuration's `kind` to a planner."""
 
-from dataclasses import dataclass
-
 from mission.base.errors import PlanError
-from mission.base.user_code import make_from, users_code
+from mission.base.user_code import OwnCode
 from mission.planner.around import AroundPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.within import WithinPlanner
-
-KEY = "planner.factory"
 
 
 def make_planner(config: PlannerConfig) -> Planner:
@@ -38,7 +34,7 @@ def _choosing_altitudes(config: PlannerConfig) -> Planner:
 def _of_kind(config: PlannerConfig) -> Planner:
     """A planner that proves nothing, for one altitude."""
     if config.factory is not None:
-        return _imported(config.factory)
+        return CustomPlanner.made(config.factory)
     if config.kind == "sqp":
         from mission.planner.sqp import SqpPlanner
 
@@ -48,12 +44,11 @@ def _of_kind(config: PlannerConfig) -> Planner:
     return LiteralPlanner() if config.kind == "paper_literal" else PaperPlanner()
 
 
-@dataclass(frozen=True)
-class CustomPlanner:
-    """Checks every plan of a researcher's own planner."""
+class CustomPlanner(OwnCode):
+    """A researcher's own planner, every plan of which is checked."""
 
-    path: str
-    inner: Planner
+    setting = "planner.factory"
+    members = ("plan",)
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """The plan that the researcher's planner makes.
@@ -61,15 +56,10 @@ class CustomPlanner:
         Raises:
             PlanError: the plan breaks a constraint, or claims a value that it has not.
         """
-        with users_code(self.path, key=KEY, doing="plan()"):
-            plan = self.inner.plan(problem)
+        plan = self.of_kind(self.ask("plan", problem), RoundPlan, "plan()")
         try:
-            with users_code(self.path, key=KEY, doing="its plan"):
+            with self.guarded("its plan"):
                 check_plan(problem, plan)
         except InfeasiblePlanError as error:
-            raise PlanError(f"{KEY} = {self.path!r}: {error}") from None
+            raise PlanError(f"{self.key} = {self.name!r}: {error}") from None
         return plan
-
-
-def _imported(path: str) -> CustomPlanner:
-    return CustomPlanner(path, make_from(path, key=KEY, members=("plan",)))

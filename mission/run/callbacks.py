@@ -2,18 +2,15 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, Self
 
 from fl.federation.rounds import RoundLearning
 from mission.base.errors import UsersCodeError
-from mission.base.user_code import make_from, users_code
+from mission.base.user_code import OwnCode
 from mission.config.models import RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
-
-KEY = "callbacks"
 
 
 @dataclass(frozen=True)
@@ -44,14 +41,21 @@ class Callback(Protocol):
         """No round follows: the run has ended, however it did."""
 
 
+class CustomCallback(OwnCode):
+    """A researcher's own callback. One that fails ends the run with its name."""
+
+    setting = "callbacks"
+    members = ("round_finished", "close")
+
+
 @dataclass(frozen=True)
 class Callbacks:
-    """All of a run's callbacks, with their names. One that fails ends the run with its name.
+    """All of a run's callbacks.
 
     A context manager: with its block they are closed, where they are not yet.
     """
 
-    each: tuple[tuple[str, Callback], ...] = ()
+    each: tuple[CustomCallback, ...] = ()
     _closing: ExitStack = field(default_factory=ExitStack)  # of those that are not closed yet
 
     def __enter__(self) -> Self:
@@ -71,10 +75,8 @@ class Callbacks:
         Raises:
             UsersCodeError: one of them failed; a resumed run goes on after this round.
         """
-        for name, callback in self.each:
-            doing = f"round_finished() of round {report.round.round}"
-            with users_code(name, key=KEY, doing=doing):
-                callback.round_finished(deepcopy(report))  # what it does to its own is its own
+        for callback in self.each:
+            callback.ask("round_finished", report, of=f" of round {report.round.round}")
 
     def close(self) -> None:
         """Close all of them, also where one fails at it; twice is fine.
@@ -92,16 +94,9 @@ def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Cal
         InputError: one cannot be imported or called, or makes something else; those before it
             are closed.
     """
-    made: list[tuple[str, Callback]] = []
+    made: list[CustomCallback] = []
     with ExitStack() as closing:
         for name in names or ():
-            members = ("round_finished", "close")
-            callback = make_from(name, context, key=KEY, members=members)
-            closing.callback(_close, name, callback)
-            made.append((name, callback))
+            made.append(CustomCallback.made(name, context))
+            closing.callback(made[-1].ask, "close")
         return Callbacks(tuple(made), closing.pop_all())
-
-
-def _close(name: str, callback: Callback) -> None:
-    with users_code(name, key=KEY, doing="close()"):
-        callback.close()

@@ -3,18 +3,15 @@
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fl.errors import DivergedError
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
-from mission.base.errors import TrainingError
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
-from mission.base.user_code import plugins_of_learning, users_code
+from mission.base.user_code import errors_of_learning
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals, optional_columns
 from mission.run.checkpoint import RoundMemory
@@ -54,7 +51,8 @@ class Experiment(ABC):
         """
         federation = self.scenario.federation
         # A resumed run has the last round's models, and records the first ones again.
-        state = self.state if self.state.rounds == 0 else learning.init(federation)
+        with errors_of_learning():
+            state = self.state if self.state.rounds == 0 else learning.init(federation)
         untrained = learning.untrained(federation, state)
         self.totals.untrained = dict(untrained.accuracy)
         self.recorder.learnt(0, untrained)
@@ -103,26 +101,12 @@ class Experiment(ABC):
     async def _learn(self, who: learning.Participation) -> learning.RoundLearning:
         self._show("training")
         state, federation = self.state, self.scenario.federation
-        try:
-            with self.stopwatch("learn"), self._users_networks(), plugins_of_learning():
-                # In a thread, so that heartbeats go on; simulated time stands still.
-                self.state, learnt = await asyncio.to_thread(
-                    learning.play_round, federation, state, who, workers=self.workers
-                )
-        except DivergedError as error:
-            raise TrainingError(f"learning diverged: {error}") from None
+        with self.stopwatch("learn"), errors_of_learning():
+            # In a thread, so that heartbeats go on; simulated time stands still.
+            self.state, learnt = await asyncio.to_thread(
+                learning.play_round, federation, state, who, workers=self.workers
+            )
         return learnt
-
-    def _users_networks(self) -> AbstractContextManager[None]:
-        """Where a network is the researcher's own, what fails while it is trained is theirs."""
-        communities = enumerate(self.scenario.config.communities)
-        own = [(index, c.network) for index, c in communities if ":" in c.network]
-        doing = f"training in round {self.totals.next_round}"
-        if not own:
-            return nullcontext()
-        index, network = own[0]
-        whose = f"communities.{index}" if len(own) == 1 else "communities"  # any of several
-        return users_code(network, key=f"{whose}.network", doing=doing)
 
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""

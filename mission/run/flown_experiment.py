@@ -12,7 +12,7 @@ from fl.federation import rounds as learning
 from fl.federation.device_work import DeviceWork
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
-from mission.base.user_code import plugins_of_learning
+from mission.base.user_code import errors_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import CHARGED, Flyer
@@ -98,7 +98,7 @@ class FlownExperiment(Experiment):
         plan, flight, foreseen = await self._fly(flyer, problem, sortie)
         self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
         self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
-        with plugins_of_learning():
+        with errors_of_learning():
             served = self._served(problem, sortie, plan, flight)
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None:

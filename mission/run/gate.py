@@ -8,8 +8,7 @@ import numpy as np
 
 from fl.federation.device_work import DeviceWork
 from fl.radio.channel import Channel
-from fl.radio.custom_radio import CustomRadio
-from fl.radio.uplink import Arrivals, Gate, deliver
+from fl.radio.uplink import Arrivals, CustomRadio, Gate, deliver
 from mission.base.area import Area
 from mission.base.arrays import Bools, Floats
 from mission.flight.flight_plan import FlightPlan

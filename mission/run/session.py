@@ -15,7 +15,7 @@ from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
-from mission.base.user_code import plugins_of_learning
+from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.flyers import Flyers
@@ -80,7 +80,7 @@ def fly_session(
             with folder.unless_refused():
                 flyers.await_vehicle(say=console.say)
                 live = opened.enter_context(live_views(console))
-                with plugins_of_learning():
+                with errors_of_learning():
                     state = learning.init(scenario.federation)
                     callbacks = opened.enter_context(_callbacks(folder, config))
             text = config.to_toml()

@@ -1,24 +1,21 @@
-"""A researcher's own strategy, held to what every strategy must keep."""
+"""A researcher's own strategy: what it is told, and how its answers are checked."""
 
 from dataclasses import dataclass
-from typing import NoReturn, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.errors import kind_of
 from mission.base.area import Area
 from mission.base.errors import InputError, PlanError
-from mission.base.user_code import make_from, users_code
+from mission.base.user_code import OwnCode
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.problem import Planner, RoundProblem
-from mission.scenario.strategies import Sortie, Strategy
+from mission.scenario.strategies import Sortie
 
 Floats = NDArray[np.float64]
-
-KEY = "mission.strategy"
 
 
 @dataclass(frozen=True)
@@ -62,24 +59,22 @@ class ImportanceStrategy(Protocol):
         """(K,) finite, not negative; a function of `info` alone, so that runs can be resumed."""
 
 
-@dataclass(frozen=True)
-class CustomStrategy:
-    """Checks what the researcher's strategy answers, so that an error is found where it is made."""
+class CustomStrategy(OwnCode):
+    """A researcher's own strategy, whose answers are checked where they are made."""
 
-    path: str
-    inner: Strategy
+    setting = "mission.strategy"
+    members = ("fairness", "approach_m", "sortie")
 
     @property
     def fairness(self) -> bool:
-        """What the researcher's strategy says."""
-        with users_code(self.path, key=KEY, doing="fairness"):
-            return bool(self.inner.fairness)
+        """As `Strategy.fairness`."""
+        return bool(self.value("fairness"))
 
     @property
     def approach_m(self) -> Floats | None:
-        """What the researcher's strategy says."""
-        with users_code(self.path, key=KEY, doing="approach_m"):
-            return self.inner.approach_m
+        """As `Strategy.approach_m`."""
+        found = self.value("approach_m")
+        return None if found is None else self.array(found, "approach_m", shape=(2,))
 
     def importance(self, info: RoundInfo) -> Floats:
         """The importance that the strategy gives devices, (K,); where it gives none, the paper's.
@@ -89,16 +84,10 @@ class CustomStrategy:
         """
         if not isinstance(self.inner, ImportanceStrategy):
             return info.delta
-        with users_code(self.path, key=KEY, doing=f"importance() in round {info.round}"):
-            importance = np.asarray(self.inner.importance(info), dtype=np.float64)
-        if importance.shape != info.delta.shape:
-            shapes = f"of shape {importance.shape}, not {info.delta.shape}"
-            self._refuse(f"importance in round {info.round} is {shapes}")
-        wrong = np.flatnonzero(~(np.isfinite(importance) & (importance >= 0.0)))
-        if len(wrong):
-            which = f"{importance[wrong[0]]} for device {wrong[0]}"
-            self._refuse(f"importance in round {info.round} is negative or not finite: {which}")
-        return importance
+        of = f" in round {info.round}"
+        found = self.ask("importance", info, of=of)
+        what = f"what importance(){of} gives"
+        return self.array(found, what, shape=info.delta.shape, low=0.0)
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The strategy's sortie, if its plan keeps the round's constraints.
@@ -107,32 +96,14 @@ class CustomStrategy:
             InputError: no `Sortie`.
             PlanError: the plan breaks a constraint.
         """
-        with users_code(self.path, key=KEY, doing=f"sortie() in round {round_index + 1}"):
-            sortie = self._sortie(round_index, problem)
-        if not isinstance(sortie, Sortie):
-            self._refuse(f"sortie() gives {kind_of(sortie)}, not a Sortie")
+        of = f" in round {round_index + 1}"
         try:
-            with users_code(self.path, key=KEY, doing="its plan"):
+            sortie = self.of_kind(
+                self.ask("sortie", round_index, problem, of=of), Sortie, f"sortie(){of}"
+            )
+            with self.guarded("its plan"):
                 check_plan(problem, sortie.plan, hold_s=sortie.hold_s)
-        except InfeasiblePlanError as error:
-            raise PlanError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
+        except (PlanInputError, InfeasiblePlanError) as error:  # know no strategy
+            kind = InputError if isinstance(error, PlanInputError) else PlanError
+            raise kind(f"{self.key} = {self.name!r}: round {round_index + 1}: {error}") from None
         return sortie
-
-    def _sortie(self, round_index: int, problem: RoundProblem) -> object:
-        try:
-            return self.inner.sortie(round_index, problem)
-        except PlanInputError as error:  # of what it gave to our functions, which know no strategy
-            raise InputError(f"{KEY} = {self.path!r}: round {round_index + 1}: {error}") from None
-
-    def _refuse(self, reason: str) -> NoReturn:
-        raise InputError(f"{KEY} = {self.path!r}: {reason}")
-
-
-def custom_strategy(path: str, context: StrategyContext) -> CustomStrategy:
-    """The strategy that the factory at `path` makes.
-
-    Raises:
-        InputError: it cannot be imported, or what it makes is no strategy.
-    """
-    made = make_from(path, context, key=KEY, members=("fairness", "approach_m", "sortie"))
-    return CustomStrategy(path, made)

@@ -11,28 +11,29 @@ from pathlib import Path
 import numpy as np
 
 from fl.config import CommunityConfig
-from fl.errors import FETCHED, LearningInputError
+from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
 from fl.federation.community import Community
 from fl.federation.device_work import DeviceWork
 from fl.plugins import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
-from fl.radio.custom_radio import CustomRadio, make_radio
+from fl.radio.uplink import CustomRadio, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
 from mission.config.world import check_start
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import (
+    CustomStrategy,
     ImportanceStrategy,
     RoundInfo,
     StrategyContext,
-    custom_strategy,
 )
 from mission.scenario.limits import (
     budget_of,
@@ -287,18 +288,16 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
-    try:
+    with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = make_radio(config.channel.gate, channel)
         federation = learning.build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
-    except LearningInputError as error:
-        raise InputError(str(error)) from None
     _check_uploads(config, federation.upload_bits)
     mission, planner = config.mission, make_planner(config.planner)
     strategy = (
-        custom_strategy(
+        CustomStrategy.made(
             mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
         )
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)

@@ -168,26 +168,38 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("algorithm", "nothing", "learning.algorithm = 'mine:nothing': gives an object without mu"),
         ("algorithm", "no_state", "init() gives a NoneType as its state, not a dictionary"),
         ("algorithm", "bad_momentum", "momentum is 3.0: must be from 0 to 1"),
-        ("algorithm", "short", "apply() gives a model of shape (3,), not ("),
-        ("algorithm", "endless", "apply() gives a model with values that are not finite"),
+        ("algorithm", "short", "the model that apply() gives is of shape (3,), not ("),
+        ("algorithm", "endless", "the model that apply() gives holds nan at [0]: must be finite"),
         ("trainer", "nothing", "learning.trainer = 'mine:nothing': gives an object without train"),
-        ("trainer", "TrainerShort", "gives a model of shape (3,), not ("),
-        ("trainer", "TrainerOther", "train() of device 0 gives a ndarray, not a LocalResult"),
-        ("trainer", "TrainerIdle", "gives 0 steps: must be 1 or more"),
+        ("trainer", "TrainerShort", "gives is of shape (3,), not ("),
+        (
+            "trainer",
+            "TrainerOther",
+            "train() of device 0 in round 1 gives a ndarray, not a LocalResult",
+        ),
+        (
+            "trainer",
+            "TrainerIdle",
+            "steps that train() of device 0 in round 1 gives is 0.0: must be finite and 1 or more",
+        ),
         (
             "trainer",
             "TrainerNaN",
-            "learning.trainer = 'mine:TrainerNaN': train() of device 0 in round 1 left the finite "
-            "numbers (mean loss 0.5); a smaller learning rate may help",
+            "learning.trainer = 'mine:TrainerNaN': the model that train() of device 0 in round 1 "
+            "gives holds nan at [0]: must be finite",
         ),
-        ("trainer", "TrainerEndless", "left the finite numbers (mean loss inf)"),
+        (
+            "trainer",
+            "TrainerEndless",
+            "the loss that train() of device 0 in round 1 gives is inf: must be finite",
+        ),
         ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
-        ("gate", "RadioOver", "per() gives 1.5 at "),
-        ("gate", "RadioShort", "per() gives shape (), not ("),
+        ("gate", "RadioOver", "what per() gives holds 1.5 at [0]: must be from 0 to 1"),
+        ("gate", "RadioShort", "what per() gives is of shape (), not ("),
         (
             "task",
             "data_other",
-            "'mine:data_other': gives a ndarray, not Samples",
+            "'mine:data_other': the factory gives a ndarray, not a Samples",
         ),
         ("task", "data_pixels", "x_train holds floats outside [0, 1]"),
         ("task", "data_labels", "40 training images, but 5 training labels"),
@@ -212,9 +224,15 @@ def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
     ("kind", "name", "doing", "raised", "slip"),
     [
         ("algorithm", "fails", "apply()", "AttributeError", "# algorithm's slip"),
-        ("trainer", "TrainerFails", "train() of device 0", "AttributeError", "# trainer's slip"),
+        (
+            "trainer",
+            "TrainerFails",
+            "train() of device 0 in round 1",
+            "AttributeError",
+            "# trainer's slip",
+        ),
         ("gate", "RadioFails", "per()", "AttributeError", "# radio's slip"),
-        ("network", "Net", "training in round 1", "KeyError: 'weights'", "# network's slip"),
+        ("network", "Net", "training", "KeyError: 'weights'", "# network's slip"),
         ("task", "data_fails", "the factory", "TypeError", "# data set's slip"),
         ("partition", "split_fails", "the partition", "AttributeError", "# partition's slip"),
         ("callbacks", "TellsBadly", "round_finished() of round 1", "OSError", "# callback's slip"),
@@ -238,13 +256,93 @@ def test_what_it_raises_is_named_with_its_line(
         assert aerofed.load("out").status == "failed"
 
 
+GREEDY = """
+import numpy as np
+from mission.planner.evaluate import finish
+from mission.scenario.strategies import Sortie
+
+def scribble(*handed):
+    for value in handed:
+        for array in (value, *getattr(value, "__dict__", {}).values()):
+            if isinstance(array, np.ndarray):
+                try:
+                    array *= 0
+                except ValueError:
+                    continue
+                raise AssertionError("could be written to")
+
+class Strategy:
+    fairness, approach_m = True, [100.0, 100.0]
+    def __init__(self, context): scribble(context); self.planner = context.planner
+    def importance(self, info): scribble(info); return np.array(info.p)
+    def sortie(self, number, problem):
+        scribble(problem)
+        return Sortie(finish(problem, np.tile(problem.start_m, (problem.steps, 1))))
+
+class Far(Strategy):
+    approach_m = [1.0, 2.0, 3.0]
+
+class Algorithm:
+    mu, momentum = 0.0, 0.5
+    def __init__(self, learning): pass
+    def init(self, model, devices): scribble(model); return {"seen": np.zeros(3)}
+    def correction(self, state, device): scribble(*state.values())
+    def start(self, state, model, device): scribble(model, *state.values()); return model
+    def apply(self, state, model, updates):
+        scribble(model, *state.values(), *updates)
+        updates.clear()
+        return model, state
+
+class Radio:
+    def __init__(self, channel): pass
+    def per(self, distance_m, height_m): scribble(distance_m, height_m); return 0 * distance_m
+
+class Callback:
+    def __init__(self, context): pass
+    def round_finished(self, report):
+        scribble(report.learning)
+        report.learning.accuracy.clear()
+    def close(self): pass
+
+def split(task):
+    scribble(task)
+    return np.array_split(np.arange(len(task.labels)), task.devices)
+"""
+
+
+def test_nobody_can_write_to_what_is_not_theirs(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(GREEDY)
+    own = {
+        "mission.strategy": "mine:Strategy", "learning.algorithm": "mine:Algorithm",
+        "channel.gate": "mine:Radio", "callbacks": ["mine:Callback"],
+        "communities.0.partition": "mine:split",
+    }  # fmt: skip
+    run = aerofed.run("quickstart", {**SMALL, **own}, out="out")
+    assert run.uplinks["delivered"].all()
+    with pytest.raises(aerofed.InputError, match=r"'mine:Far': approach_m is of shape \(3,\), not"):
+        aerofed.run("quickstart", {**SMALL, **own, "mission.strategy": "mine:Far"}, out="far")
+
+
+def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:
+    (tmp_path / "helper.py").write_text("momentum = 3.0")
+    text = MODULE.replace("import torch", "import torch; from helper import momentum")
+    (tmp_path / "mine.py").write_text(text.replace("momentum = 3.0", "momentum = momentum"))
+    bad = {**SMALL, "learning.algorithm": "mine:bad_momentum"}
+    for now in ("3.0", "2.25", "0.125"):
+        (tmp_path / "helper.py").write_text(f"momentum = {now}")
+        if now == "0.125":
+            aerofed.run("quickstart", bad, out="out")
+        else:
+            with pytest.raises(aerofed.InputError, match=f"momentum is {now}"):
+                aerofed.run("quickstart", bad, out="out")
+
+
 def test_a_callback_that_failed_is_passed_when_the_run_goes_on() -> None:
     more = {**SMALL, "callbacks": ["mine:TellsBadly"]}
     with pytest.raises(UsersCodeError):
         aerofed.run("quickstart", more, out="out")
     module = Path("mine.py")
     module.write_text(MODULE.replace('raise OSError("no server")', "pass"))
-    sys.modules.pop("mine")
     assert len(aerofed.resume("out").rounds) == 2
 
 
@@ -263,6 +361,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
         ("channel.gate", "must be one of 'average', 'instantaneous' or the import path"),
         ("communities.0.task", "must be one of 'digits', "),
         ("communities.0.partition", "must be one of 'labels', "),
+        ("communities.0.network", "must be one of 'lenet', 'mcmahan', 'convnet' or the import"),
         ("planner.factory", "must be an import path"),
         ("callbacks", "neither an import path"),
     ],

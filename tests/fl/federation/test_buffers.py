@@ -8,6 +8,7 @@ from torch import nn
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
 
@@ -48,7 +49,7 @@ def here(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Non
 
 def test_buffers_go_out_and_come_back() -> None:
     net = Net()
-    network = ModuleNetwork(lambda: net, name="Net", image_shape=(8, 8, 1), classes=10)
+    network = ModuleNetwork(CustomNetwork("Net", lambda: net), image_shape=(8, 8, 1), classes=10)
     assert network.buffers == 64 + 64 + 1
     statistics = np.repeat([0.5, 2.0, 7.4], (64, 64, 1))
     model = np.concatenate([np.ones(778), statistics]).astype(np.float32)

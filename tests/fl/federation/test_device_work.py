@@ -126,8 +126,8 @@ class Spy:
 
 def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with(monkeypatch) -> None:
     spy = Spy()
-    monkeypatch.setattr("fl.federation.custom_algorithm.make", lambda *_, **__: spy)
-    federation = build(LearningConfig(algorithm="own:make", batch_size=64))
+    monkeypatch.setattr(f"{__name__}.make_spy", lambda _: spy, raising=False)
+    federation = build(LearningConfig(algorithm=f"{__name__}:make_spy", batch_size=64))
     models = [fed.init(federation)]
     for more in (
         {"delivered": (0,), "kept": (3,)},

@@ -10,7 +10,7 @@ from torch import nn
 
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
-from fl.errors import NetworkError
+from fl.errors import LearningInputError
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
 
@@ -187,7 +187,7 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
         ("needs_a_file", "calling it fails: FileNotFoundError: weights.pt"),
         ("gives_up", "calling it fails: SystemExit: 3"),
         ("NeverUsed", "no forward pass uses the layer of spare.weight: use it"),
-        ("not_a_module", "gives an int"),
+        ("not_a_module", "gives an int, not a Module"),
         ("double", "torch.float64"),
         ("frozen", r"parameter layers\.1\.weight is frozen"),
         ("empty", "no parameters"),
@@ -196,7 +196,7 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
     ],
 )
 def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
-    with pytest.raises(NetworkError, match=reason) as caught:
+    with pytest.raises(LearningInputError, match=reason) as caught:
         make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
@@ -208,23 +208,25 @@ def test_a_module_that_cannot_be_imported_is_one_clear_line(
     name = f"user_net_{len(text)}"
     (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(NetworkError, match=r"cannot be imported: [A-Z]") as caught:
+    with pytest.raises(LearningInputError, match=r"cannot be imported: [A-Z]") as caught:
         make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])
 def test_unknown_networks_are_refused(name: str) -> None:
-    with pytest.raises(NetworkError):
+    with pytest.raises(LearningInputError):
         make_network(name, image_shape=SHAPE, classes=10)
 
 
 @pytest.mark.slow
 def test_images_too_small_for_the_built_in_networks() -> None:
-    with pytest.raises(NetworkError, match="too small"):
+    with pytest.raises(LearningInputError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
     three = ConvNetConfig(channels=(2, 2, 2))
-    with pytest.raises(NetworkError, match="3 blocks halve them to nothing, 8 x 8 is the least"):
+    with pytest.raises(
+        LearningInputError, match="3 blocks halve them to nothing, 8 x 8 is the least"
+    ):
         make_network("convnet", convnet=three, image_shape=(8, 7, 1), classes=10)
     make_network("convnet", convnet=three, image_shape=(8, 8, 1), classes=10)
     for size in range(4, 40):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fl.data.custom_dataset import Samples
+from fl.data.arrays import Samples
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.flight.flyers.open import set_up
