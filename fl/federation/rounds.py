@@ -13,9 +13,9 @@ import numpy as np
 from fl.arrays import Bools, Floats, Ints, Vector, frozen
 from fl.data.dataset import Split
 from fl.federation import fairness as fair
-from fl.federation.algorithms import AlgorithmState, Update, mean_step
+from fl.federation.algorithms import Update, mean_step
 from fl.federation.community import Community, Federation, build
-from fl.federation.state import FederationState, Pending, parts_of
+from fl.federation.state import CommunityState, FederationState, Pending, parts_of
 from fl.federation.updates import trained
 from fl.training.local import in_parallel
 
@@ -59,32 +59,23 @@ class RoundLearning:
 
 def init(federation: Federation) -> FederationState:
     """The state before the first round: initial models, psi_c = 1, every device missed."""
-    models, buffers = [], []
+    begun = []
     for community in federation.communities:
-        rng = federation.stream(f"fl/{community.name}/model")
-        models.append(model := frozen(community.network.initial(rng)))
-        keepers = len(community.shares) if community.own_buffers else 0
-        buffers.append(frozen(np.tile(parts_of(community, model)[1], (keepers, 1))))
+        devices = len(community.shares)
+        model = frozen(community.network.initial(federation.stream(f"fl/{community.name}/model")))
+        parameters, own = parts_of(community, model)
+        buffers = frozen(np.tile(own, (devices if community.own_buffers else 0, 1)))
+        algorithm = federation.algorithm.init(parameters, devices)
+        measured = _measured(community, model, buffers)
+        begun.append(CommunityState(model, algorithm, buffers, *measured, {}))
     devices = federation.p.size
-    measured = [
-        _measured(*each) for each in zip(federation.communities, models, buffers, strict=True)
-    ]
-    correct = [each.validation for each in measured]
     return FederationState(
         rounds=0,
-        models=tuple(models),
-        algorithm=tuple(
-            federation.algorithm.init(parts_of(community, model)[0], len(community.shares))
-            for community, model in zip(federation.communities, models, strict=True)
-        ),
-        eps_history=frozen(_device_accuracy(federation, correct)[np.newaxis]),
+        communities=tuple(begun),
+        eps_history=frozen(_device_accuracy(federation, begun)[np.newaxis]),
         eps_received=frozen(np.full(devices, np.nan)),
-        cov=frozen(np.full(len(federation.communities), fair.INITIAL_COV)),
+        cov=frozen(np.full(len(begun), fair.INITIAL_COV)),
         missed=frozen(np.ones(devices, dtype=np.bool_)),
-        correct=tuple(correct),
-        reported=tuple(each.reporting for each in measured),
-        buffers=tuple(buffers),
-        pending=tuple({} for _ in federation.communities),
     )
 
 
@@ -143,29 +134,25 @@ def play_round(
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
     wanted = (delivered | kept) & (begun == number)
     made = trained(federation, state, wanted, workers=workers)
-    arrived, pending = (
-        [_of(made[index], each[federation.members(index)]) for index in range(len(made))]
-        for each in (delivered, kept)
-    )
     learnt = in_parallel(
-        [partial(_learn, federation, state, *each) for each in enumerate(arrived)], workers=workers
+        [
+            partial(_learn, federation, state, index, made[index], delivered[who], kept[who])
+            for index in range(len(made))
+            for who in [federation.members(index)]
+        ],
+        workers=workers,
     )
-    correct = [each.measured.validation for each in learnt]
-    losses = np.concatenate([each.losses for each in learnt])
+    communities = tuple(each for each, _ in learnt)
+    losses = np.concatenate([each for _, each in learnt])
     cov = _cov(federation, eps_received) if number % period == 0 else state.cov.copy()
-    eps = _device_accuracy(federation, correct)
+    eps = _device_accuracy(federation, communities)
     after = FederationState(
         rounds=number,
-        models=tuple(each.model for each in learnt),
-        algorithm=tuple(each.algorithm for each in learnt),
+        communities=communities,
         eps_history=frozen(np.vstack([state.eps_history, eps])[-(period + 1) :]),
         eps_received=frozen(eps_received),
         cov=frozen(cov),
         missed=frozen(~(delivered if federation.learning.missed == "lost-too" else scheduled)),
-        correct=tuple(correct),
-        reported=tuple(each.measured.reporting for each in learnt),
-        buffers=tuple(each.buffers for each in learnt),
-        pending=tuple(pending),
     )
     return after, _round_learning(federation, after, losses)
 
@@ -184,16 +171,11 @@ def _cov(federation: Federation, eps_received: Floats) -> Floats:
     )
 
 
-def _of(made: Mapping[int, Pending], devices: Bools) -> dict[int, Pending]:
-    """What some devices of a community, (K_c,), have made."""
-    return {device: made[device] for device in np.flatnonzero(devices).tolist()}
-
-
 def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
     """Accuracy of each community's model on the images that it is reported on."""
     return {
-        community.name: _mean_accuracy(community, right)
-        for community, right in zip(federation.communities, state.reported, strict=True)
+        community.name: _mean_accuracy(community, each.reported)
+        for community, each in zip(federation.communities, state.communities, strict=True)
     }
 
 
@@ -226,69 +208,64 @@ def _mean_of_known(losses: Floats) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """How many images of each class, (classes,) or by device (K_c, classes), a model gets right."""
-
-    validation: Ints
-    reporting: Ints
-
-
-@dataclass(frozen=True, eq=False)
-class CommunityUpdate:
-    """What a round made of one community."""
-
-    model: Vector
-    algorithm: AlgorithmState
-    buffers: Vector  # (K_c, B) that devices keep; (0, B) where they are averaged
-    losses: Floats  # (K_c,)
-    measured: _Measured
-
-
 def _learn(
-    federation: Federation, state: FederationState, index: int, arrived: Mapping[int, Pending]
-) -> CommunityUpdate:
-    """Aggregate what arrived from one community's devices, and measure."""
-    community = federation.communities[index]
-    model, algorithm_state = state.models[index], state.algorithm[index]
-    kept, losses = state.buffers[index], np.full(len(community.shares), np.nan)
-    if not arrived:
-        measured = _Measured(state.correct[index], state.reported[index])
-        return CommunityUpdate(model, algorithm_state, kept, losses, measured)
-    parameters, buffers = parts_of(community, model)
+    federation: Federation,
+    state: FederationState,
+    index: int,
+    made: Mapping[int, Pending],
+    delivered: Bools,
+    kept: Bools,
+) -> tuple[CommunityState, Floats]:
+    """What a round makes of a community, and the losses of its devices, (K_c,).
+
+    `made` is what devices have at hand; of those that `delivered` it is aggregated, and of those
+    that `kept` it stays, both (K_c,).
+    """
+    community, before = federation.communities[index], state.communities[index]
+    losses = np.full(len(community.shares), np.nan)
+    pending = {device: made[device] for device in np.flatnonzero(kept).tolist()}
+    if not delivered.any():
+        return replace(before, pending=pending), losses
+    parameters, buffers = parts_of(community, before.model)
     updates, statistics = [], []
-    for device, made in arrived.items():
-        losses[device] = made.result.loss
-        p, age = float(community.p[device]), state.rounds + 1 - made.begun
-        ends = zip(
-            parts_of(community, made.result.model), parts_of(community, made.start), strict=True
-        )
+    for device in np.flatnonzero(delivered).tolist():
+        result, begun = made[device].result, made[device].begun
+        losses[device] = result.loss
+        p, age = float(community.p[device]), state.rounds + 1 - begun
         sent, own = (
-            Update(device, p, frozen(end[:]), made.result.steps, frozen(start[:]), age)
-            for end, start in ends
+            Update(device, p, frozen(end[:]), result.steps, frozen(start[:]), age)
+            for end, start in zip(
+                parts_of(community, result.model),
+                parts_of(community, made[device].start),
+                strict=True,
+            )
         )
-        updates.append(replace(sent, correction=made.correction))
+        updates.append(replace(sent, correction=made[device].correction))
         statistics.append(own)
-    after, algorithm_state = federation.algorithm.apply(algorithm_state, parameters, updates)
+    after, algorithm = federation.algorithm.apply(before.algorithm, parameters, updates)
     if buffers.size:
         # Averages of what the devices saw, whatever the algorithm makes of the parameters.
         averaged = (buffers + mean_step(buffers, statistics)).astype(np.float32)
         after = frozen(np.concatenate([after, averaged]))
+    own_buffers = before.buffers
     if community.own_buffers:
-        kept = kept.copy()
+        own_buffers = own_buffers.copy()
         for update in statistics:
-            kept[update.device] = update.model
-        frozen(kept)
-    measured = _measured(community, after, kept)
-    return CommunityUpdate(after, algorithm_state, kept, losses, measured)
+            own_buffers[update.device] = update.model
+        frozen(own_buffers)
+    measured = _measured(community, after, own_buffers)
+    return CommunityState(after, algorithm, own_buffers, *measured, pending), losses
 
 
-def _measured(community: Community, model: Vector, kept: Vector) -> _Measured:
-    """What a model gets right; where devices keep buffers, what it does with those of each."""
+def _measured(community: Community, model: Vector, own_buffers: Vector) -> tuple[Ints, Ints]:
+    """Images of each class that a model gets right: those that validate, those to report on.
+
+    (classes,) each, or (K_c, classes) where each device measures with buffers of its own.
+    """
     models = [model]
     if community.own_buffers:
         parameters, _ = parts_of(community, model)
-        models = [np.concatenate([parameters, buffers]) for buffers in kept]
+        models = [np.concatenate([parameters, buffers]) for buffers in own_buffers]
 
     def correct(split: Split) -> Ints:
         right = [
@@ -299,13 +276,14 @@ def _measured(community: Community, model: Vector, kept: Vector) -> _Measured:
 
     validation = correct(community.validation)
     same = community.reporting is community.validation
-    return _Measured(validation, validation if same else correct(community.reporting))
+    return validation, validation if same else correct(community.reporting)
 
 
-def _device_accuracy(federation: Federation, correct: Sequence[Ints]) -> Floats:
+def _device_accuracy(federation: Federation, states: Sequence[CommunityState]) -> Floats:
+    """(K,) eps_k of each device with its community's model."""
     return np.concatenate(
         [
-            fair.device_accuracy(right, community.validation_counts, community.counts)
-            for community, right in zip(federation.communities, correct, strict=True)
+            fair.device_accuracy(each.correct, community.validation_counts, community.counts)
+            for community, each in zip(federation.communities, states, strict=True)
         ]
     )

@@ -33,7 +33,7 @@ def trained(
         [partial(_train, federation, state, *each) for each in asked],
         workers=workers if federation.trainer is None else 1,
     )
-    made = [dict(pending) for pending in state.pending]
+    made = [dict(community.pending) for community in state.communities]
     for (index, device), result in zip(asked, results, strict=True):
         made[index][device] = result
     return made
@@ -44,7 +44,7 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
     start = _start(federation, state, index, device)
-    correction = algorithm.correction(state.algorithm[index], device)
+    correction = algorithm.correction(state.communities[index].algorithm, device)
     shape = (start.size - community.network.buffers,)
     if correction is not None and correction.shape != shape:  # a user's may be of any
         key = f"learning.algorithm = {learning.algorithm!r}: correction() of device {device}"
@@ -82,11 +82,12 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
 def _start(federation: Federation, state: FederationState, index: int, device: int) -> Vector:
     """What a device trains from: parameters as the algorithm says, and buffers."""
     community, algorithm = federation.communities[index], federation.algorithm
+    now = state.communities[index]
     if not (community.own_buffers or isinstance(algorithm, StaleStart)):
-        return state.models[index]
-    parameters, buffers = parts_of(community, state.models[index])
+        return now.model
+    parameters, buffers = parts_of(community, now.model)
     if isinstance(algorithm, StaleStart):
-        parameters = algorithm.start(state.algorithm[index], parameters, device)
+        parameters = algorithm.start(now.algorithm, parameters, device)
     if community.own_buffers:
-        buffers = state.buffers[index][device]
+        buffers = now.buffers[device]
     return frozen(np.concatenate([parameters, buffers]))

@@ -7,7 +7,7 @@ from torch import nn
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
-from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.federation.state import from_bytes, to_bytes
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
@@ -63,7 +63,7 @@ def test_averaged_buffers_are_the_weighted_mean_of_what_arrived() -> None:
     federation = build()
     start = fed.init(federation)
     community = federation.communities[0]
-    assert start.buffers[0].shape == (0, 129)
+    assert start.communities[0].buffers.shape == (0, 129)
     after, _ = play(federation, start, 0, 2)
     # Statistics that are counted up (momentum None) are means over the device's own samples.
     images = community.dataset.train.images.reshape(-1, 64).astype(np.float64)
@@ -75,20 +75,22 @@ def test_averaged_buffers_are_the_weighted_mean_of_what_arrived() -> None:
         samples = order.permutation(community.shares[device])
         batches = [samples[i : i + 64] for i in range(0, len(samples), 64)]
         expected += weight * np.mean([seen[batch].mean(axis=0) for batch in batches], axis=0)
-    assert after.models[0][-129:-65] == pytest.approx(expected, abs=1e-5)
-    assert after.algorithm[0]["first_moment"].size == after.models[0].size - 129
+    assert after.communities[0].model[-129:-65] == pytest.approx(expected, abs=1e-5)
+    assert (
+        after.communities[0].algorithm["first_moment"].size == after.communities[0].model.size - 129
+    )
 
 
 def test_local_buffers_stay_with_their_device_which_is_measured_with_them() -> None:
     federation = build(buffers="local")
     start = fed.init(federation)
     after, learnt = play(federation, start, 0, 2)
-    kept = after.buffers[0]
+    kept = after.communities[0].buffers
     assert kept.shape == (3, 129)
-    assert (kept[1] == start.buffers[0][1]).all()  # not heard
+    assert (kept[1] == start.communities[0].buffers[1]).all()  # not heard
     assert not np.allclose(kept[0], kept[2])
     community = federation.communities[0]
-    parameters = after.models[0][:-129]
+    parameters = after.communities[0].model[:-129]
     right = [
         community.network.correct_per_class(
             community.reporting, np.concatenate([parameters, own]), scaling=community.scaling
@@ -100,11 +102,11 @@ def test_local_buffers_stay_with_their_device_which_is_measured_with_them() -> N
     assert len({*learnt.device_accuracy.tolist()}) == 3
     # The UAV's model carries the average of those that it heard.
     p = community.p[[0, 2]] / community.p[[0, 2]].sum()
-    assert after.models[0][-129:] == pytest.approx(p @ kept[[0, 2]], rel=1e-4)
+    assert after.communities[0].model[-129:] == pytest.approx(p @ kept[[0, 2]], rel=1e-4)
     again, _ = play(federation, after, 0, 1)
-    assert (again.buffers[0][2] == kept[2]).all()
+    assert (again.communities[0].buffers[2] == kept[2]).all()
     # It went on from its own: batches counted twice, those of the others not at all.
-    assert again.buffers[0][0][-1] == 2 * kept[0][-1]
+    assert again.communities[0].buffers[0][-1] == 2 * kept[0][-1]
 
 
 @pytest.mark.parametrize("more", [{}, {"buffers": "local"}])
@@ -112,8 +114,8 @@ def test_a_checkpoint_holds_them(more: dict[str, str]) -> None:
     federation = build(**more)
     state, _ = play(federation, fed.init(federation), 1)
     back = from_bytes(federation, to_bytes(federation, state))
-    assert back.buffers[0].tolist() == state.buffers[0].tolist()
+    assert back.communities[0].buffers.tolist() == state.communities[0].buffers.tolist()
     one, _ = play(federation, state, 0, 1)
     two, _ = play(federation, back, 0, 1)
-    assert one.models[0].tobytes() == two.models[0].tobytes()
+    assert one.communities[0].model.tobytes() == two.communities[0].model.tobytes()
     assert to_bytes(federation, one) == to_bytes(federation, two)

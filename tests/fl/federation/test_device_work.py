@@ -6,8 +6,8 @@ from test_federation import DIGITS, FAST, build, flags
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
-from fl.federation.checkpoint import from_bytes, to_bytes
 from fl.federation.device_work import DeviceWork, compute_times
+from fl.federation.state import from_bytes, to_bytes
 
 S = 1_000_000_000
 SAMPLES = np.array([10, 20, 30, 40])
@@ -82,24 +82,26 @@ def test_a_stale_update_is_the_one_that_was_made_then(algorithm: str) -> None:
     at_once, told = play(federation, first, delivered=(2,))
     state, _ = play(federation, first, delivered=(0, 1), kept=(2,))
     without, _ = play(federation, first, delivered=(0, 1))
-    assert state.models[0].tobytes() == without.models[0].tobytes()
+    assert state.communities[0].model.tobytes() == without.communities[0].model.tobytes()
     state, _ = play(federation, state, delivered=(0,), begun={2: 1}, kept=(2,))
     state = from_bytes(federation, to_bytes(federation, state))
-    made = state.pending[0][2]
-    assert (made.begun, list(state.pending[0])) == (1, [2])
-    assert made.start.tobytes() == first.models[0].tobytes()
+    made = state.communities[0].pending[2]
+    assert (made.begun, list(state.communities[0].pending)) == (1, [2])
+    assert made.start.tobytes() == first.communities[0].model.tobytes()
     after, late = play(federation, state, delivered=(2,), begun={2: 1})
     assert late.device_loss[2] == told.device_loss[2]
-    assert after.pending == ({},)
+    assert after.communities[0].pending == {}
     if algorithm == "scaffold":  # its control variate is the mean of the gradients that it saw
-        then, now = at_once.algorithm[0], after.algorithm[0]
+        then, now = at_once.communities[0].algorithm, after.communities[0].algorithm
         assert np.abs(now["control"] - then["control"]).max() > 1e-3
         assert then["device_controls"][2].any()
         np.testing.assert_allclose(
             now["device_controls"][2], then["device_controls"][2], rtol=0.0, atol=1e-6
         )
     if algorithm == "fedprox":  # the mean of one arrival is that model itself
-        np.testing.assert_allclose(after.models[0], at_once.models[0], atol=1e-6)
+        np.testing.assert_allclose(
+            after.communities[0].model, at_once.communities[0].model, atol=1e-6
+        )
 
 
 class Spy:
@@ -135,7 +137,7 @@ def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with(monkey
         {"delivered": (0, 3), "begun": {3: 1}},
     ):
         models.append(play(federation, models[-1], **more)[0])
-    starts = [state.models[0].tobytes() for state in models]
+    starts = [state.communities[0].model.tobytes() for state in models]
     assert spy.seen == [(0, 0, starts[0]), (0, 0, starts[1]), (0, 0, starts[2]), (3, 2, starts[0])]
     assert not spy.writeable
 

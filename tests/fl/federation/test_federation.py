@@ -15,7 +15,7 @@ from fl.errors import (
     SettingError,
 )
 from fl.federation import rounds as fed
-from fl.federation.checkpoint import from_bytes, to_bytes
+from fl.federation.state import from_bytes, to_bytes
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
 
@@ -64,12 +64,12 @@ def test_a_round_is_the_weighted_mean_of_what_plain_torch_trains() -> None:
     net, split = community.network, community.dataset.train
     assert isinstance(net, ConvNet)
     images = (split.images * community.scaling.scale + community.scaling.shift).astype(np.float32)
-    total, weight = np.zeros(start.models[0].size), 0.0
+    total, weight = np.zeros(start.communities[0].model.size), 0.0
     for device in (0, 2):
         stream = RandomStreams(1).generator(f"fl/digits/device{device}/round1")
         order = stream.permutation(community.shares[device])
         batches = [order[i : i + 64] for i in range(0, len(order), 64)]
-        plain = PlainNet(net).load(start.models[0])
+        plain = PlainNet(net).load(start.communities[0].model)
         loss = train_plainly(
             plain, images, split.labels, batches, learning_rate=0.03, momentum=0.9, mu=0.1
         )
@@ -77,7 +77,7 @@ def test_a_round_is_the_weighted_mean_of_what_plain_torch_trains() -> None:
         p = len(community.shares[device]) / sum(len(s) for s in community.shares)
         total += p * plain.flat()
         weight += p
-    np.testing.assert_allclose(after.models[0], total / weight, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(after.communities[0].model, total / weight, rtol=1e-3, atol=1e-5)
     assert np.isnan(learnt.device_loss[[1, 3]]).all()
     assert after.missed.tolist() == [False, True, False, True]
 
@@ -89,20 +89,20 @@ def test_devices_whose_update_is_lost_change_nothing() -> None:
     everyone, some = flags(4, 0, 1, 2, 3), flags(4, 1, 3)
     lost, _ = fed.play_round(federation, state, fed.Participation(everyone, some))
     alone, _ = fed.play_round(federation, state, fed.Participation(some, some))
-    np.testing.assert_array_equal(lost.models[0], alone.models[0])
+    np.testing.assert_array_equal(lost.communities[0].model, alone.communities[0].model)
     # Each on its own, then averaged: what arrives does not depend on who else trained.
-    single = [play(federation, state, k)[0].models[0] for k in (1, 3)]
+    single = [play(federation, state, k)[0].communities[0].model for k in (1, 3)]
     p = federation.p[[1, 3]] / federation.p[[1, 3]].sum()
     joined = p[0] * single[0].astype(float) + p[1] * single[1].astype(float)
-    np.testing.assert_allclose(alone.models[0], joined, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(alone.communities[0].model, joined, rtol=1e-6, atol=1e-7)
 
 
 def test_a_community_without_arrivals_keeps_its_model_and_is_still_measured() -> None:
     federation = build(FAST, DIGITS, SHAPES)
     state, _ = play(federation, fed.init(federation), 0, 5)
     after, learnt = play(federation, state, 4, 6)
-    np.testing.assert_array_equal(after.models[0], state.models[0])
-    assert (after.models[1] != state.models[1]).any()
+    np.testing.assert_array_equal(after.communities[0].model, state.communities[0].model)
+    assert (after.communities[1].model != state.communities[1].model).any()
     assert learnt.accuracy["digits"] == fed.accuracy(federation, state)["digits"]
 
 
@@ -173,7 +173,7 @@ def test_device_accuracy_is_measured_in_the_proportions_of_the_devices_data() ->
     labels = community.validation.labels
     for device, share in enumerate(community.shares):
         own = community.dataset.train.labels[share]
-        right = [state.correct[0][c] / (labels == c).sum() for c in own]
+        right = [state.communities[0].correct[c] / (labels == c).sum() for c in own]
         assert learnt.device_accuracy[device] == pytest.approx(np.mean(right))
     assert len(set(learnt.device_accuracy.tolist())) > 1
 
@@ -190,7 +190,7 @@ def test_accuracy_is_reported_on_images_that_importance_never_sees() -> None:
     for label in range(10):
         of_each = [int((part.labels == label).sum()) for part in parts]
         assert abs(of_each[0] - of_each[1]) <= 1
-    net, model = community.network, state.models[0]
+    net, model = community.network, state.communities[0].model
     right = net.correct_per_class(parts[1], model, scaling=community.scaling).sum()
     assert learnt.accuracy["digits"] == right / len(parts[1].labels)
 
@@ -200,7 +200,7 @@ def test_accuracy_may_be_reported_on_all_images_that_drive_importance() -> None:
     state, learnt = play(federation, fed.init(federation), 0, 1, 2, 3)
     every = federation.communities[0].dataset.validation
     assert federation.communities[0].validation is every
-    assert learnt.accuracy["digits"] == state.correct[0].sum() / len(every.labels)
+    assert learnt.accuracy["digits"] == state.communities[0].correct.sum() / len(every.labels)
 
 
 def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) -> None:
@@ -249,10 +249,12 @@ def test_fedprox_without_its_term_is_fedavg() -> None:
     for _ in range(2):
         one, _ = play(prox, one, 0, 1, 3)
         other, _ = play(average, other, 0, 1, 3)
-    np.testing.assert_array_equal(one.models[0], other.models[0])
+    np.testing.assert_array_equal(one.communities[0].model, other.communities[0].model)
     with_term = build()
     moved, _ = play(with_term, fed.init(with_term), 0, 1, 3)
-    assert (moved.models[0] != play(prox, fed.init(prox), 0, 1, 3)[0].models[0]).any()
+    assert (
+        moved.communities[0].model != play(prox, fed.init(prox), 0, 1, 3)[0].communities[0].model
+    ).any()
 
 
 @pytest.mark.parametrize("algorithm", ["fedprox", "fedavg", "fedavgm", "fedadam", "scaffold"])
@@ -276,10 +278,10 @@ def test_runs_repeat_to_the_bit_and_communities_do_not_disturb_each_other() -> N
         return state
 
     first, again = run(DIGITS, SHAPES), run(DIGITS, SHAPES)
-    for one, other in zip(first.models, again.models, strict=True):
-        np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(first.models[0], run(DIGITS).models[0])
-    assert (first.models[0] != run(DIGITS, seed=2).models[0]).any()
+    for one, other in zip(first.communities, again.communities, strict=True):
+        np.testing.assert_array_equal(one.model, other.model)
+    np.testing.assert_array_equal(first.communities[0].model, run(DIGITS).communities[0].model)
+    assert (first.communities[0].model != run(DIGITS, seed=2).communities[0].model).any()
 
 
 def test_any_number_of_workers_gives_the_same_bytes() -> None:
@@ -337,7 +339,7 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
     for bad in damaged(saved):
         with pytest.raises(CheckpointError):
             from_bytes(federation, bad)
-    newer = saved.replace(b'"format": 2', b'"format": 9', 1)
+    newer = saved.replace(b'"format": 3', b'"format": 9', 1)
     with pytest.raises(CheckpointError, match="format 9"):
         from_bytes(federation, newer)
 

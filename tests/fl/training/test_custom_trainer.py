@@ -64,8 +64,8 @@ def test_a_trainer_that_does_what_we_do_finds_what_we_find() -> None:
     asked.clear()
     ours, learnt = played()
     theirs, taught = played(**{"learning.trainer": f"{__name__}:WholeBatches"})
-    for mine, other in zip(ours.models, theirs.models, strict=True):
-        assert other == pytest.approx(mine, rel=1e-4, abs=1e-6)
+    for mine, other in zip(ours.communities, theirs.communities, strict=True):
+        assert other.model == pytest.approx(mine.model, rel=1e-4, abs=1e-6)
     assert taught.device_loss == pytest.approx(learnt.device_loss, rel=1e-4, nan_ok=True)
     # Only whose update arrives, in order, each with a stream of its own.
     assert [item[:3] for item in asked] == [
