@@ -1,4 +1,4 @@
-"""Arrays as this package hands them on."""
+"""Types of the arrays that this package hands on, all of them read-only."""
 
 from typing import TypeVar
 
@@ -13,6 +13,6 @@ Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
 def frozen(array: Array) -> Array:
-    """The array itself, read-only from now on."""
+    """The array itself, made read-only (not a copy)."""
     array.setflags(write=False)
     return array

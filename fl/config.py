@@ -1,5 +1,6 @@
 """Settings of the radio, the communities and the learning, as the user writes them."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -28,7 +29,7 @@ TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
 
 
 def _one_of(names: tuple[str, ...]) -> AfterValidator:
-    """A name of ours, or a plug-in's."""
+    """Validator of a name: one of the built-in names, or a plug-in's."""
     return AfterValidator(lambda name: checked_name(name, names))
 
 
@@ -37,7 +38,7 @@ class _Frozen(BaseModel):
 
 
 class _NamedChannel(_Frozen):
-    """A channel by its name."""
+    """Preset of the channel, and how packets are drawn and sent on it."""
 
     preset: str = Field(
         DEFAULT_PRESET, description="name of a channel; docs/channels.md lists them"
@@ -79,7 +80,7 @@ else:
 
 
 class ChannelConfig(_Constants):
-    """A named channel and what to change in it."""
+    """A named channel and the constants of it that are changed."""
 
     def channel(self, *, altitude_m: float | None = None) -> Channel:
         """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
@@ -210,71 +211,52 @@ class CommunityConfig(_Frozen):
     )
 
     @model_validator(mode="after")
-    def _buffers_with_modules_only(self) -> Self:
-        if self.buffers is not None and self.network in BUILT_IN_NETWORKS:
-            raise ValueError("buffers belongs to a torch module of your own: no other has any")
+    def _consistent(self) -> Self:
+        for problem in self._contradictions():
+            raise ValueError(problem)
         return self
 
-    @model_validator(mode="after")
-    def _as_many_as_devices(self) -> Self:
+    def _contradictions(self) -> Iterator[str]:
+        """Keys that do not go together, in words."""
+        if self.buffers is not None and self.network in BUILT_IN_NETWORKS:
+            yield "buffers belongs to a torch module of your own: no other has any"
         if self.positions_m is not None and self.positions_file is not None:
-            raise ValueError("positions_m and positions_file: one of them, not both")
+            yield "positions_m and positions_file: one of them, not both"
         for name in ("positions_m", "data_shares", "compute_times_s"):
             values = getattr(self, name)
             # Of a file it is not known yet how many it holds.
-            if values is None or (self.positions_file is not None and name != "positions_m"):
-                continue
-            if len(values) != self.devices:
-                raise ValueError(
+            known = self.positions_file is None or name == "positions_m"
+            if values is not None and known and len(values) != self.devices:
+                yield (
                     f"{name} has {len(values)} entries for {self.devices} devices; there must be "
                     "one for each"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _shares_where_they_weigh(self) -> Self:
         if self.data_shares is not None and self.partition not in WEIGHED_PARTITIONS:
-            raise ValueError(
+            yield (
                 f"data_shares weighs nothing with partition = {self.partition!r}, which says "
                 f"itself who has how much: leave it out, or have {', '.join(WEIGHED_PARTITIONS)}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _one_compute_time(self) -> Self:
-        if isinstance(self.compute_s, tuple):
+        if isinstance(self.compute_s, tuple) and self.compute_s[0] > self.compute_s[1]:
             low, high = self.compute_s
-            if low > high:
-                raise ValueError(
-                    f"compute_s = [{low:g}, {high:g}] is [from, to]: from must not be above to"
-                )
+            yield f"compute_s = [{low:g}, {high:g}] is [from, to]: from must not be above to"
         if self.compute_s is not None and self.compute_times_s is not None:
-            raise ValueError("compute_s and compute_times_s: one of them, not both")
-        return self
-
-    @model_validator(mode="after")
-    def _sizes_with_convnet_only(self) -> Self:
+            yield "compute_s and compute_times_s: one of them, not both"
         if self.convnet is not None and self.network != "convnet":
-            raise ValueError(
+            yield (
                 f"the table convnet is for network = 'convnet' only; network = "
                 f"'{self.network}' has sizes of its own: leave it out"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _file_with_npz_only(self) -> Self:
-        if (self.task == "npz") != (self.data_file is not None):
-            raise ValueError(
-                "task = 'npz' needs data_file, the name of its .npz file"
-                if self.task == "npz"
-                else f"data_file is for task = 'npz' only; task = '{self.task}' has files of its "
+        if self.task == "npz" and self.data_file is None:
+            yield "task = 'npz' needs data_file, the name of its .npz file"
+        if self.task != "npz" and self.data_file is not None:
+            yield (
+                f"data_file is for task = 'npz' only; task = '{self.task}' has files of its "
                 "own: leave data_file out"
             )
         if self.data_file is not None and ".." in PurePath(self.data_file).parts:
-            raise ValueError(
+            yield (
                 "data_file stays in the data folder; a file elsewhere is given by its absolute path"
             )
-        return self
 
 
 class LearningConfig(_Frozen):

@@ -18,9 +18,8 @@ from typing import IO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.data.bounded import Bounded, read_exactly
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.official import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, md5
+from fl.data.files import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, Bounded, md5, read_exactly
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError
 
 CLASSES = 10

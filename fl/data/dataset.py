@@ -27,7 +27,7 @@ class Split:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file that was read."""
+    """A file that images or labels were read from, with its MD5 sum."""
 
     name: str
     md5: str  # of the content the official sum is about
@@ -65,12 +65,12 @@ class Dataset:
 
     @property
     def train(self) -> Split:
-        """What devices share among them."""
+        """The training split, which is spread over the devices."""
         return self._splits[0]
 
     @property
     def validation(self) -> Split:
-        """What models are measured on."""
+        """The split that accuracy is measured on; nobody trains on it."""
         return self._splits[1]
 
 
@@ -144,7 +144,7 @@ def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tupl
 
 
 def held_out(labels: Labels, *, share: float, seed: int) -> NDArray[np.bool_]:
-    """Which samples (n,) are that part."""
+    """(n,) which samples `hold_out` takes for the second part."""
     rng = np.random.Generator(np.random.PCG64(seed))
     held = np.zeros(len(labels), dtype=np.bool_)
     for label in sorted(set(labels.tolist())):

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, md5
 from fl.data.idx import NAMES
 from fl.data.load import load
-from fl.data.official import CIFAR_ARCHIVE_MD5, IDX_MD5, md5
 from fl.errors import DataDamagedError, DataMissingError, FetchError, SettingError
 
 CHUNK = 1 << 18
@@ -35,7 +35,7 @@ Progress = Callable[[str, int, int | None], None]  # file, bytes so far, bytes a
 
 @dataclass(frozen=True)
 class TaskCheck:
-    """What a data folder holds of one task."""
+    """Whether a data folder has one task's files, and whether they are whole."""
 
     task: str
     status: Literal["official", "intact", "missing", "damaged"]

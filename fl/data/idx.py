@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fl.data.bounded import UNPACKING_ERRORS, open_maybe_gzipped, read_exactly
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.official import IDX_MD5, md5
+from fl.data.files import IDX_MD5, UNPACKING_ERRORS, md5, open_maybe_gzipped, read_exactly
 from fl.errors import DataDamagedError, DataMissingError
 
 CLASSES = 10

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.arrays import Samples, dataset_of, labels
-from fl.data.bounded import LARGEST_BYTES
 from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
-from fl.data.official import md5
+from fl.data.files import LARGEST_BYTES, md5
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError, first_line
 
 LAYOUTS = (
@@ -35,12 +34,12 @@ HELD_OUT = 1.0 / 6.0
 
 
 def wanted(name: str) -> str:
-    """What is looked for, and what names it."""
+    """The file that is looked for and the key that names it, for errors."""
     return f"the file {name} (communities.data_file)"
 
 
 def load(name: str, data_dir: Path) -> Dataset:
-    """The task in the file `name` of `data_dir`."""
+    """The data set in the .npz file `name` of the folder `data_dir`."""
     path = data_dir / name
     if not path.is_file():
         raise DataMissingError("npz", data_dir, wanted(name))

@@ -20,7 +20,7 @@ AlgorithmState = Mapping[str, NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Update:
-    """What arrived from one device."""
+    """An update that arrived from one device, and what it was made of."""
 
     device: int  # within its community, from 0
     p: float  # p_k in (0, 1], its share of the community's data
@@ -72,10 +72,10 @@ class StaleStart(Protocol):
 
 
 class _Uncorrected:
-    """Devices follow their own gradients."""
+    """For algorithms that add nothing to the devices' gradients."""
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """None."""
+        """No correction."""
         return None
 
 
@@ -184,7 +184,7 @@ class Scaffold:
         }
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
-        """c - c_k."""
+        """The control variates' difference c - c_k."""
         return np.asarray(state["control"] - state["device_controls"][device], dtype=np.float32)
 
     def apply(

@@ -221,7 +221,7 @@ def _community(
 def _shares(
     index: int, config: CommunityConfig, dataset: Dataset, rng: np.random.Generator
 ) -> list[Ints]:
-    """The samples of each device."""
+    """Indices of the training samples of each device of a community."""
     labels, classes, devices = dataset.labels, dataset.classes, config.devices
     weights = None if config.data_shares is None else np.array(config.data_shares)
     match config.partition:

@@ -37,7 +37,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Participation:
-    """Who takes part in a round, each (K,)."""
+    """Which devices are scheduled, deliver and keep an update in a round, each (K,)."""
 
     scheduled: Bools
     delivered: Bools  # whose update arrives
@@ -47,7 +47,7 @@ class Participation:
 
 @dataclass(frozen=True, eq=False)
 class RoundLearning:
-    """What one round taught."""
+    """Accuracies, losses and fairness after one round."""
 
     accuracy: dict[str, float]  # by community, on the images to report on, after the round
     cov: dict[str, float]  # psi in force for the next round

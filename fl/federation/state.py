@@ -36,7 +36,7 @@ class Pending:
 
 @dataclass(frozen=True, eq=False)
 class CommunityState:
-    """A community's model and all that goes with it."""
+    """A community's model, the state of its algorithm, and what its devices have at hand."""
 
     model: Vector  # theta
     algorithm: AlgorithmState
@@ -50,7 +50,7 @@ class CommunityState:
 
 @dataclass(frozen=True, eq=False)
 class FederationState:
-    """All that changes from round to round."""
+    """Models, received accuracies and fairness: all that changes from round to round."""
 
     rounds: int  # played so far
     communities: tuple[CommunityState, ...]

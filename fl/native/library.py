@@ -73,7 +73,7 @@ class Network:
             raise ValueError(f"{sum(sizes)} parameters, not {self.parameters}")
 
     def _sizes(self) -> list[int]:
-        """Parameters of each layer."""
+        """Number of parameters of each layer, 0 where its output vanishes."""
         height, width, depth = self.image_shape
         sizes = []
         for maps, kernel, padding in zip(self.maps, self.kernels, self.padding, strict=True):
@@ -88,7 +88,7 @@ class Network:
 
     @property
     def classes(self) -> int:
-        """How many there are."""
+        """Number of classes: outputs of the last dense layer."""
         return self.outputs[-1]
 
     def as_c(self) -> _Network:

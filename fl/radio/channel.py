@@ -242,7 +242,7 @@ def _logistic(x: Floats) -> Floats:
 
 
 def _logit(p: Floats) -> Floats:
-    """The other way round: ln(p / (1 - p))."""
+    """The inverse of `_logistic`: ln(p / (1 - p))."""
     return np.asarray(np.log(p) - np.log1p(-p), dtype=np.float64)
 
 

@@ -15,7 +15,7 @@ from sitl.config import VehicleConfig
 
 
 class Amount(NamedTuple):
-    """Of everything that is limited; infinity where it is not."""
+    """Metres, seconds and joules; infinity where they are not limited."""
 
     metres: float
     seconds: float = math.inf
@@ -75,14 +75,14 @@ def performance_of(
 
 
 def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
-    """What the built-in autopilot keeps to."""
+    """Speed and acceleration limits that the built-in autopilot keeps to."""
     limits = vehicle.aircraft.limits
     fastest_mps = min(limits.speed_mps, vehicle.parameters.get("MPC_XY_VEL_MAX", math.inf))
     return limits.model_copy(update={"speed_mps": fastest_mps})
 
 
 def foreseen_performance(config: RunConfig) -> Performance:
-    """The same before anybody flies, by the configuration alone."""
+    """How rounds will be flown, by the configuration alone: before a vehicle is asked."""
     if config.mission.flight == "none":
         return performance_of(config.mission, config.area.build(), None)
     return performance_of(

@@ -132,7 +132,7 @@ class Scenario:
         )
 
     def work_before(self) -> DeviceWork:
-        """What devices are at before the first round."""
+        """The devices' work before the first round: everybody is idle."""
         late = self.federation.learning.late
         return DeviceWork.before(self.federation.compute_s, goes_on=late == "stale")
 

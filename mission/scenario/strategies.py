@@ -40,7 +40,7 @@ class Sortie:
 
 
 class Strategy(Protocol):
-    """Chooses path and schedule, round by round."""
+    """A policy that chooses path and schedule of each round."""
 
     @property
     def fairness(self) -> bool:
@@ -139,7 +139,7 @@ class HoveringTour:
 
     @property
     def spacing_m(self) -> float:
-        """Between hovering points, along the tour."""
+        """Metres along the tour from one hovering point to the next."""
         return float(_sides(self.corners_m).sum()) / self.points
 
     def path(self, round_index: int, steps: int) -> Floats:

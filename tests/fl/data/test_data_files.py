@@ -16,9 +16,9 @@ import pytest
 
 from fl.data.cifar import BATCHES
 from fl.data.dataset import Dataset
+from fl.data.files import md5
 from fl.data.idx import NAMES
 from fl.data.load import load
-from fl.data.official import md5
 from fl.errors import DataDamagedError, DataMissingError, LearningInputError
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from fl.config import CommunityConfig
 from fl.data import idx
-from fl.data.bounded import LARGEST_BYTES
+from fl.data.files import LARGEST_BYTES
 from fl.data.load import load
 from fl.errors import DataDamagedError
 
