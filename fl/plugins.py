@@ -13,6 +13,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn, Self, TypeVar
@@ -239,19 +240,22 @@ class PlugIn:
 
 def read_only(value: Any) -> Any:
     """The same value, in which no array can be written to; also within lists, tables and frozen
-    dataclasses, which are copied."""
+    dataclasses, of which it makes copies where it must."""
     if isinstance(value, np.ndarray):
-        return frozen(value.view())
-    if isinstance(value, list | tuple):
-        return value if hasattr(value, "_fields") else type(value)(map(read_only, value))
+        return frozen(value.view()) if value.flags.writeable else value
+    if isinstance(value, list):
+        return [read_only(item) for item in value]
     if isinstance(value, Mapping):
         return {key: read_only(item) for key, item in value.items()}
     params = getattr(type(value), "__dataclass_params__", None)
     if params is None or not params.frozen or isinstance(value, PlugIn):
         return value
-    copied = object.__new__(type(value))
-    for item in fields(value):
-        object.__setattr__(copied, item.name, read_only(getattr(value, item.name)))
+    now = {item.name: getattr(value, item.name) for item in fields(value)}
+    other = {name: read_only(item) for name, item in now.items()}
+    changed = {name: item for name, item in other.items() if item is not now[name]}
+    copied = copy(value) if changed else value
+    for name, item in changed.items():
+        object.__setattr__(copied, name, item)
     return copied
 
 

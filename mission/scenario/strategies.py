@@ -1,7 +1,7 @@
 """The paper's method and its baselines: where a round goes and whom it serves."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.fitting import serving_fewer
 from mission.planner.flyable import sharpest
-from mission.planner.performance import RoundLimits
+from mission.planner.performance import Foreseen, RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 _BEGINS, _HALVINGS = 24, 12  # of a tour's stretch, where it may begin; of its length
@@ -105,7 +105,7 @@ class Rectangular:
         # Shorter than L_max where less of L_total is left, or less fits into the round's limits.
         most_m = min(self.length_m, problem.path_budget_m)
         length_m = _longest(
-            most_m, lambda m: _tour_fits(problem, self._tour(round_index, m, problem))
+            most_m, lambda m: _fits(problem.limits, self._tour(round_index, m, problem))
         )
         tour = self._tour(round_index, length_m, problem)
         plan = finish(problem, fit_budget(tour, problem.path_budget_m))
@@ -207,15 +207,17 @@ def _along(corners_m: Floats, arc: Floats) -> Floats:
 
 def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | None) -> float:
     """Metres of the tour that a round covers: L_max, less where its limits allow less anywhere."""
-    if limits is None:
-        return config.path_budget_m
+    begins = np.linspace(0.0, float(_sides(corners_m).sum()), _BEGINS, endpoint=False).tolist()
     return _longest(
-        config.path_budget_m, lambda length_m: _all_fit(corners_m, length_m, config.steps, limits)
+        config.path_budget_m,
+        lambda length_m: all(
+            _fits(limits, stretch(corners_m, begin, length_m, config.steps)) for begin in begins
+        ),
     )
 
 
 def _longest(most_m: float, fits: Callable[[float], bool]) -> float:
-    """The longest path up to `most_m` that fits."""
+    """The longest path up to `most_m` that fits, by bisection."""
     if fits(most_m):
         return most_m
     fitting_m = 0.0
@@ -228,38 +230,23 @@ def _longest(most_m: float, fits: Callable[[float], bool]) -> float:
     return fitting_m
 
 
-def _tour_fits(problem: RoundProblem, tour: Floats) -> bool:
+def _fits(limits: RoundLimits | None, path: Floats) -> bool:
     """Whether a path is flown within a round's limits, whomever it serves."""
-    if (limits := problem.limits) is None:
-        return True
-    radius_m = sharpest(limits.performance.widest_m)
-    return limits.fits(limits.performance.foresee(tour, [0.0] * len(tour), radius_m))
+    return limits is None or limits.fits(_foreseen(limits, path, [0.0] * len(path)))
 
 
-def _all_fit(corners_m: Floats, length_m: float, steps: int, limits: RoundLimits) -> bool:
-    """Whether stretches of the tour keep to limits, wherever they begin."""
+def _foreseen(limits: RoundLimits, path: Floats, holds_s: Sequence[float]) -> Foreseen:
+    """What the flight of a path takes, hovering so long at each of its points."""
     performance = limits.performance
-    begins = np.linspace(0.0, float(_sides(corners_m).sum()), _BEGINS, endpoint=False)
-    return all(
-        limits.fits(
-            performance.foresee(
-                stretch(corners_m, begin, length_m, steps),
-                [0.0] * steps,
-                sharpest(performance.widest_m),
-            )
-        )
-        for begin in begins.tolist()
-    )
+    return performance.foresee(path, holds_s, sharpest(performance.widest_m))
 
 
 def _excess(tour: HoveringTour, steps: int, limits: RoundLimits) -> str:
     """By how much a round of a hovering tour breaks limits, in words; empty where none does."""
-    performance = limits.performance
     for number in range(tour.points):
-        points = tour.path(number, steps)
-        holds_s = [0.0, *[tour.hover_s] * (len(points) - 1)]
-        foreseen = performance.foresee(points, holds_s, sharpest(performance.widest_m))
-        if excess := limits.excess(foreseen):
+        path = tour.path(number, steps)
+        holds_s = [0.0, *[tour.hover_s] * (len(path) - 1)]
+        if excess := limits.excess(_foreseen(limits, path, holds_s)):
             return excess
     return ""
 
