@@ -129,8 +129,7 @@ import sys
 import atheris
 with atheris.instrument_imports(include=["sitl.autopilot.codec"]):
     from sitl.autopilot.codec import orders
-    from sitl.autopilot.codec.signing import Seal
-    from sitl.autopilot.codec.wire import Wire
+    from sitl.autopilot.codec.wire import Seal, Wire
 wire, seal = Wire(1, 1), Seal(bytes(32), link_id=1, clock=lambda: 1.5e9)
 
 def once(data):

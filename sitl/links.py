@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol, TypeAlias
 
+from sitl.autopilot.codec.wire import Seal
 from sitl.errors import LinkError
 
 Wake: TypeAlias = Callable[[], None]
@@ -95,16 +96,6 @@ class RawLink:
     def close(self) -> None:
         self._wake = None
         self._loop = None
-
-
-class Seal(Protocol):
-    """Signs what leaves and lets in what is signed."""
-
-    def sealed(self, frame: bytes) -> bytes:
-        """A frame with its signature."""
-
-    def opened(self, data: bytes) -> bytes:
-        """What of a datagram is signed."""
 
 
 class UdpLink:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mission.base.errors import InputError
 from mission.config.models import LinkConfig
-from sitl.autopilot.codec.signing import Seal, read_key
+from sitl.autopilot.codec.wire import Seal, read_key
 from sitl.errors import SitlInputError
 from sitl.links import UdpLink
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
-from sitl.autopilot.codec.snapshot import Dials, Snapshot
+from sitl.autopilot.codec.instruments import Dials, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.orbit import Orbit

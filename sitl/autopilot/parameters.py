@@ -8,11 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pymavlink.dialects.v20 import common as mav
-
 from sitl.errors import SitlInputError
-
-INT32, REAL32 = mav.MAV_PARAM_TYPE_INT32, mav.MAV_PARAM_TYPE_REAL32  # the types that there are
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +21,7 @@ class Spec:
     high: float
     unit: str
     text: str
-    kind: int = REAL32
+    whole: bool = False  # an integer, by whose number it chooses
 
     def allows(self, value: float) -> bool:
         """Whether the parameter can take a value."""
@@ -37,11 +33,11 @@ class Spec:
         MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
         digits it is 0.7 again, and stays the same however often it is read and written.
         """
-        return float(round(value)) if self.kind == INT32 else float(f"{value:.6g}")
+        return float(round(value)) if self.whole else float(f"{value:.6g}")
 
 
 def _choice(name: str, default: int, high: int, text: str) -> Spec:
-    return Spec(name, default, 0, high, "", text, INT32)
+    return Spec(name, default, 0, high, "", text, whole=True)
 
 
 _FLIGHT = (
@@ -149,15 +145,12 @@ class Parameters:
                 )
         self._values.update({name: SPECS[name].stored(value) for name, value in values.items()})
 
-    def set(self, name: str, value: float) -> int | None:
-        """Set one parameter; the MAV_PARAM_ERROR if it cannot be."""
-        spec = SPECS.get(name)
-        if spec is None:
-            return mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
-        if not spec.allows(value):
-            return mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
-        self._values[name] = spec.stored(value)
-        return None
+    def set(self, name: str, value: float) -> bool:
+        """Set one parameter that there is; False where it does not allow the value."""
+        spec = SPECS[name]
+        if allowed := spec.allows(value):
+            self._values[name] = spec.stored(value)
+        return allowed
 
     def reset(self) -> None:
         """Back to the defaults."""

@@ -13,7 +13,7 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 
-from sitl.autopilot.codec.signing import Seal, read_key
+from sitl.autopilot.codec.wire import Seal, read_key
 from sitl.errors import SitlInputError
 from sitl.links import MOST_PEERS, UdpLink
 from sitl.pace import Simulation

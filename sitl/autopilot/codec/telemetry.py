@@ -7,8 +7,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import euler_from_quaternion
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.codec.instruments import INSTRUMENTS
-from sitl.autopilot.codec.snapshot import Snapshot
+from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot
 
 _UNKNOWN_U16 = 65535
 _ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED

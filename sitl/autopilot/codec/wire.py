@@ -1,6 +1,26 @@
-"""Bytes in, messages out, and back: framing, addressing and sequence numbers."""
+"""Bytes in, messages out, and back: framing, addressing, sequence numbers and signatures.
+
+Signing: https://mavlink.io/en/guide/message_signing.html. Not pymavlink's: it notes a frame's time
+before it has looked at the signature, so that one forged frame of the far future shuts out the
+station that it pretends to be, and it takes frames of kinds it does not know without any.
+"""
+
+import hashlib
+import hmac
+import time
+from collections.abc import Callable
+from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
+
+from sitl.errors import SitlInputError
+
+_MARK, _SIGNED = 0xFD, 0x01
+_HEADER, _CHECKSUM, _SIGNATURE = 10, 2, 13  # bytes
+_LEAST_CHARACTERS = 8
+_EPOCH_S = 1_420_070_400  # 1 January 2015, from which signatures count
+_TICKS_PER_S = 100_000
+_LATE = 60 * _TICKS_PER_S  # a station heard for the first time may be behind by so much
 
 
 class Wire:
@@ -41,3 +61,74 @@ def _parser() -> mav.MAVLink:
     parser = mav.MAVLink(None)
     parser.robust_parsing = True
     return parser
+
+
+class Seal:
+    """Signs what goes out over one link, and lets in what others have signed with the same key."""
+
+    def __init__(self, key: bytes, *, link_id: int, clock: Callable[[], float] = time.time) -> None:
+        """`key`: 32 bytes; `clock`: seconds since 1970, by which nobody can play frames back."""
+        self._key = key
+        self._link_id = link_id
+        self._clock = clock
+        self._last = 0  # time stamp, of ours or believed
+        self._heard: dict[tuple[int, int, int], int] = {}  # last time stamp of each stream
+
+    def sealed(self, frame: bytes) -> bytes:
+        """A whole MAVLink 2 frame, signed."""
+        body = bytearray(frame[: _HEADER + frame[1]])
+        body[2] |= _SIGNED
+        extra = mav.mavlink_map[int.from_bytes(body[7:10], "little")].crc_extra
+        body += mav.x25crc([*body[1:], extra]).crc.to_bytes(2, "little")
+        self._last = max(self._last + 1, self._now())
+        body += bytes((self._link_id,)) + self._last.to_bytes(6, "little")
+        return bytes(body) + self._digest(body)
+
+    def opened(self, data: bytes) -> bytes:
+        """The frames of a datagram that carry a signature by the key, and are none of the past."""
+        believed: list[bytes] = []
+        at = data.find(_MARK)
+        while 0 <= at <= len(data) - _HEADER:
+            end = at + _HEADER + data[at + 1] + _CHECKSUM + _SIGNATURE
+            frame = data[at:end]
+            if frame[2] == _SIGNED and end <= len(data) and self._believed(frame):
+                believed.append(frame)
+                at = data.find(_MARK, end)
+            else:
+                at = data.find(_MARK, at + 1)
+        return b"".join(believed)
+
+    def _believed(self, frame: bytes) -> bool:
+        if not hmac.compare_digest(self._digest(frame[:-6]), frame[-6:]):
+            return False
+        stream = (frame[5], frame[6], frame[-13])
+        stamp = int.from_bytes(frame[-12:-6], "little")
+        if stamp <= self._heard.get(stream, max(self._last, self._now()) - _LATE):
+            return False
+        self._heard[stream] = stamp
+        self._last = max(self._last, stamp)
+        return True
+
+    def _digest(self, content: bytes | bytearray) -> bytes:
+        return hashlib.sha256(self._key + content).digest()[:6]
+
+    def _now(self) -> int:
+        return round((self._clock() - _EPOCH_S) * _TICKS_PER_S)
+
+
+def read_key(path: Path) -> bytes:
+    """The key made of the pass phrase in a file, as ground stations make it: its SHA-256.
+
+    Raises:
+        SitlInputError: it cannot be read, or is too short.
+    """
+    try:
+        phrase = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise SitlInputError(f"{path}: cannot read the signing key: {reason}") from None
+    if len(phrase) < _LEAST_CHARACTERS:
+        raise SitlInputError(
+            f"{path}: a signing key of {len(phrase)} characters; at least {_LEAST_CHARACTERS}"
+        )
+    return hashlib.sha256(phrase.encode()).digest()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
-from sitl.autopilot.parameters import INT32, SPECS, Parameters
+from sitl.autopilot.parameters import SPECS, Parameters
 from sitl.autopilot.protocol.burst import Burst
 from sitl.logfolder import LogFolder
 
@@ -232,7 +232,7 @@ class FtpServer:
             while common < min(len(name) - 1, len(before), 15) and name[common] == before[common]:
                 common += 1
             rest = name[common:].encode()
-            number, form = (3, "<i") if SPECS[name].kind == INT32 else (4, "<f")
+            number, form = (3, "<i") if SPECS[name].whole else (4, "<f")
             pack += bytes((number, (len(rest) - 1) << 4 | common)) + rest
             pack += struct.pack(form, int(value) if form == "<i" else value)
             before = name

@@ -7,7 +7,6 @@ from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import CommandOrder, Handlers, Outbox, Peer
 from sitl.autopilot.parameters import (
-    INT32,
     SPECS,
     TABLE,
     Parameters,
@@ -79,25 +78,24 @@ class ParameterServer:
 
     def _set(self, peer: Peer, msg: mav.MAVLink_param_set_message, _now: float) -> None:
         name, value = msg.param_id, msg.param_value
-        if msg.param_type == INT32:
-            value = float(_INT.unpack(_FLOAT.pack(value))[0])
         spec = SPECS.get(name)
-        if spec is not None and (spec.kind == INT32) != (msg.param_type in _INTEGER_TYPES):
-            error: int | None = mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
-        else:
-            error = self._parameters.set(name, value)
-        if error is not None:
-            self._refuse(peer, name, -1, error)
-        if spec is not None:
-            # Older ground stations know no error: the value that stayed tells them.
-            self._outbox.append(self._value(name, _BY_NAME))
+        if spec is None:
+            self._refuse(peer, name, -1, mav.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            return
+        if msg.param_type == mav.MAV_PARAM_TYPE_INT32:
+            value = float(_INT.unpack(_FLOAT.pack(value))[0])
+        matches = spec.whole == (msg.param_type in _INTEGER_TYPES)
+        if not (matches and self._parameters.set(name, value)):
+            self._refuse(peer, name, -1, mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
+        # Older ground stations know no error: the value that stayed tells them.
+        self._outbox.append(self._value(name, _BY_NAME))
 
     def _refuse(self, peer: Peer, name: str, index: int, error: int) -> None:
         named = name.encode()
         self._outbox.append(mav.MAVLink_param_error_message(*peer, named, index, error))
 
     def _value(self, name: str, index: int) -> mav.MAVLink_message:
-        value, kind = self._parameters[name], SPECS[name].kind
-        if kind == INT32:
-            value = _FLOAT.unpack(_INT.pack(int(value)))[0]
+        value, kind = self._parameters[name], mav.MAV_PARAM_TYPE_REAL32
+        if SPECS[name].whole:
+            value, kind = _FLOAT.unpack(_INT.pack(int(value)))[0], mav.MAV_PARAM_TYPE_INT32
         return mav.MAVLink_param_value_message(name.encode(), value, kind, len(TABLE), index)

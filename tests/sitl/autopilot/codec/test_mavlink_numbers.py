@@ -11,9 +11,8 @@ from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.state import BatteryState, GnssFix, Kinematics
-from sitl.autopilot.codec.instruments import INSTRUMENTS
+from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot
 from sitl.autopilot.codec.orders import CommandOrder, MissionItem, Peer, read_item, read_order
-from sitl.autopilot.codec.snapshot import Snapshot
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.reporter import Reporter
