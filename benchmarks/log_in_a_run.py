@@ -26,7 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
-from mission.log.rates import LogRates
+from mission.log.vehicle import LogRates
 from sitl.config import VehicleConfig
 
 REPEATS = 5

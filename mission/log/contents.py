@@ -1,38 +1,87 @@
-"""A log's messages, verified and sorted by topic, not yet decoded."""
+"""A log file, verified, its messages not yet decoded; and what is sound in a damaged one.
 
+A killed writer leaves whole chunks and no index: everything that was flushed is in whole chunks.
+What is read ends where a record is broken; only a chunk whose content was altered is left out.
+"""
+
+import io
 import json
+import struct
+import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import IO, Any, TypeAlias
 
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+import zstandard
+from mcap.exceptions import McapError
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 from mcap_protobuf.decoder import DecoderFactory
 
 from mission.base.area import Area
-from mission.log import framing, topics
-from mission.log.errors import DamagedLogError, ForeignLogError
-from mission.log.framing import BrokenRecordError
-from mission.log.salvage import Salvaged, salvage
-from mission.log.topics import Topic
-from mission.log.values import area_from_text
+from mission.base.run_folder import write_atomically
+from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log.sink import new_writer
+from mission.log.topics import FORMAT_VERSION, Topic
+from mission.log.values import NS_PER_S, area_from_text
 
-Json: TypeAlias = dict[str, Any]  # an object, as it is parsed
-Row = tuple[int, Any]
+Batch: TypeAlias = list[Message] | Attachment | Metadata
+
+# All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum.
+_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """A stretch of the file that is not sound, from byte `start` to before `end`."""
+
+    start: int
+    end: int
+    reason: str
+
+
+@dataclass
 class Contents:
-    """A verified log, not yet decoded: messages in file order by topic."""
+    """What is sound in a log, in the order of the file."""
 
     path: Path
-    schemas: dict[str, Schema]  # by topic
-    encodings: dict[str, str]  # by topic
-    messages: dict[str, list[Message]]
-    metadata: dict[str, dict[str, str]]
-    attachments: dict[str, bytes]
+    batches: list[Batch] = field(default_factory=list)  # the messages of each chunk, and the rest
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    losses: list[Loss] = field(default_factory=list)
+
+    @cached_property
+    def messages(self) -> dict[str, list[Message]]:
+        """The messages by topic."""
+        found: dict[str, list[Message]] = defaultdict(list)
+        for batch in self.batches:
+            for message in batch if isinstance(batch, list) else ():
+                found[self.channels[message.channel_id].topic].append(message)
+        return dict(found)
+
+    @cached_property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The sets of strings by name."""
+        return {item.name: item.metadata for item in self.batches if isinstance(item, Metadata)}
+
+    @cached_property
+    def attachments(self) -> dict[str, bytes]:
+        """The files in it by name."""
+        return {item.name: item.data for item in self.batches if isinstance(item, Attachment)}
 
     @property
     def area(self) -> Area:
@@ -46,35 +95,38 @@ class Contents:
             raise ForeignLogError(
                 self.path, "an MCAP file, but not one of ours (no `aerofed` metadata)"
             )
-        if ours.get("format") != topics.FORMAT_VERSION:
+        if ours.get("format") != FORMAT_VERSION:
             raise ForeignLogError(
                 self.path,
-                f"log format {ours.get('format')!r}, this version reads {topics.FORMAT_VERSION!r}",
+                f"log format {ours.get('format')!r}, this version reads {FORMAT_VERSION!r}",
             )
         try:
             return area_from_text(ours)
-        except (KeyError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
 
-    def decoded(self, topic: Topic) -> Iterator[Row]:
+    def schema(self, topic: str) -> Schema:
+        """The schema of a topic that has messages."""
+        channel = self.channels[self.messages[topic][0].channel_id]
+        return self.schemas[channel.schema_id]
+
+    def decoded(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """(t_ns, message) in order of time; JSON as dicts, protobuf as messages.
 
         Raises:
-            DamagedLogError: a message does not decode, or the topic has another schema.
+            ForeignLogError: a message does not decode, or the topic has another schema.
         """
         rows = sorted(self.messages.get(topic.name, ()), key=lambda message: message.log_time)
         if not rows:
             return
-        schema = self.schemas[topic.name]
+        schema = self.schema(topic.name)
         if schema.name != topic.schema_name:
             raise ForeignLogError(
                 self.path, f"{topic.name} has schema {schema.name}, not {topic.schema_name}"
             )
-        decode: Callable[[bytes], Any] | None = json.loads
+        decode: Callable[[bytes], Any] = json.loads
         if topic.encoding == "protobuf":
-            decode = DecoderFactory().decoder_for(self.encodings[topic.name], schema)
-        if decode is None:
-            raise ForeignLogError(self.path, f"{topic.name} is not {topic.encoding}")
+            decode = DecoderFactory().decoder_for(topic.encoding, schema)
         for message in rows:
             try:
                 yield message.log_time, decode(message.data)
@@ -85,24 +137,15 @@ class Contents:
 
 
 def load(path: Path) -> Contents:
-    """Verify a whole log and sort its messages by topic.
+    """Read a whole, sound log.
 
     Raises:
         LogError: it cannot be read, is no MCAP file, or is damaged; the message says where.
     """
-    whole = Salvaged()
-    for frame in framing.verify(path):
-        try:
-            whole.take(frame)
-        except BrokenRecordError as broken:
-            raise DamagedLogError(path, broken.reason, broken.offset) from None
-        batch = whole.batches[-1] if frame.opcode == Opcode.CHUNK else ()
-        if isinstance(batch, list):
-            undeclared = {message.channel_id for message in batch} - whole.channels.keys()
-            if undeclared:
-                why = f"a message of channel {min(undeclared)}, which was never declared"
-                raise DamagedLogError(path, why, frame.offset)
-    return _contents(path, whole, whole.schemas, whole.channels)
+    contents = load_damaged(path)
+    for loss in contents.losses:
+        raise DamagedLogError(path, loss.reason, loss.start)
+    return contents
 
 
 def load_damaged(path: Path) -> Contents:
@@ -111,35 +154,161 @@ def load_damaged(path: Path) -> Contents:
     Raises:
         LogError: it cannot be read, or is no MCAP file.
     """
-    saved = salvage(path)
-    return _contents(path, saved, *saved.declarations())
+    found = Contents(path)
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise ForeignLogError(path, "not an MCAP file")
+            stream.seek(0)
+            _read(stream, found)
+    except OSError as error:
+        raise LogError(path, f"cannot read the log: {error.strerror}") from None
+    return found
 
 
-def _contents(
-    path: Path, saved: Salvaged, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]
-) -> Contents:
-    messages: dict[str, list[Message]] = defaultdict(list)
-    metadata: dict[str, dict[str, str]] = {}
-    attachments: dict[str, bytes] = {}
+def _read(stream: IO[bytes], found: Contents) -> None:
+    size = found.path.stat().st_size
+    at = 0
+    try:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+            end = stream.tell()
+            if isinstance(record, Chunk):
+                _read_chunk(record, found, Loss(at, end, "a chunk that does not unpack"))
+            elif isinstance(record, DataEnd):
+                _verify(stream, found, record.data_section_crc, Loss(0, at, "wrong checksum"))
+            elif isinstance(record, Footer):
+                index = Loss(record.summary_start, end - 4, "wrong checksum of the index")
+                _verify(stream, found, record.summary_crc, index)
+            else:
+                _take(record, found)
+            at = end
+    except _BROKEN as error:
+        cut = stream.tell() == size
+        why = "the file ends here, before its index" if cut else f"a broken record ({error})"
+        found.losses.append(Loss(at, size, why))
+    _drop_undeclared(found)
+
+
+def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
+    try:
+        content = breakup_chunk(chunk, validate_crc=True)
+    except _BROKEN:
+        found.losses.append(otherwise)
+        return
+    found.batches.append([record for record in content if isinstance(record, Message)])
+    for record in content:
+        _take(record, found)
+
+
+def _take(record: McapRecord, found: Contents) -> None:
+    """Keep a record; declarations stand in a chunk, and again at the end of the file."""
+    if isinstance(record, Channel):
+        found.channels.setdefault(record.id, record)
+    elif isinstance(record, Schema):
+        found.schemas.setdefault(record.id, record)
+    elif isinstance(record, Attachment | Metadata):
+        found.batches.append(record)
+
+
+def _verify(stream: IO[bytes], found: Contents, stored: int, otherwise: Loss) -> None:
+    """Compare a checksum with that of its bytes, where no broken chunk explains a difference."""
+    here = stream.tell()
+    stream.seek(otherwise.start)
+    actual = zlib.crc32(stream.read(otherwise.end - otherwise.start))
+    stream.seek(here)
+    if stored not in (0, actual) and not found.losses:
+        found.losses.append(otherwise)
+
+
+def _drop_undeclared(found: Contents) -> None:
+    """Without messages of channels that nothing describes: the chunk that did was lost."""
+    dropped = 0
+    for number, batch in enumerate(found.batches):
+        if isinstance(batch, list):
+            known = [message for message in batch if message.channel_id in found.channels]
+            dropped += len(batch) - len(known)
+            found.batches[number] = known
+    if dropped:
+        found.losses.append(Loss(0, 0, f"{dropped} messages of channels that nothing describes"))
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was saved into `target`, and what was not."""
+
+    target: Path
+    messages: int
+    attachments: int
+    start_ns: int
+    end_ns: int
+    losses: tuple[Loss, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time from the first to the last message saved."""
+        return (self.end_ns - self.start_ns) / NS_PER_S
+
+
+def recover(source: Path, target: Path) -> Recovery:
+    """Write everything sound in `source` to a new, complete, indexed log `target`.
+
+    A complete log comes out as it went in. `target` appears whole or not at all.
+
+    Raises:
+        ForeignLogError: `source` does not begin like an MCAP file.
+        LogError: it cannot be read, nothing in it is sound, or `target` exists.
+        InputError: `target` cannot be written.
+    """
+    if target.exists():
+        raise LogError(target, "exists already; give another name")
+    saved = load_damaged(source)
+    messages = [message for batch in saved.messages.values() for message in batch]
+    if not messages:
+        raise LogError(source, "nothing to recover: it holds no whole chunk")
+    write_atomically(target, _rewritten(saved))
+    return Recovery(
+        target=target,
+        messages=len(messages),
+        attachments=len(saved.attachments),
+        start_ns=min(message.log_time for message in messages),
+        end_ns=max(message.log_time for message in messages),
+        losses=tuple(saved.losses),
+    )
+
+
+def _rewritten(saved: Contents) -> bytes:
+    """The contents as a file, a chunk for each that there was."""
+    stream = io.BytesIO()
+    writer = new_writer(stream)
+    schemas = {
+        schema.id: writer.register_schema(schema.name, schema.encoding, schema.data)
+        for schema in saved.schemas.values()
+    }
+    channels = {
+        channel.id: writer.register_channel(
+            channel.topic,
+            channel.message_encoding,
+            schemas.get(channel.schema_id, 0),
+            channel.metadata,
+        )
+        for channel in saved.channels.values()
+    }
     for batch in saved.batches:
         if isinstance(batch, Metadata):
-            metadata[batch.name] = dict(batch.metadata)
+            writer.add_metadata(batch.name, batch.metadata)
         elif isinstance(batch, Attachment):
-            attachments[batch.name] = batch.data
+            writer.add_attachment(
+                batch.create_time, batch.log_time, batch.name, batch.media_type, batch.data
+            )
         else:
             for message in batch:
-                if message.channel_id in channels:
-                    messages[channels[message.channel_id].topic].append(message)
-    by_topic = {channel.topic: channel for channel in channels.values()}
-    return Contents(
-        path=path,
-        schemas={
-            name: schemas[channel.schema_id]
-            for name, channel in by_topic.items()
-            if channel.schema_id in schemas
-        },
-        encodings={name: channel.message_encoding for name, channel in by_topic.items()},
-        messages=dict(messages),
-        metadata=metadata,
-        attachments=attachments,
-    )
+                writer.add_message(
+                    channels[message.channel_id],
+                    message.log_time,
+                    message.data,
+                    message.publish_time,
+                    message.sequence,
+                )
+            writer.flush()
+    writer.finish()
+    return stream.getvalue()

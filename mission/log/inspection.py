@@ -68,7 +68,7 @@ def info(path: Path) -> LogInfo:
     topics = [
         TopicInfo(
             name,
-            contents.schemas[name].name,
+            contents.schema(name).name,
             len(messages),
             min(m.log_time for m in messages) / NS_PER_S,
             max(m.log_time for m in messages) / NS_PER_S,

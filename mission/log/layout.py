@@ -1,8 +1,7 @@
 """The layout that fits our topics, as Foxglove's SDK describes layouts.
 
-It goes into every log as an attachment, beside the same in the older form (`classic_layout`);
-`aerofed log export FILE --to attachments` takes both out. What does not depend on the run stands in
-`foxglove-layout.json`.
+It goes into every log as an attachment; `aerofed log export FILE --to attachments` takes it out.
+What does not depend on the run stands in `foxglove-layout.json`.
 """
 
 import json

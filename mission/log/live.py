@@ -32,16 +32,6 @@ _HEAD_S = 10.0  # wall time for the first words of a visitor
 _VISITORS = 16
 _REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
-# What somebody who connects in mid-run needs to see at once.
-_LATCHED = frozenset(
-    topic.name
-    for topic in (
-        *(topics.DEVICES, topics.PLAN, topics.PLAN_PATH, topics.PLAN_MAP, topics.MODE),
-        *(topics.SCENE_GROUND, topics.SCENE_DEVICES, topics.ROUNDS, topics.LEARNING),
-        topics.FENCE,
-    )
-)
-
 
 class LiveView:
     """A `Sink` that serves viewers; none has to be there, and a slow one only loses messages.
@@ -100,7 +90,7 @@ class LiveView:
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         """Send to whoever has subscribed."""
         channel = self._channels[topic.name]
-        if topic.name in _LATCHED:
+        if topic.latched:
             self._latest.keep(topic.name, t_ns, data)
         if topic is topics.TF:
             self._server.broadcast_time(t_ns)

@@ -8,8 +8,8 @@ the log: the zeroed bits compress. Records of plans, rounds and uplinks stay exa
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
 
-import numpy as np
 from foxglove import messages as fox
 
 from flightdyn.frames import LocalFrame
@@ -22,21 +22,20 @@ from flightdyn.state import (
     Vector,
 )
 from mission.base.area import Area
-from mission.base.arrays import Floats
-from mission.log.templates import Template
-from mission.log.topics import BODY_FRAME, FRAME, SENSORS
-from mission.log.values import NS_PER_S, PlanRecord, Zone
+from mission.log.records import as_json
+from mission.log.topics import BODY_FRAME, FRAME
+from mission.log.values import NS_PER_S, SENSORS
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7
 VELOCITY_GRID = 2.0**10  # cells a metre per second
 QUATERNION_GRID = 2.0**16
 DEGREE_GRID = 2.0**27
-_PLACE_GRID = np.array([POSITION_GRID] * 3 + [QUATERNION_GRID] * 4)
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 XYZ = tuple[float, float, float]
+Place: TypeAlias = tuple[Any, Any]  # fox.Vector3 and fox.Quaternion
 
 _LEVELS = {
     **dict.fromkeys((0, 1, 2), fox.LogLevel.Fatal),
@@ -64,53 +63,44 @@ def vector(xyz: Sequence[float], *, grid: float) -> fox.Vector3:
     return fox.Vector3(x=round(x * grid) / grid, y=round(y * grid) / grid, z=round(z * grid) / grid)
 
 
-def _pose(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.PoseInFrame:
-    """Of an example: in the area's frame, position and orientation (x, y, z, w)."""
-    x, y, z, *turn = numbers
-    place = fox.Pose(
-        position=fox.Vector3(x=x, y=y, z=z),
-        orientation=fox.Quaternion(**dict(zip("xyzw", turn, strict=True))),
-    )
-    return fox.PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=place)
-
-
-def _transform(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.FrameTransform:
-    """The same, as that from the area's frame to the aircraft's."""
-    x, y, z, *turn = numbers
-    return fox.FrameTransform(
-        timestamp=stamp,
-        parent_frame_id=FRAME,
-        child_frame_id=BODY_FRAME,
-        translation=fox.Vector3(x=x, y=y, z=z),
-        rotation=fox.Quaternion(**dict(zip("xyzw", turn, strict=True))),
-    )
-
-
-POSE, TRANSFORM = Template(_pose, 7), Template(_transform, 7)
-
-
-def places(area: Area, states: Sequence[Kinematics]) -> Floats:
-    """Position and orientation (n, 7) as `POSE` and `TRANSFORM` take them, rounded.
+def place(area: Area, state: Kinematics) -> Place:
+    """Position and orientation in the area's frame, rounded.
 
     FRD -> NED attitude (w, x, y, z) becomes FLU -> ENU, which is what viewers expect: NED -> ENU
     turns by pi about (north + east), FLU -> FRD by pi about forward. Their product with the
     attitude written out needs sums only.
     """
-    there = np.array([[*s.pos_ned_m.tolist(), *s.q_frd_to_ned.tolist()] for s in states]).T
-    north, east, down, w, x, y, z = there
-    half = math.sqrt(0.5) * QUATERNION_GRID
-    numbers = np.array(
-        (
-            (east + area.home_m[0]) * POSITION_GRID,
-            (north + area.home_m[1]) * POSITION_GRID,
-            -down * POSITION_GRID,
-            (x + y) * half,
-            (x - y) * half,
-            (w - z) * half,
-            (w + z) * half,
-        )
+    w, x, y, z = state.q_frd_to_ned.tolist()
+    half, grid = math.sqrt(0.5) * QUATERNION_GRID, QUATERNION_GRID
+    turn = fox.Quaternion(
+        x=round((x + y) * half) / grid,
+        y=round((x - y) * half) / grid,
+        z=round((w - z) * half) / grid,
+        w=round((w + z) * half) / grid,
     )
-    return np.asarray(np.rint(numbers).T / _PLACE_GRID)
+    return vector(area_xyz(area, state.pos_ned_m), grid=POSITION_GRID), turn
+
+
+def pose(stamp: fox.Timestamp, where: Place) -> bytes:
+    """PoseInFrame in the area's frame."""
+    data: bytes = fox.PoseInFrame(
+        timestamp=stamp,
+        frame_id=FRAME,
+        pose=fox.Pose(position=where[0], orientation=where[1]),
+    ).encode()
+    return data
+
+
+def transform(stamp: fox.Timestamp, where: Place) -> bytes:
+    """FrameTransform from the area's frame to the aircraft's."""
+    data: bytes = fox.FrameTransform(
+        timestamp=stamp,
+        parent_frame_id=FRAME,
+        child_frame_id=BODY_FRAME,
+        translation=where[0],
+        rotation=where[1],
+    ).encode()
+    return data
 
 
 def velocity(vel_ned_mps: Vector) -> bytes:
@@ -129,50 +119,25 @@ def point(stamp: fox.Timestamp, xyz: XYZ) -> bytes:
     return data
 
 
-def path(stamp: fox.Timestamp, points: bytes | bytearray) -> bytes:
-    """PosesInFrame of `path_points` in the area's frame.
-
-    Fields that are encoded one after another are one message: a path that grows is encoded once.
-    """
-    head: bytes = fox.PosesInFrame(timestamp=stamp, frame_id=FRAME).encode()
-    return head + points
-
-
-def path_points(points_m: Iterable[XYZ]) -> bytes:
-    """Points (x, y, z) of a path, without orientation."""
+def path(stamp: fox.Timestamp, points_m: Iterable[Sequence[float]]) -> bytes:
+    """PosesInFrame of points (x, y, z) in the area's frame, without orientation."""
     level = fox.Quaternion(w=1.0)
     poses = [fox.Pose(position=vector(p, grid=PATH_GRID), orientation=level) for p in points_m]
-    data: bytes = fox.PosesInFrame(poses=poses).encode()
+    data: bytes = fox.PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses).encode()
     return data
 
 
-def _fix(stamp: fox.Timestamp, numbers: Sequence[float]) -> fox.LocationFix:
-    """Of an example: where, and the variances north, east and down."""
-    lat, lon, alt, north, east, down = numbers
-    return fox.LocationFix(
-        timestamp=stamp,
+def gnss(frame: LocalFrame, fix: GnssFix) -> bytes:
+    """LocationFix of a receiver's solution, stamped with the instant that it describes."""
+    h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
+    data: bytes = fox.LocationFix(
+        timestamp=timestamp(max(fix.t_ns, 0)),  # the first may describe instants before zero
         frame_id="gnss",
-        latitude=lat,
-        longitude=lon,
-        altitude=alt,
-        position_covariance=[north, 0.0, 0.0, 0.0, east, 0.0, 0.0, 0.0, down],
+        position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
         position_covariance_type=fox.LocationFixPositionCovarianceType.DiagonalKnown,
-    )
-
-
-_FIX = Template(_fix, 6)
-
-
-def gnss(frame: LocalFrame, fixes: Sequence[GnssFix]) -> list[bytes]:
-    """LocationFix of each of a receiver's solutions, stamped with the instant that it describes."""
-    # A receiver's first solutions may describe instants before the clock's zero.
-    t_ns = np.array([max(fix.t_ns, 0) for fix in fixes])
-    numbers = []
-    for fix in fixes:
-        h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
-        where = _geodetic(frame.to_geodetic(fix.pos_ned_m))
-        numbers.append([*where.values(), h, h, v])
-    return _FIX.fill(t_ns, np.array(numbers))
+        **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
+    ).encode()
+    return data
 
 
 def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
@@ -198,43 +163,9 @@ def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
     return data
 
 
-def plan(written: PlanRecord) -> bytes:
-    """Our record of a round's plan; the schedule as pairs of step and device."""
-    at = written.stops_at
-    return record(
-        {
-            "round": written.round,
-            "waypoints_m": written.waypoints_m.tolist(),
-            "schedule": np.argwhere(written.schedule).tolist(),
-            "importance": written.importance.tolist(),
-            "value": float(written.value),
-            "upper_bound": float(written.upper_bound),
-            "path_budget_m": float(written.path_budget_m),
-            "speed_mps": float(written.speed_mps),
-            "altitude_m": float(written.altitude_m),
-            "height_m": written.height_m.tolist(),
-            "slot_s": written.slot_s.tolist(),
-            "duration_s": float(written.duration_s),
-            "route_m": written.route_m.tolist(),
-            # Only where there are corners between, so that other runs' logs stay as they were.
-            **({} if len(at) == len(written.route_m) else {"stops_at": at.tolist()}),
-        }
-    )
-
-
-def fence(zones: Sequence[Zone]) -> bytes:
-    """Our record of the fence."""
-    return record(
-        {
-            "keep_in_m": [zone.outline_m.tolist() for zone in zones if zone.keep_in],
-            "keep_out_m": [zone.outline_m.tolist() for zone in zones if not zone.keep_in],
-        }
-    )
-
-
 def battery(state: BatteryState) -> bytes:
     """Our battery record, rounded to what a meter would show."""
-    return record(
+    return to_bytes(
         {
             "voltage_v": round(state.voltage_v, 3),
             "current_a": round(state.current_a, 3),
@@ -247,23 +178,29 @@ def battery(state: BatteryState) -> bytes:
 def innovations(items: Sequence[Innovation]) -> bytes:
     """Our record of one instant's innovations, to four significant digits."""
     values: dict[str, object] = {"t_s": items[0].t_ns / NS_PER_S}
-    values |= dict.fromkeys(sensor.replace(" ", "_") for sensor in SENSORS)
-    for item in items:
-        values[item.kind.replace(" ", "_")] = {
+    measured = {item.kind: item for item in items}
+    for name, sensor in SENSORS.items():
+        item = measured.get(sensor)
+        values[name] = item and {
             "values": [_brief(value) for value in item.values],
             "stds": [_brief(value) for value in item.stds],
             "ratio": _brief(item.ratio),
             "accepted": item.accepted,
         }
-    return record(values)
+    return to_bytes(values)
 
 
 def _brief(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def record(values: Mapping[str, object]) -> bytes:
-    """One of our own records as JSON; numbers in their shortest exact form, NaN as null."""
+def record(item: object) -> bytes:
+    """One of our own records as JSON."""
+    return to_bytes(as_json(item))
+
+
+def to_bytes(values: Mapping[str, object]) -> bytes:
+    """JSON with numbers in their shortest exact form, and NaN as null."""
     try:
         text = _ENCODER.encode(values)
     except ValueError:  # a NaN or an infinity, which few records have

@@ -1,18 +1,25 @@
 """Reads a log back into values."""
 
-import math
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mission.log import topics
-from mission.log.contents import Contents, Json, Row, load
+from mission.log.contents import Contents, load
 from mission.log.errors import ForeignLogError
-from mission.log.records import RoundRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.records import (
+    RoundRecord,
+    TimedUplinkRecord,
+    UplinkRecord,
+    described,
+    from_json,
+)
 from mission.log.topics import Topic
 from mission.log.values import (
     NS_PER_S,
+    SENSORS,
     BatteryTrack,
     Devices,
     EventRecord,
@@ -25,8 +32,6 @@ from mission.log.values import (
     WindTrack,
     Zone,
 )
-
-_NAN = math.nan
 
 
 def read_log(path: Path) -> FlightData:
@@ -57,16 +62,16 @@ def decode(contents: Contents) -> FlightData:
             fence=_fence(contents),
             truth=truth,
             belief=belief,
-            plans=tuple(
-                _plan(t, row, len(devices.community)) for t, row in contents.decoded(topics.PLAN)
-            ),
-            rounds=tuple(_round(row) for _, row in contents.decoded(topics.ROUNDS)),
-            uplinks=tuple(_uplink(row) for _, row in _in_file_order(contents)),
+            plans=tuple(_plan(t, row) for t, row in contents.decoded(topics.PLAN)),
+            rounds=tuple(from_json(RoundRecord, row) for _, row in contents.decoded(topics.ROUNDS)),
+            uplinks=_uplinks(contents),
             learning=tuple(
-                LearningRecord(t_ns=t, **_with_nan(row))
+                from_json(LearningRecord, row, t_ns=t)
                 for t, row in contents.decoded(topics.LEARNING)
             ),
-            events=tuple(_event(t, row) for t, row in contents.decoded(topics.EVENTS)),
+            events=tuple(
+                from_json(EventRecord, row, t_ns=t) for t, row in contents.decoded(topics.EVENTS)
+            ),
             battery=_battery(contents),
             wind=_wind(contents),
             innovations=_innovations(contents),
@@ -100,8 +105,7 @@ def _common(truth: Track, belief: Track) -> tuple[Track, Track]:
 
 def _devices(contents: Contents) -> Devices:
     for _, row in contents.decoded(topics.DEVICES):
-        pos_m = np.array(row["pos_m"], dtype=np.float64).reshape(-1, 2)
-        return Devices(pos_m, tuple(row["community"]))
+        return from_json(Devices, row)
     raise ForeignLogError(contents.path, "an MCAP file without the devices (/devices is empty)")
 
 
@@ -115,72 +119,29 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
     )
 
 
-def _plan(t_ns: int, row: Json, devices: int) -> PlanRecord:
-    waypoints_m = np.array(row["waypoints_m"], dtype=np.float64).reshape(-1, 2)
-    schedule = np.zeros((len(waypoints_m), devices), dtype=bool)
-    # Logs of version 0.2 do not know of areas to fly around.
-    route_m = np.array(row.get("route_m", row["waypoints_m"]), dtype=np.float64).reshape(-1, 2)
-    # They have the slots of an aircraft that is always at its planned speed.
-    slot_s = np.array(row.get("slot_s", row.get("ideal_slot_s")), dtype=np.float64)
+def _plan(t_ns: int, row: dict[str, Any]) -> PlanRecord:
+    plan = from_json(PlanRecord, row, t_ns=t_ns)
+    schedule = np.zeros((len(plan.waypoints_m), len(plan.importance)), dtype=bool)
     for step, device in row["schedule"]:
         schedule[step, device] = True
-    return PlanRecord(
-        round=row["round"],
-        t_ns=t_ns,
-        waypoints_m=waypoints_m,
-        schedule=schedule,
-        importance=np.array(row["importance"], dtype=np.float64),
-        value=_number(row["value"]),
-        upper_bound=_number(row["upper_bound"]),
-        path_budget_m=_number(row["path_budget_m"]),
-        speed_mps=_number(row["speed_mps"]),
-        altitude_m=_number(row["altitude_m"]),
-        height_m=np.array(row["height_m"], dtype=np.float64),
-        slot_s=slot_s,
-        duration_s=_number(row.get("duration_s", slot_s[-1])),
-        route_m=route_m,
-        # Not written where there are no corners between.
-        stops_at=np.array(row.get("stops_at", range(len(waypoints_m))), dtype=np.int64),
-    )
+    return replace(plan, schedule=schedule)
 
 
-def _round(row: Json) -> RoundRecord:
-    values = _with_nan(row)
-    values["accuracy"] = _with_nan(row["accuracy"])
-    values["cov"] = _with_nan(row["cov"])
-    values["optional"] = _with_nan(row.get("optional", {}))  # logs of version 0.2 have none
-    return RoundRecord(**values)
-
-
-def _uplink(row: Json) -> UplinkRecord:
-    kind = TimedUplinkRecord if "late" in row else UplinkRecord
-    return kind(**_with_nan(row))
-
-
-def _in_file_order(contents: Contents) -> Iterator[Row]:
-    """Uplinks by round and step, as they were written: slots that were never reached have no
-    instant of their own, so time does not order them."""
-    rows = list(contents.decoded(topics.UPLINKS))
-    yield from sorted(rows, key=lambda row: (row[1]["round"], row[1]["step"], row[1]["device"]))
-
-
-def _event(t_ns: int, row: Json) -> EventRecord:
-    return EventRecord(
-        t_ns=t_ns,
-        kind=row["kind"],
-        text=row["text"],
-        seq=row["seq"],
-        severity=row["severity"],
-        true_m=tuple(row["true_m"]),
-        est_m=tuple(row["est_m"]),
+def _uplinks(contents: Contents) -> tuple[UplinkRecord, ...]:
+    """By round and step, as they were written: slots that were never reached have no instant of
+    their own, so time does not order them."""
+    rows = [row for _, row in contents.decoded(topics.UPLINKS)]
+    rows.sort(key=lambda row: (row["round"], row["step"], row["device"]))
+    return tuple(
+        from_json(TimedUplinkRecord if "late" in row else UplinkRecord, row) for row in rows
     )
 
 
 def _battery(contents: Contents) -> BatteryTrack:
     rows = list(contents.decoded(topics.BATTERY))
     columns = {
-        name: np.array([_number(row[name]) for _, row in rows])
-        for name in ("voltage_v", "current_a", "consumed_mah", "remaining")
+        name: np.array([row[name] for _, row in rows], dtype=np.float64)
+        for name, _, _ in described(BatteryTrack)
     }
     return BatteryTrack(np.array([t for t, _ in rows], dtype=np.int64), **columns)
 
@@ -194,8 +155,7 @@ def _wind(contents: Contents) -> WindTrack:
 def _innovations(contents: Contents) -> dict[str, InnovationTrack]:
     all_rows = [row for _, row in contents.decoded(topics.INNOVATIONS)]
     found = {}
-    for sensor in topics.SENSORS:
-        key = sensor.replace(" ", "_")
+    for key, sensor in SENSORS.items():
         rows = [(row["t_s"], row[key]) for row in all_rows if row[key] is not None]
         if rows:
             found[sensor] = InnovationTrack(
@@ -206,11 +166,3 @@ def _innovations(contents: Contents) -> dict[str, InnovationTrack]:
                 accepted=np.array([item["accepted"] for _, item in rows], dtype=np.bool_),
             )
     return found
-
-
-def _number(value: float | None) -> float:
-    return _NAN if value is None else float(value)
-
-
-def _with_nan(row: Json) -> Json:
-    return {key: _NAN if value is None else value for key, value in row.items()}

@@ -1,30 +1,98 @@
-"""The rows of `rounds.csv`, `uplinks.csv` and `learning.csv`, each column declared here alone.
+"""The rows of `rounds.csv`, `uplinks.csv` and `learning.csv`, and how records become JSON and back.
 
-Tables, readers, the log's schemas and the pages follow: field order is column order, the text is
-what people read of the column. Metres, seconds; positions are area coordinates: x east, y north.
-NaN stands where there is no value.
+Each column is declared here alone; tables, readers, the log's schemas and the pages follow: field
+order is column order, the text is what people read of the column. Metres, seconds; positions are
+area coordinates: x east, y north. NaN stands where there is no value.
 """
 
 import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, TypeAlias, get_origin
+from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mission.base.tables import Column, columns
+
+Record = TypeVar("Record")
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _listed(array: NDArray[Any]) -> object:
+    return array.tolist()
+
+
+def _nan_for_none(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """How a value of the log is written, where its type does not tell."""
+    """How a value is written as JSON (NaN becomes null), and read back, where its type does not
+    tell."""
 
-    name: str  # see `topics`
+    schema: Mapping[str, object]  # JSON schema
+    write: Callable[[Any], object] = _as_it_is
+    read: Callable[[Any], Any] = _as_it_is
 
 
-MAYBE = Kind("maybe")  # a number, null in the log where it is NaN
-NUMBER, NUMBERS, STRINGS = Kind("number"), Kind("numbers"), Kind("strings")
-PAIRS = Kind("pairs")  # a list of lists of numbers
+def _array(schema: Mapping[str, object], *shape: int, dtype: type = np.float64) -> Kind:
+    """A numpy array as a list."""
+    return Kind(schema, _listed, lambda value: np.array(value, dtype=dtype).reshape(shape))
+
+
+_LIST: dict[str, object] = {"type": "array", "items": {"type": "number"}}
+_LISTS: dict[str, object] = {"type": "array", "items": _LIST}
+
+# By the type of a field that says no kind of its own.
+KINDS: Mapping[object, Kind] = {
+    int: Kind({"type": "integer"}),
+    float: Kind({"type": "number"}, float, _nan_for_none),
+    bool: Kind({"type": "boolean"}),
+    str: Kind({"type": "string"}),
+}
+MAYBE = Kind({"type": ["number", "null"]}, float, _nan_for_none)
+MAYBE_INTEGER = Kind({"type": ["number", "null"]})
+NUMBERS, INTEGERS = _array(_LIST, -1), _array(_LIST, -1, dtype=np.int64)
+PAIRS = _array(_LISTS, -1, 2)
+WHERE_TRUE = Kind(_LISTS, lambda mask: np.argwhere(mask).tolist())  # indices; the reader knows more
+XYZ_M = Kind(_LIST, list, tuple)
+STRINGS = Kind({"type": "array", "items": {"type": "string"}}, list, tuple)
+OUTLINES = Kind({"type": "array", "items": _LISTS})
 Maybe: TypeAlias = Annotated[float, MAYBE]
 # A number for each community, and a column each in a table: `accuracy_<name>`.
-ByCommunity: TypeAlias = Annotated[dict[str, float], Kind("by_community")]
+BY_COMMUNITY = Kind(
+    {"type": "object", "additionalProperties": {"type": "number"}},
+    read=lambda row: {name: _nan_for_none(value) for name, value in row.items()},
+)
+ByCommunity: TypeAlias = Annotated[dict[str, float], BY_COMMUNITY]
+
+
+def described(record: type) -> Iterator[tuple[str, Kind, str]]:
+    """Name, kind and words of each field of a record that the log holds: those that have words."""
+    for column in columns(record):
+        words = column.find(str)
+        if words is not None:
+            yield column.name, column.find(Kind) or KINDS[column.holds], words
+
+
+def as_json(record: Any) -> dict[str, object]:
+    """A record as the log holds it."""
+    return {name: kind.write(getattr(record, name)) for name, kind, _ in described(type(record))}
+
+
+def from_json(record: type[Record], row: Mapping[str, Any], **beside: object) -> Record:
+    """The inverse of `as_json`; `beside`: the fields that the row does not hold, or not whole.
+
+    Raises:
+        KeyError, TypeError, ValueError: the row is of another kind.
+    """
+    values = {name: kind.read(row[name]) for name, kind, _ in described(record)}
+    return record(**{**values, **beside})
 
 
 LATE = "late"
@@ -110,7 +178,7 @@ class RoundRecord:
     # A column each of OPTIONAL that the run has.
     optional: Annotated[
         dict[str, float],
-        Kind("by_community"),
+        BY_COMMUNITY,
         f"columns that a run has only where it is so configured: {', '.join(OPTIONAL)}",
     ] = field(default_factory=dict)
 

@@ -6,7 +6,7 @@ A field with words stands in the log's records, one without (its time) beside th
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Annotated, Any, Self
 
@@ -17,14 +17,19 @@ from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.records import (
-    MAYBE,
-    NUMBER,
+    INTEGERS,
+    MAYBE_INTEGER,
     NUMBERS,
+    OUTLINES,
     PAIRS,
     STRINGS,
+    WHERE_TRUE,
+    XYZ_M,
+    Kind,
     Maybe,
     RoundRecord,
     UplinkRecord,
+    described,
 )
 
 XYZ = tuple[float, float, float]
@@ -34,7 +39,8 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True)
 class Devices:
-    """The ground devices of all communities, in the order of the federation."""
+    """The ground devices, in the order of the federation; written at the start and with every
+    plan."""
 
     pos_m: Annotated[Floats, PAIRS, "x east, y north of each device, area coordinates"]  # (K, 2)
     community: Annotated[tuple[str, ...], STRINGS, "name of each device's community"]  # (K,)
@@ -66,6 +72,17 @@ class Zone:
 
 
 @dataclass(frozen=True)
+class FenceRecord:
+    """The fence that the vehicle was given, where it was given one; written at the start and with
+    every plan."""
+
+    keep_in_m: Annotated[
+        list[Any], OUTLINES, "corners [x, y] of each area to keep to, area coordinates"
+    ]
+    keep_out_m: Annotated[list[Any], OUTLINES, "corners [x, y] of each area to keep out of"]
+
+
+@dataclass(frozen=True)
 class Track:
     """Where the aircraft was, or believed to be."""
 
@@ -80,13 +97,15 @@ class Track:
 
 @dataclass(frozen=True)
 class PlanRecord:
-    """A round's plan as it stands in the log."""
+    """A round's plan, at the instant the round starts."""
 
     round: Annotated[int, "round, from 1"]
     t_ns: int
     waypoints_m: Annotated[Floats, PAIRS, "(N, 2) path in area coordinates; the first is the start"]
     # (N, K)
-    schedule: Annotated[Bools, PAIRS, "[step, device] of each scheduled transmission, both from 0"]
+    schedule: Annotated[
+        Bools, WHERE_TRUE, "[step, device] of each scheduled transmission, both from 0"
+    ]
     importance: Annotated[Floats, NUMBERS, "(K,) delta of each device"]
     value: Annotated[float, "expected objective of the plan"]
     upper_bound: Annotated[Maybe, "proven bound on the objective; null where there is none"]
@@ -100,7 +119,7 @@ class PlanRecord:
     route_m: Annotated[
         Floats, PAIRS, "(P, 2) path as it is flown: waypoints, and corners around areas"
     ]
-    stops_at: Ints  # (N,) which points of the route are the waypoints; logged where not all are
+    stops_at: Annotated[Ints, INTEGERS, "(N,) which points of the route are the waypoints"]
 
     @property
     def route_height_m(self) -> Floats:
@@ -132,7 +151,7 @@ class PlanFileRecord:
         return {
             "plan": self.source,
             "places_m": json.dumps(places),
-            **({"rally_m": json.dumps(rally)} if rally else {}),
+            "rally_m": json.dumps(rally),
         }
 
     @classmethod
@@ -146,15 +165,13 @@ class PlanFileRecord:
         return cls(
             source=values["plan"],
             places_m={int(seq): np.array(place, dtype=np.float64) for seq, place in places},
-            rally_m=tuple(
-                np.array(at, dtype=np.float64) for at in json.loads(values.get("rally_m", "[]"))
-            ),
+            rally_m=tuple(np.array(at, dtype=np.float64) for at in json.loads(values["rally_m"])),
         )
 
 
 @dataclass(frozen=True)
 class LearningRecord:
-    """What one community had learnt after a round."""
+    """Accuracy and fairness of one community after a round."""
 
     round: Annotated[int, "round, from 1; 0: the untrained model"]
     t_ns: int
@@ -171,10 +188,33 @@ class EventRecord:
     t_ns: int
     kind: Annotated[str, "mode, armed, reached, status, failsafe or fault"]
     text: Annotated[str, "what a person reads"]
-    seq: Annotated[int | None, MAYBE, "mission item for `reached`; else null"]
+    seq: Annotated[int | None, MAYBE_INTEGER, "mission item for `reached`; else null"]
     severity: Annotated[int, "MAV_SEVERITY, 0 emergency .. 7 debug"]
-    true_m: Annotated[XYZ, NUMBERS, "true x east, y north, height above home"]
-    est_m: Annotated[XYZ, NUMBERS, "believed x east, y north, height above home"]
+    true_m: Annotated[XYZ, XYZ_M, "true x east, y north, height above home"]
+    est_m: Annotated[XYZ, XYZ_M, "believed x east, y north, height above home"]
+
+
+@dataclass(frozen=True)
+class ModeRecord:
+    """Flight mode, whenever it changes."""
+
+    mode: Annotated[str, "name of the mode"]
+    armed: Annotated[bool, "motors enabled"]
+
+
+_A_ROW = Kind({"type": "number"})  # an array here, one number in each of the log's records
+_INNOVATION = Kind(
+    {
+        "type": ["object", "null"],
+        "properties": {
+            "values": {**NUMBERS.schema, "description": "measured less predicted"},
+            "stds": {**NUMBERS.schema, "description": "standard deviations expected of the values"},
+            "ratio": {"type": "number", "description": "size; refused from 1 on"},
+            "accepted": {"type": "boolean", "description": "whether it was used"},
+        },
+    }
+)
+Innovated = Annotated[Mapping[str, Any] | None, _INNOVATION]
 
 
 @dataclass(frozen=True)
@@ -182,10 +222,10 @@ class BatteryTrack:
     """The battery over time."""
 
     t_ns: Ints  # (n,)
-    voltage_v: Annotated[Floats, NUMBER, "terminal voltage"]
-    current_a: Annotated[Floats, NUMBER, "current drawn"]
-    consumed_mah: Annotated[Floats, NUMBER, "charge used since the start"]
-    remaining: Annotated[Floats, NUMBER, "0..1 of the capacity"]
+    voltage_v: Annotated[Floats, _A_ROW, "terminal voltage"]
+    current_a: Annotated[Floats, _A_ROW, "current drawn"]
+    consumed_mah: Annotated[Floats, _A_ROW, "charge used since the start"]
+    remaining: Annotated[Floats, _A_ROW, "0..1 of the capacity"]
 
 
 @dataclass(frozen=True)
@@ -194,6 +234,25 @@ class WindTrack:
 
     t_ns: Ints  # (n,)
     vel_mps: Floats  # (n, 3) velocity of the air: east, north, up
+
+
+@dataclass(frozen=True)
+class InnovationsRecord:
+    """Measurements against the estimator's predictions of them, once a second, and all that were
+    refused: for each sensor `values` (measured less predicted), `stds` (their expected standard
+    deviations), `ratio` (size divided by the largest that is accepted) and `accepted`."""
+
+    t_s: Annotated[float, "the instant that the estimator was at; behind the log's by its delay"]
+    gnss_position: Annotated[Innovated, "metres north, east, down; null where not measured then"]
+    gnss_velocity: Annotated[Innovated, "m/s north, east, down; null where not measured then"]
+    baro: Annotated[Innovated, "metres of height; null where not measured then"]
+    heading: Annotated[Innovated, "radians; null where not measured then"]
+
+
+# What the estimator calls its sensors, by the name in the log.
+SENSORS = {
+    name: name.replace("_", " ") for name, _, _ in described(InnovationsRecord) if name != "t_s"
+}
 
 
 @dataclass(frozen=True)
@@ -238,30 +297,15 @@ class FlightData:
 
 
 def area_to_text(area: Area) -> dict[str, str]:
-    """The area as MCAP metadata: numbers in their shortest exact form."""
-    return {
-        "size_x_m": repr(float(area.size_m[0])),
-        "size_y_m": repr(float(area.size_m[1])),
-        "home_x_m": repr(float(area.home_m[0])),
-        "home_y_m": repr(float(area.home_m[1])),
-        "home_lat_deg": repr(float(area.home.lat_deg)),
-        "home_lon_deg": repr(float(area.home.lon_deg)),
-        "home_alt_msl_m": repr(float(area.home.alt_msl_m)),
-    }
+    """The area as MCAP metadata: JSON by field, numbers in their shortest exact form."""
+    return {name: json.dumps(value) for name, value in asdict(area).items()}
 
 
 def area_from_text(values: Mapping[str, str]) -> Area:
     """The inverse of `area_to_text`.
 
     Raises:
-        KeyError, ValueError: a key is missing or not a number.
+        KeyError, TypeError, ValueError: a key is missing or not what it should be.
     """
-    return Area(
-        size_m=(float(values["size_x_m"]), float(values["size_y_m"])),
-        home_m=(float(values["home_x_m"]), float(values["home_y_m"])),
-        home=GeodeticPoint(
-            lat_deg=float(values["home_lat_deg"]),
-            lon_deg=float(values["home_lon_deg"]),
-            alt_msl_m=float(values["home_alt_msl_m"]),
-        ),
-    )
+    size_m, home_m, home = (json.loads(values[name]) for name in ("size_m", "home_m", "home"))
+    return Area(tuple(size_m), tuple(home_m), GeodeticPoint(**home))

@@ -1,149 +1,146 @@
 """The vehicle's samples and events as log messages."""
 
 import itertools
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 
-import numpy as np
-
-from flightdyn.state import Innovation
+from flightdyn.state import Innovation, Kinematics
 from mission.base.area import Area
 from mission.log import messages, topics
-from mission.log.flown_path import FlownPath
-from mission.log.rates import Every, LogRates
+from mission.log.messages import XYZ
 from mission.log.topics import Topic
+from mission.log.values import NS_PER_S, EventRecord, ModeRecord
 from sitl.observer import VehicleEvent, VehicleSample
 
 _SEVERITY = {"failsafe": 4, "fault": 4}
 NOTICE = 6  # MAV_SEVERITY
 
-_INSTANT = attrgetter("t_ns")
-_ACCEPTED = attrgetter("accepted")
+# The flown path is written whole, so that it is there wherever somebody looks; a long one more
+# rarely, or the log would grow with the square of the flight.
+_PATH_POINTS = 5  # a point a second
+_PATH_SHARE = 20  # or the twentieth part of it
 
 Write = Callable[[Topic, int, bytes], None]
 
 
-class VehicleTopics:
-    """Takes samples as they come and writes them some at a time.
+@dataclass(frozen=True, slots=True)
+class LogRates:
+    """How often each kind of message is written, in simulated hertz; poses at every sample."""
 
-    Between two samples a run touches so much else that the second would find code and tables
-    gone from the processor's caches: ten written together cost half of ten written one by one.
-    """
+    tf_hz: float = 5.0  # viewers interpolate
+    velocity_hz: float = 2.0
+    command_hz: float = 1.0
+    location_hz: float = 1.0
+    battery_hz: float = 1.0
+    wind_hz: float = 1.0
+    innovations_hz: float = 1.0  # what the filter refused is written in any case
+
+
+class Every:
+    """True once a period of simulated time, on a fixed grid so that rates do not drift."""
+
+    __slots__ = ("_next_ns", "_period_ns")
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._next_ns = 0
+
+    def now(self, t_ns: int) -> bool:
+        """Whether a period has begun since it was true the last time."""
+        if t_ns < self._next_ns:
+            return False
+        self._next_ns = (t_ns // self._period_ns + 1) * self._period_ns
+        return True
+
+
+class VehicleTopics:
+    """Writes what the vehicle tells, each kind of message at its rate."""
 
     def __init__(self, area: Area, rates: LogRates, write: Write) -> None:
         self._area = area
         self._frame = area.frame
         self._write = write
-        self._taken: list[VehicleSample] = []
-        self._events: deque[tuple[int, VehicleEvent]] = deque()  # and the samples before each
-        self._flown = FlownPath()
-        self._mode: tuple[str, bool] | None = None
-        self._tf_due = Every.of(rates.tf_hz)
-        self._velocity_due = Every.of(rates.velocity_hz)
-        self._command_due = Every.of(rates.command_hz)
-        self._location_due = Every.of(rates.location_hz)
-        self._battery_due = Every.of(rates.battery_hz)
-        self._wind_due = Every.of(rates.wind_hz)
-        self._innovations_due = Every.of(rates.innovations_hz)
+        self._mode: ModeRecord | None = None
+        self._tf_due = Every(rates.tf_hz)
+        self._velocity_due = Every(rates.velocity_hz)
+        self._command_due = Every(rates.command_hz)
+        self._location_due = Every(rates.location_hz)
+        self._battery_due = Every(rates.battery_hz)
+        self._wind_due = Every(rates.wind_hz)
+        self._innovations_due = Every(rates.innovations_hz)
+        self._point_due = Every(1.0)
+        self.begin_path()
 
-    def take(self, sample: VehicleSample) -> None:
-        """Keep a sample for the next `write_taken`."""
-        self._taken.append(sample)
-
-    def take_event(self, event: VehicleEvent) -> None:
-        """Keep an event for the next `write_taken`."""
-        self._events.append((len(self._taken), event))
-
-    def write_taken(self) -> None:
-        """Write what was taken, in order."""
-        taken, self._taken = self._taken, []
-        if taken:
-            self._write_samples(taken)
-        self._write_events(len(taken))
-
-    def _write_samples(self, taken: Sequence[VehicleSample]) -> None:
-        count = len(taken)
-        t_ns = np.array([sample.t_ns for sample in taken] * 2)
-        states = [sample.truth for sample in taken] + [sample.belief for sample in taken]
-        places = messages.places(self._area, states)
-        poses = messages.POSE.fill(t_ns, places)
-        transforms = messages.TRANSFORM.fill(t_ns[:count], places[:count])
-        fixes = [sample.gnss for sample in taken if sample.gnss is not None]
-        gnss = iter(messages.gnss(self._frame, fixes) if fixes else ())
-        for i, sample in enumerate(taken):
-            self._write_events(i)
-            self._write_poses(sample.t_ns, transforms[i], poses[i], poses[count + i])
-            self._write_sample(sample, gnss)
-
-    def _write_events(self, samples: int) -> None:
-        """Write those that came before there were more than so many samples."""
-        while self._events and self._events[0][0] <= samples:
-            self._write_event(self._events.popleft()[1])
-
-    def _write_event(self, event: VehicleEvent) -> None:
+    def event(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
         severity = event.severity if event.kind == "status" else _SEVERITY.get(event.kind, NOTICE)
         line = messages.log_line(event.t_ns, event.text, severity=severity, source=event.kind)
         self._write(topics.LOG, event.t_ns, line)
-        values = {
-            "kind": event.kind,
-            "text": event.text,
-            "seq": event.seq,
-            "severity": severity,
-            "true_m": messages.area_xyz(self._area, event.truth.pos_ned_m),
-            "est_m": messages.area_xyz(self._area, event.belief.pos_ned_m),
-        }
-        self._write(topics.EVENTS, event.t_ns, messages.record(values))
-
-    def write_flown_path(self, t_ns: int) -> None:
-        """Write the path flown since `begin_path`, as far as it is known."""
-        path = self._flown.message(t_ns)
-        if path is not None:
-            self._write(topics.FLOWN_PATH, t_ns, path)
+        record = EventRecord(
+            t_ns=event.t_ns,
+            kind=event.kind,
+            text=event.text,
+            seq=event.seq,
+            severity=severity,
+            true_m=messages.area_xyz(self._area, event.truth.pos_ned_m),
+            est_m=messages.area_xyz(self._area, event.belief.pos_ned_m),
+        )
+        self._write(topics.EVENTS, event.t_ns, messages.record(record))
 
     def begin_path(self) -> None:
-        """A path begins: a round's, or the way home after it."""
-        self._flown.forget()
+        """A flown path begins: a round's, or the way home after it."""
+        self._path_m: list[XYZ] = []
+        self._path_due = 1  # points at which it is written next
 
-    def _write_poses(self, t_ns: int, transform: bytes, true_pose: bytes, est_pose: bytes) -> None:
+    def write_path(self, t_ns: int) -> None:
+        """Write the path flown since `begin_path`."""
+        if self._path_m:
+            path = messages.path(messages.timestamp(t_ns), self._path_m)
+            self._write(topics.FLOWN_PATH, t_ns, path)
+
+    def sample(self, sample: VehicleSample) -> None:
+        """Write what is due of a sample."""
+        write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
+        stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
         if self._tf_due.now(t_ns):
-            self._write(topics.TF, t_ns, transform)
-        self._write(topics.TRUE_POSE, t_ns, true_pose)
-        self._write(topics.EST_POSE, t_ns, est_pose)
-
-    def _write_sample(self, sample: VehicleSample, gnss: Iterator[bytes]) -> None:
-        write = self._write
-        t_ns, truth, belief = sample.t_ns, sample.truth, sample.belief
+            write(topics.TF, t_ns, messages.transform(stamp, where))
+        write(topics.TRUE_POSE, t_ns, messages.pose(stamp, where))
+        believed = messages.place(self._area, belief)
+        write(topics.EST_POSE, t_ns, messages.pose(stamp, believed))
         if self._velocity_due.now(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
         if sample.cmd_pos_ned_m is not None and self._command_due.now(t_ns):
             command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
-            write(topics.COMMAND, t_ns, messages.point(messages.timestamp(t_ns), command_m))
+            write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
         if sample.gnss is not None:
-            write(topics.GNSS, t_ns, next(gnss))
+            write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
         if self._location_due.now(t_ns):
-            where = self._frame.to_geodetic(truth.pos_ned_m)
-            write(topics.TRUE_LOCATION, t_ns, messages.location(messages.timestamp(t_ns), where))
+            on_globe = self._frame.to_geodetic(truth.pos_ned_m)
+            write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, on_globe))
         if self._battery_due.now(t_ns):
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
         if sample.wind_ned_mps is not None and self._wind_due.now(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
         if sample.innovations:
-            self._write_innovations(t_ns, sample.innovations)
-        self._note_mode(t_ns, sample.mode, sample.armed)
-        if self._flown.extend(t_ns, self._area, truth):
-            self.write_flown_path(t_ns)
+            self._innovations(t_ns, sample.innovations)
+        mode = ModeRecord(sample.mode, sample.armed)
+        if mode != self._mode:
+            self._mode = mode
+            write(topics.MODE, t_ns, messages.record(mode))
+        if self._point_due.now(t_ns):
+            self._extend_path(t_ns, truth)
 
-    def _write_innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
-        for instant, group in itertools.groupby(items, key=_INSTANT):
+    def _extend_path(self, t_ns: int, truth: Kinematics) -> None:
+        self._path_m.append(messages.area_xyz(self._area, truth.pos_ned_m))
+        if len(self._path_m) >= self._path_due:
+            self._path_due = len(self._path_m) + max(_PATH_POINTS, len(self._path_m) // _PATH_SHARE)
+            self.write_path(t_ns)
+
+    def _innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
+        for instant, group in itertools.groupby(items, key=attrgetter("t_ns")):
             at_once = tuple(group)
             due = self._innovations_due.now(instant)
-            if due or not all(map(_ACCEPTED, at_once)):
+            if due or not all(item.accepted for item in at_once):
                 self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))
-
-    def _note_mode(self, t_ns: int, mode: str, armed: bool) -> None:
-        if (mode, armed) != self._mode:
-            self._mode = (mode, armed)
-            self._write(topics.MODE, t_ns, messages.record({"mode": mode, "armed": armed}))

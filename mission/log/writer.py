@@ -1,9 +1,7 @@
 """Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
 
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 from typing import Self
 
@@ -12,29 +10,31 @@ import numpy as np
 from mission.base import polyline
 from mission.base.area import Area
 from mission.log import messages, scene, topics
-from mission.log.classic_layout import ATTACHMENT as CLASSIC_LAYOUT
-from mission.log.classic_layout import classic
 from mission.log.layout import ATTACHMENT as LAYOUT
 from mission.log.layout import layout
-from mission.log.rates import LogRates
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, Devices, PlanRecord, Zone, area_to_text
-from mission.log.vehicle import NOTICE, VehicleTopics, Write
+from mission.log.values import (
+    NS_PER_S,
+    Devices,
+    FenceRecord,
+    LearningRecord,
+    PlanRecord,
+    Zone,
+    area_to_text,
+)
+from mission.log.vehicle import NOTICE, LogRates, VehicleTopics
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
-# Simulated time that goes to the file at once. What encodes a sample is cold in the processor's
-# caches when it is its turn again: fifty cost little more than ten.
-_BLOCK_NS = 5 * NS_PER_S
-_FRAME_S = 0.05  # wall time after which a viewer is shown what is new
+_BLOCK_NS = NS_PER_S  # simulated time that goes to the file at once
 
 
 class FlightLog:
     """The log of one run. A `VehicleObserver`; use it as a context manager.
 
-    Whatever happened up to five seconds of simulated time ago is out of this process's hands, so a
+    Whatever happened up to a second of simulated time ago is out of this process's hands, so a
     killed run loses at most that; leaving the context, also by an exception, completes the file.
     The same run gives the same bytes.
     """
@@ -63,33 +63,23 @@ class FlightLog:
         self._fence = tuple(fence)
         self._file = McapSink(path)
         self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
-        self._mirrored = bool(mirrors)
-        # Straight to the file where nobody else listens.
-        self._emit: Write = self._to_all if mirrors else self._file.write
-        self._vehicle = VehicleTopics(area, rates or LogRates(), self._emit)
+        self._vehicle = VehicleTopics(area, rates or LogRates(), self._write)
         self._now_ns = self._flushed_ns = start_ns
-        self._shown_s = 0.0
         self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
-        look = layout(area, devices.communities)
-        self.attach(LAYOUT, "application/json", look)
-        self.attach(CLASSIC_LAYOUT, "application/json", classic(look))
+        self.attach(LAYOUT, "application/json", layout(area, devices.communities))
 
     def sampled(self, sample: VehicleSample) -> None:
-        """Take one sample of the vehicle; it is written within five seconds of simulated time."""
+        """Write one sample of the vehicle."""
         self._now_ns = sample.t_ns
-        self._vehicle.take(sample)
+        self._vehicle.sample(sample)
         if sample.t_ns - self._flushed_ns >= _BLOCK_NS:
             self._flush()
-        elif self._mirrored and time.monotonic() - self._shown_s >= _FRAME_S:
-            self._show()
 
     def happened(self, event: VehicleEvent) -> None:
-        """Take one event: a line for people, a record for programs; viewers see it at once."""
+        """Write one event: a line for people, a record for programs."""
         self._now_ns = event.t_ns
-        self._vehicle.take_event(event)
-        if self._mirrored:
-            self._vehicle.write_taken()
+        self._vehicle.event(event)
 
     def plan(
         self,
@@ -134,11 +124,10 @@ class FlightLog:
     def plan_record(self, written: PlanRecord) -> None:
         """Write a plan at the instant at which its flight starts."""
         t_ns = self._now_ns = written.t_ns
-        self._write(topics.PLAN, t_ns, messages.plan(written))
+        self._write(topics.PLAN, t_ns, messages.record(written))
         stamp = messages.timestamp(t_ns)
         route = np.column_stack((written.route_m, written.route_height_m))
-        points = messages.path_points(route.tolist())
-        self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, points))
+        self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, route.tolist()))
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)
         seen = scene.devices(t_ns, self._devices, written.importance)
@@ -152,15 +141,15 @@ class FlightLog:
         for item in records:
             reached = np.isfinite(item.slot_t_s)
             t_ns = round(item.slot_t_s * NS_PER_S) if reached else self._now_ns
-            self._write(topics.UPLINKS, t_ns, messages.record(asdict(item)))
+            self._write(topics.UPLINKS, t_ns, messages.record(item))
             if reached and item.outcome != LATE:
                 self._write(topics.SCENE_LINKS, t_ns, scene.link(t_ns, item, self._devices))
 
     def round(self, record: RoundRecord) -> None:
         """Write a finished round, and hand the file to the disk."""
         t_ns = self._now_ns
-        self._write(topics.ROUNDS, t_ns, messages.record(asdict(record)))
-        self._vehicle.write_flown_path(t_ns)
+        self._write(topics.ROUNDS, t_ns, messages.record(record))
+        self._vehicle.write_path(t_ns)
         self._vehicle.begin_path()
         self._flush()
         self._file.sync()
@@ -175,14 +164,11 @@ class FlightLog:
     ) -> None:
         """Write what each community had learnt after a round; same keys in all three."""
         for community, value in accuracy.items():
-            values = {
-                "round": round_number,
-                "community": community,
-                "accuracy": float(value),
-                "cov": float(cov[community]),
-                "loss": float(loss[community]),
-            }
-            self._write(topics.LEARNING, self._now_ns, messages.record(values))
+            t_ns = self._now_ns
+            learnt = LearningRecord(
+                round_number, t_ns, community, value, cov[community], loss[community]
+            )
+            self._write(topics.LEARNING, t_ns, messages.record(learnt))
 
     def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
         """Write a line of our own, at the present simulated time."""
@@ -206,7 +192,6 @@ class FlightLog:
         with ExitStack() as each:  # the last first
             for sink in reversed(self._sinks):
                 each.callback(sink.close)
-            each.callback(self._vehicle.write_taken)
 
     def __enter__(self) -> Self:
         return self
@@ -215,21 +200,10 @@ class FlightLog:
         self.close()
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        """Write a message after the samples that came before it."""
-        self._vehicle.write_taken()
-        self._emit(topic, t_ns, data)
-
-    def _to_all(self, topic: Topic, t_ns: int, data: bytes) -> None:
         for sink in self._sinks:
             sink.write(topic, t_ns, data)
 
-    def _show(self) -> None:
-        """Let viewers see what was sampled."""
-        self._shown_s = time.monotonic()
-        self._vehicle.write_taken()
-
     def _flush(self) -> None:
-        self._vehicle.write_taken()
         self._flushed_ns = self._now_ns
         for sink in self._sinks:
             sink.flush()
@@ -240,10 +214,11 @@ class FlightLog:
         No damage takes them away, and viewers that drop what comes at the very start have them.
         """
         self._write(topics.SCENE_GROUND, t_ns, scene.ground(t_ns, self._area, self._fence))
-        values = {
-            "pos_m": self._devices.pos_m.tolist(),
-            "community": list(self._devices.community),
-        }
-        self._write(topics.DEVICES, t_ns, messages.record(values))
+        self._write(topics.DEVICES, t_ns, messages.record(self._devices))
         if self._fence:
-            self._write(topics.FENCE, t_ns, messages.fence(self._fence))
+            areas = {
+                keep_in: [z.outline_m.tolist() for z in self._fence if z.keep_in is keep_in]
+                for keep_in in (True, False)
+            }
+            fence = FenceRecord(keep_in_m=areas[True], keep_out_m=areas[False])
+            self._write(topics.FENCE, t_ns, messages.record(fence))

@@ -12,9 +12,9 @@ from test_checkpoint import killed
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
 from mission.cli import call
+from mission.log.contents import recover
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord
-from mission.log.recover import recover
 from mission.log.tables import read_table
 
 NAMES = ("flight.mcap", "rounds.csv", "uplinks.csv", "learning.csv")

@@ -1,4 +1,4 @@
-"""The layouts inside a log: every topic and message path of theirs is in that log's schemas."""
+"""The layout inside a log: every topic and message path of theirs is in that log's schemas."""
 
 import dataclasses
 import json
@@ -33,9 +33,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Fixed:
 
 
 @pytest.fixture(scope="module")
-def layouts(made: Fixed) -> tuple[dict[str, Any], dict[str, Any]]:
-    found = read_log(made.log).attachments
-    return json.loads(found[ATTACHMENT]), json.loads(found["lichtblick-layout.json"])
+def ours(made: Fixed) -> Any:
+    return json.loads(read_log(made.log).attachments[ATTACHMENT])
 
 
 def panels(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -83,14 +82,10 @@ def is_shown(schema: Schema, example: bytes, field: str) -> bool:
     return kind.fields_by_name[last].type in NUMBERS
 
 
-def test_topics_and_message_paths_are_in_the_log(
-    made: Fixed, layouts: tuple[dict[str, Any], dict[str, Any]]
-) -> None:
-    ours, classic = layouts
+def test_topics_and_message_paths_are_in_the_log(made: Fixed, ours: Any) -> None:
     there = schemas(made.log)
     configs = [panel["config"] for panel in panels(ours["content"])]
     topics, paths = topics_and_paths(configs)
-    assert topics_and_paths(list(classic["configById"].values())) == (topics, paths)
     assert len(topics) >= 10
     assert topics <= set(there)
     assert len(paths) >= 14
@@ -103,29 +98,17 @@ def test_topics_and_message_paths_are_in_the_log(
             assert any(json.loads(e)[match["key"]] == match["value"] for e in examples), path
 
 
-def test_every_panel_is_one_that_the_viewers_have(
-    layouts: tuple[dict[str, Any], dict[str, Any]],
-) -> None:
-    ours, classic = layouts
+def test_every_panel_is_one_that_the_viewers_have(ours: Any) -> None:
     for panel in panels(ours["content"]):
         assert hasattr(sdk, f"{panel['panelType']}Panel")
-    # What Lichtblick asks of a file that it imports, and the names of its panels.
-    assert set(classic) == {
-        "configById", "globalVariables", "userNodes", "playbackConfig", "layout",
-    }  # fmt: skip
-    assert classic["playbackConfig"]["speed"] == 1
-    kinds = {name.split("!")[0] for name in classic["configById"]}
-    assert kinds == {"3D", "map", "Plot", "StateTransitions", "RosOut"}
 
 
-def test_no_frame_draws_a_line_to_the_aircraft(
-    layouts: tuple[dict[str, Any], dict[str, Any]],
-) -> None:
-    """Foxglove Studio 1.48 and Lichtblick have no switch for all frames, only one for each."""
+def test_no_frame_draws_a_line_to_the_aircraft(ours: Any) -> None:
+    """There is no switch for all frames, only one for each."""
     hidden = {"visible": False}
-    for config in layouts[1]["configById"].values():
-        if "cameraState" in config:
-            assert config["transforms"] == {"frame:area": hidden, "frame:aircraft": hidden}
+    configs = [panel["config"] for panel in panels(ours["content"])]
+    (scene,) = (config for config in configs if "cameraState" in config)
+    assert scene["transforms"] == {"frame:area": hidden, "frame:aircraft": hidden}
 
 
 def test_devices_are_discs_on_the_map_where_they_stand(made: Fixed) -> None:
@@ -184,18 +167,3 @@ def test_a_flight_of_a_plan_file_has_no_empty_panels_of_learning() -> None:
         return {re.split(r"[.{]", path)[0] for path in paths}
 
     assert topics_of(["digits"]) - topics_of([]) == {"/learning", "/uplinks"}
-
-
-def test_the_classic_tree_holds_every_panel_once(
-    layouts: tuple[dict[str, Any], dict[str, Any]],
-) -> None:
-    _, classic = layouts
-
-    def leaves(node: Any) -> list[str]:
-        if isinstance(node, str):
-            return [node]
-        assert set(node) == {"direction", "first", "second", "splitPercentage"}
-        assert 0 < node["splitPercentage"] < 100
-        return leaves(node["first"]) + leaves(node["second"])
-
-    assert sorted(leaves(classic["layout"])) == sorted(classic["configById"])

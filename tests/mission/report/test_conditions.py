@@ -13,10 +13,10 @@ from flightdyn.faults import GnssJump
 from flightdyn.random import RandomStreams
 from flightdyn.state import Innovation
 from mission.log.export import tables
-from mission.log.rates import LogRates
 from mission.log.reader import read_log
 from mission.log.topics import fields
 from mission.log.values import FlightData
+from mission.log.vehicle import LogRates
 from mission.log.writer import FlightLog
 from sitl.config import VehicleConfig
 from sitl.observer import VehicleEvent, VehicleSample
