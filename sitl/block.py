@@ -27,20 +27,20 @@ async def following(work: Coroutine[Any, Any, None], *, name: str) -> AsyncItera
 
 
 class _Block:
-    """Made by the task that enters the block."""
+    """Cancels the task that entered the block when the work beside it fails."""
 
     def __init__(self) -> None:
         self._inside = asyncio.current_task()
         self._ended = False
 
     def end(self, work: asyncio.Task[None]) -> None:
-        """Have nobody in it wait any longer where the work has failed."""
+        """Cancel the block where the work has failed."""
         if self._inside is not None and not work.cancelled() and work.exception() is not None:
             self._ended = True
             self._inside.cancel()
 
     def leave(self) -> None:
-        """It is over: an `end` was not meant for what comes after it."""
+        """The block is over: undo an `end` that came too late for it."""
         inside, self._inside = self._inside, None
         if self._ended and inside is not None:
             inside.uncancel()

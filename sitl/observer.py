@@ -1,4 +1,4 @@
-"""What the vehicle tells those who watch it, on its own clock. Observers never feed back."""
+"""Samples and events of the vehicle for its observers, on its own clock."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol

@@ -1,4 +1,4 @@
-"""What a configuration asks of the vehicle, looked up before one is made."""
+"""Checks of a vehicle's parameters in a configuration, before the vehicle is made."""
 
 from collections.abc import Iterator
 from difflib import get_close_matches

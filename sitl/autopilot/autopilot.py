@@ -150,11 +150,11 @@ class Autopilot:
         self._polled = [(server, report.contain(type(server).__name__)) for server in servers]
 
     def tick(self) -> bool:
-        """Look after the manoeuvre, after every physics tick; whether there still is one."""
+        """Advance the manoeuvre, after every physics tick; whether there still is one."""
         return self.flight.tick()
 
     def watch(self) -> None:
-        """Look after everything but the manoeuvre."""
+        """Check health and failsafes, a few times a simulated second."""
         with self._health_contained:
             self.monitor.watch()
         with self._failsafes_contained:
@@ -166,7 +166,7 @@ class Autopilot:
         return self._transfer.lists
 
     def restore(self, lists: Lists) -> None:
-        """Take the lists of an autopilot before this one."""
+        """Take over the lists that were uploaded before a reboot."""
         self._transfer.restore(lists)
 
     @property
@@ -175,7 +175,7 @@ class Autopilot:
         return self.flight.mode
 
     def receive(self, datagram: bytes, now: float) -> None:
-        """Take a datagram that arrived."""
+        """Handle the messages of a datagram that arrived at the wall time `now` (s)."""
         self._cockpit.now = now
         received: list[mav.MAVLink_message] = []
         with self._report.contain("bytes that arrived"):
@@ -196,7 +196,7 @@ class Autopilot:
             self.commands.give_up(peer, message)
 
     def greet(self) -> None:
-        """Let a newcomer know that the vehicle is here."""
+        """Somebody has joined a link: send a heartbeat with the next `poll`."""
         self._report.nudged.add(mav.MAVLINK_MSG_ID_HEARTBEAT)
 
     def poll(self, now: float) -> list[bytes]:
@@ -229,7 +229,7 @@ class Autopilot:
         return frames
 
     def due(self) -> float:
-        """When `poll` has something to do at the latest."""
+        """The wall time (s) by which `poll` has to be called again."""
         return min(timer.due() for timer in self._timers)
 
     def _set_current(

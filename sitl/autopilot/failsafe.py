@@ -116,7 +116,7 @@ class Failsafes:
         self._acted: dict[Cause, int] = {}  # in which flight
 
     def watch(self) -> None:
-        """Look at battery, GNSS and fence."""
+        """Look for causes that show in simulated time: battery, GNSS, fence."""
         guard, charge = self._guard, self._aircraft.battery.remaining
         below = guard.look_at_charge()
         for cause, threshold in _CHARGE.items():
@@ -130,7 +130,7 @@ class Failsafes:
         self.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 
     def poll(self, now: float) -> None:
-        """Look for the ground station."""
+        """Look for a ground station that has fallen silent, in wall time (s)."""
         silence_s = now - self.ground_station_at
         if not math.isnan(silence_s):
             lost = silence_s > self._parameters["COM_DL_LOSS_T"]
@@ -138,7 +138,7 @@ class Failsafes:
             self.update(Cause.GROUND_STATION_LOST, lost, lambda: words)
 
     def present(self, cause: Cause) -> bool:
-        """Whether a cause is there."""
+        """Whether a cause holds at the moment."""
         return bool(self._present) and cause in self._present
 
     def acted(self, cause: Cause) -> bool:

@@ -30,7 +30,7 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """An area about a point."""
+    """A circular area about a point."""
 
     north_m: float
     east_m: float

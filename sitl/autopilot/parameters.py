@@ -162,7 +162,7 @@ class Parameters:
 
 
 def known_names() -> str:
-    """All names, for messages."""
+    """All parameter names in one line, for error messages."""
     return ", ".join(spec.name for spec in TABLE)
 
 

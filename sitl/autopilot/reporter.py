@@ -65,7 +65,7 @@ class Reporter:
             raise
 
     def say(self, text: str, severity: int = mav.MAV_SEVERITY_WARNING) -> None:
-        """A status text."""
+        """Send a status text to ground stations, and tell it to observers."""
         self._text(severity, text)
         self._sink("status", text, None, severity)
 
@@ -92,7 +92,7 @@ class Reporter:
         self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def home_changed(self) -> None:
-        """Home is elsewhere."""
+        """The home position has changed."""
         self.nudged.add(mav.MAVLINK_MSG_ID_HOME_POSITION)
 
     def reached(self, seq: int, *, place: bool) -> None:

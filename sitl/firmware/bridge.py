@@ -27,7 +27,7 @@ class Bridge(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether a firmware has come."""
+        """Whether a firmware has connected."""
 
     def open(self) -> None:
         """Listen for the firmware.

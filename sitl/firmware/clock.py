@@ -25,7 +25,7 @@ _MOST = 1000  # ticks at once, where there is no pace to keep
 
 
 class _Truth(NamedTuple):
-    """As the physics says it: what few ask for is worked out when they do."""
+    """The physical state as numbers; attitude and arrays are made when somebody asks."""
 
     t_ns: int
     position_ned: Triple

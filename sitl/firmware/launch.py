@@ -32,7 +32,7 @@ class Ports:
 
 @dataclass(frozen=True)
 class Order:
-    """What a firmware is started for."""
+    """The vehicle, the ports and the speed that a firmware is started for."""
 
     vehicle: VehicleConfig
     ports: Ports

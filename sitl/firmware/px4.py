@@ -89,7 +89,7 @@ class Px4Bridge:
         return done
 
     def _boot(self) -> int:
-        """A tick at most; PX4 asks for none."""
+        """Step once at most, at the pace of wall time, while PX4 starts and asks for no tick."""
         if self._connection is None and not self._accept():
             return 0
         self._keep_pace()

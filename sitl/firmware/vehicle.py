@@ -147,7 +147,7 @@ class FirmwareVehicle:
         await self._open.aclose()
 
     async def _watch(self) -> None:
-        """See that all is well, and switch ArduPilot's receiver off and on with ours."""
+        """Raise what goes wrong with the firmware; switch ArduPilot's GNSS off and on with ours."""
         while True:
             await asyncio.sleep(_LOOK_S)
             error = self._failure()

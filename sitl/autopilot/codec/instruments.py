@@ -63,7 +63,7 @@ class Snapshot:
 
     @cached_property
     def dials(self) -> Dials:
-        """What only some messages are made from."""
+        """The values that only some messages need, read once."""
         return self.read_dials()
 
 
@@ -278,7 +278,7 @@ def _position_stds(stds: Vector | None) -> tuple[float, float]:
 
 
 def _orbit(s: Snapshot) -> mav.MAVLink_message | None:
-    """Sent only in an orbit."""
+    """ORBIT_EXECUTION_STATUS, which is sent only while an orbit is flown."""
     if s.dials.orbit is None:
         return None
     radius, point = s.dials.orbit

@@ -31,7 +31,7 @@ _POSITION_COMMANDS = frozenset(
 
 
 class Peer(NamedTuple):
-    """Who speaks, or is spoken to."""
+    """A MAVLink component: the sender of a message, or its target."""
 
     system: int
     component: int
@@ -74,7 +74,7 @@ class MissionItem:
     autocontinue: bool = True
 
     def message(self, to: Peer) -> mav.MAVLink_message:
-        """MISSION_ITEM_INT."""
+        """The MISSION_ITEM_INT that carries the item to a peer."""
         coordinate = deg_e7 if self.frame in GLOBAL_FRAMES else int32
         x, y = coordinate(self.x), coordinate(self.y)
         head = (*to, self.seq, self.frame, self.command, 0, int(self.autocontinue))
@@ -86,7 +86,7 @@ class MissionItem:
 def read_order(
     msg: mav.MAVLink_command_long_message | mav.MAVLink_command_int_message,
 ) -> CommandOrder:
-    """The command of a message."""
+    """The order that a COMMAND_LONG or COMMAND_INT carries."""
     first = (msg.param1, msg.param2, msg.param3, msg.param4)
     if isinstance(msg, mav.MAVLink_command_long_message):
         rest = (msg.param5, msg.param6, msg.param7)
@@ -100,7 +100,7 @@ def read_order(
 def read_item(
     msg: mav.MAVLink_mission_item_message | mav.MAVLink_mission_item_int_message,
 ) -> MissionItem:
-    """The item of a message."""
+    """The item that a MISSION_ITEM_INT or MISSION_ITEM carries."""
     x, y = float(msg.x), float(msg.y)
     if isinstance(msg, mav.MAVLink_mission_item_int_message) and msg.frame in GLOBAL_FRAMES:
         x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
@@ -119,7 +119,7 @@ def read_item(
 
 
 def bare_name(number: int) -> str:
-    """`DO_SET_SERVO` for 183."""
+    """The name of a MAV_CMD without its prefix: `DO_SET_SERVO` for 183."""
     entry = mav.enums["MAV_CMD"].get(number)
     return "unknown command" if entry is None else entry.name.removeprefix("MAV_CMD_")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Both ends belong to it."""
+    """A closed interval of allowed numbers, with their unit."""
 
     low: float
     high: float

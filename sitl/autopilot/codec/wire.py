@@ -40,7 +40,7 @@ class Wire:
         return [message for message in messages if self._addressed(message)]
 
     def pack(self, message: mav.MAVLink_message) -> bytes:
-        """The frame of a message."""
+        """The frame of a message, with the vehicle's identity and the next sequence number."""
         frame = bytes(message.pack(self._out))
         self._out.seq = (self._out.seq + 1) % 256
         return frame
@@ -64,7 +64,7 @@ def _parser() -> mav.MAVLink:
 
 
 class Seal:
-    """Signs what goes out over one link, and lets in what others have signed with the same key."""
+    """Signs the frames sent over one link, and lets in frames signed with the same key."""
 
     def __init__(self, key: bytes, *, link_id: int, clock: Callable[[], float] = time.time) -> None:
         """`key`: 32 bytes; `clock`: seconds since 1970, by which nobody can play frames back."""

@@ -121,7 +121,7 @@ class Flight:
         return "" if self._aircraft.on_ground else "in the air"
 
     def tick(self) -> bool:
-        """Look after the manoeuvre, after every physics tick; whether there still is one."""
+        """Advance the manoeuvre, after every physics tick; whether there still is one."""
         manoeuvre = self._manoeuvre
         if manoeuvre is None:
             return False
@@ -137,7 +137,7 @@ class Flight:
         return self._manoeuvre is not None
 
     def _stuck(self, why: str) -> None:
-        """What is being flown leads nowhere: land; if that is what leads nowhere, let go."""
+        """The manoeuvre makes no progress: land; if that is the manoeuvre, terminate."""
         if self.notice_crash():
             return
         self._manoeuvre = None
@@ -149,7 +149,7 @@ class Flight:
             self.terminate(why)
 
     def _give_up(self) -> None:
-        """What was being flown cannot be: hold, or stand where the aircraft is."""
+        """The manoeuvre has failed with an error of ours: hold, or stay on the ground."""
         self._manoeuvre = None
         self._settling = False
         if self.airborne and self.mode is not Mode.TERMINATED:
@@ -255,7 +255,7 @@ class Flight:
         return None
 
     def hold(self, why: str | None = None) -> str | None:
-        """Brake and stay."""
+        """Brake and hold the position."""
         if self.mode is Mode.HOLD and self._goal is None:
             return None
         return self.order(Trigger.ORDER_HOLD, self.navigator.stop, why)
@@ -285,7 +285,7 @@ class Flight:
         return self.order(Trigger.ORDER_RETURN, self._return, why)
 
     def land(self, why: str | None = None) -> str | None:
-        """Land here."""
+        """Land where the aircraft is."""
         if self.mode is Mode.LAND:
             return None
         return self.order(Trigger.ORDER_LAND, self._land_here, why)
@@ -300,7 +300,7 @@ class Flight:
             self._manoeuvre = self._go(self._goal)
 
     def set_home(self, home: GeodeticPoint) -> None:
-        """Home is there from now on."""
+        """Move home to a place."""
         self.guard.home = home
         self._report.home_changed()
 

@@ -1,4 +1,4 @@
-"""Things the aircraft does until they are done. Each starts when it is made.
+"""Manoeuvres: what the aircraft does until it is done. Each starts when it is made.
 
 `tick` runs after every guidance step, and after every physics tick where corners are passed; it is
 all that flying costs the autopilot, so it is short. A patient manoeuvre's may be left out while the
@@ -33,7 +33,7 @@ class StuckError(Exception):
 
 
 class Manoeuvre(Protocol):
-    """One thing to do."""
+    """Something that the aircraft does until it is done."""
 
     @property
     def patient(self) -> bool:
@@ -45,7 +45,7 @@ class Manoeuvre(Protocol):
 
 
 class Timer:
-    """Simulated time from now on."""
+    """A countdown in simulated time."""
 
     def __init__(self, aircraft: Aircraft, duration_s: float) -> None:
         self._aircraft = aircraft
@@ -53,7 +53,7 @@ class Timer:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew."""
+        """Start the countdown again."""
         self._until_ns = self._aircraft.t_ns + self._duration_ns
 
     @property

@@ -59,7 +59,7 @@ class Navigator:
         return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
     def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:
-        """Straight up."""
+        """A climb straight up to a height."""
         up = np.array([start[0], start[1], down_m])
         return do.Climb(self._aircraft, self._path([start, up], self._parameters["MPC_TKO_SPEED"]))
 
@@ -68,7 +68,7 @@ class Navigator:
         return do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
 
     def turn(self, place: Vector, yaw_rad: float) -> do.Manoeuvre:
-        """Turn on the spot."""
+        """A turn on the spot to a heading."""
         return do.turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad)
 
     def go_to(

@@ -1,1 +1,1 @@
-"""Everybody outside who may fly the vehicle: programs, sticks, a target to follow."""
+"""Pilots outside the vehicle: programs with setpoints, sticks, a target to follow."""

@@ -92,7 +92,7 @@ class Offboard(StreamPilot):
             self._aircraft.keep_attitude(self._order)
 
     def _complain(self, text: str) -> None:
-        """Once, not at every setpoint of a stream."""
+        """Say what is wrong with a stream of setpoints, once as long as it is the same."""
         if text != self._complaint:
             self._complaint = text
             self._report.say(text, mav.MAV_SEVERITY_ERROR)
@@ -154,7 +154,7 @@ def _three(what: str, values: Triple, mask: int, *allowed: ranges.Range) -> Trip
 
 
 def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
-    """Raises _InvalidError."""
+    """The attitude or body rates that a message orders. Raises _InvalidError."""
     mask = msg.type_mask
     thrust = math.nan if mask & _NO_THRUST else msg.thrust
     if thrust not in ranges.THRUST:

@@ -1,4 +1,4 @@
-"""Whoever has to be heard again and again, in wall time, as long as he flies the vehicle."""
+"""Pilots outside the vehicle whose stream of messages must not fall silent while they fly it."""
 
 import math
 from collections.abc import Callable, Collection
@@ -14,7 +14,7 @@ from sitl.autopilot.reporter import Reporter
 
 @dataclass(slots=True)
 class Cockpit:
-    """What whoever flies the vehicle from outside has at hand."""
+    """What a pilot outside the vehicle works with."""
 
     aircraft: Aircraft
     flight: Flight

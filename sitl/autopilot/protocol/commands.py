@@ -105,7 +105,7 @@ class CommandServer:
         }
 
     def give_up(self, peer: Peer, msg: Any) -> None:
-        """Handling `msg` has failed."""
+        """Answer FAILED to a command whose handling raised an error."""
         self._answer(peer, msg.command, mav.MAV_RESULT_FAILED)
 
     def _answer(self, peer: Peer, command: int, result: int) -> None:
