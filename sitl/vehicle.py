@@ -6,7 +6,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot
-from sitl.autopilot.parameters import Parameters, load_parameters
+from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
@@ -195,13 +195,3 @@ class Vehicle:
         )
         for observer in self._observers:
             observer.happened(event)
-
-
-def parameters_of(config: VehicleConfig) -> Parameters:
-    """Defaults, then the parameter file, then what the configuration itself says."""
-    parameters = Parameters()
-    path = config.parameter_file
-    if path is not None and path.exists():
-        parameters.apply(load_parameters(path), str(path))
-    parameters.apply(config.parameters, "parameters")
-    return parameters

@@ -17,7 +17,7 @@ from fl.radio.uplink import GATES
 from mission.base.errors import InputError
 from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
-from sitl import preflight as vehicle
+from sitl.autopilot.parameters import problems_of
 
 if TYPE_CHECKING:
     from mission.config.models import RunConfig
@@ -33,7 +33,7 @@ class Problem(NamedTuple):
 
 def problems(config: "RunConfig") -> Iterator[Problem]:
     """Everything of a valid configuration that cannot be used on this machine."""
-    for key, value, reason in vehicle.problems_of(config.vehicle):
+    for key, value, reason in problems_of(config.vehicle):
         yield Problem(f"vehicle.{key}", value, reason)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"

@@ -40,9 +40,8 @@ from mission.run.outcome import Summary
 from mission.run.progress import Progress, make_progress
 from mission.run.recorded import Page, fly_recorded
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
-from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.autopilot.protocol.item_rules import PLACES
-from sitl.vehicle import parameters_of
 
 _COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
 _MARGIN_M = 50.0  # around the plan, for the map

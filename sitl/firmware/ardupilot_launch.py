@@ -6,8 +6,7 @@ from pathlib import Path
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareSilentError
 from sitl.firmware.ardupilot import ArduPilotBridge
-from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
-from sitl.firmware.process import check_binary
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order, check_binary
 
 _DEFAULTS = "aerofed.parm"
 _NAME = b"ArduCopter V"  # of itself, to ground stations

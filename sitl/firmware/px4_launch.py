@@ -10,8 +10,7 @@ from flightdyn.config import LimitsConfig
 from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareSilentError, LinkError
-from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order
-from sitl.firmware.process import check_binary
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order, check_binary
 from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
 
 # A PX4 is known on a machine by its instance; the lower ones are for people who start it by hand.

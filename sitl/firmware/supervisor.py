@@ -1,6 +1,6 @@
 """Runs one program and ends it, with all that it started, when the supervisor's own parent is gone.
 
-Started as a file by `sitl.firmware.process`, with nothing but the standard library: standard
+Started as a file by `sitl.firmware.launch`, with nothing but the standard library: standard
 input is a pipe that the parent holds, and it ends however the parent ends, killed or not.
 """
 

@@ -18,8 +18,7 @@ from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
 from sitl.firmware.ardupilot_launch import ardupilot_launch, check_arducopter
 from sitl.firmware.bridge import bound
 from sitl.firmware.clock import FirmwareClock
-from sitl.firmware.launch import Launch, Order, Ports
-from sitl.firmware.process import FirmwareProcess
+from sitl.firmware.launch import FirmwareProcess, Launch, Order, Ports
 from sitl.firmware.px4_launch import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
 from sitl.links import Link

@@ -16,8 +16,7 @@ import pytest
 import small_runs
 
 from mission.cli import call
-from sitl.firmware.launch import Launch
-from sitl.firmware.process import FirmwareProcess
+from sitl.firmware.launch import FirmwareProcess, Launch
 
 SMALL = (*small_runs.SMALL, "--set", "mission.steps=6")
 REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}

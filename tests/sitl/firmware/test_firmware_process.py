@@ -16,8 +16,7 @@ from patience import HANG_S, until
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
 from sitl.firmware.bridge import Bridge
-from sitl.firmware.launch import Launch
-from sitl.firmware.process import FirmwareProcess, check_binary
+from sitl.firmware.launch import FirmwareProcess, Launch, check_binary
 from sitl.firmware.vehicle import FirmwareVehicle
 
 
@@ -89,7 +88,7 @@ def test_it_ends_with_whoever_started_it_however_that_ends(
     )
     program = (
         "import sys, time; from pathlib import Path; "
-        "from sitl.firmware.process import FirmwareProcess; "
+        "from sitl.firmware.launch import FirmwareProcess; "
         f"FirmwareProcess([{firmware!r}], Path({str(tmp_path)!r}), {{}}); time.sleep(900)"
     )
     parent = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
