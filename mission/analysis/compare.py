@@ -58,25 +58,11 @@ def _of(reduce: Callable[[Floats], float], name: str) -> Made:
 
 
 def _sum(name: str) -> Made:
-    """Of a column of `rounds.csv`."""
-    return Made(lambda items: float(_total(items, name)))
-
-
-def _count(name: str) -> Made:
-    return Made(lambda items: _total(items, name))
-
-
-def _total(items: Sequence[Measured], name: str) -> float:
-    total: float = sum(getattr(item.record, name) for item in items)
-    return total
-
-
-def _optional_sum(name: str) -> Made:
-    """Of a column that `rounds.csv` has in some runs only: NaN in the others."""
+    """Of a number of each round; NaN where the run does not have it."""
 
     def add(items: Sequence[Measured]) -> float:
-        known = all(name in item.record.optional for item in items)
-        return sum(item.record.optional[name] for item in items) if known else math.nan
+        known = all(name in item.numbers for item in items)
+        return sum(item.numbers[name] for item in items) if known else math.nan
 
     return Made(add)
 
@@ -95,15 +81,11 @@ class Comparison:
     plan_path_m: Annotated[float, _sum("plan_path_m"), Label("planned path (m)", 1)]
     flown_path_m: Annotated[float, _sum("flown_path_m"), Label("flown path (m)", 1)]
     # As planned, with the speeds that will be flown, and as flown; simulated.
-    plan_duration_s: Annotated[
-        float,
-        Made(lambda items: sum(item.plan_duration_s for item in items)),
-        Label("duration planned (s)", 1),
-    ]
+    plan_duration_s: Annotated[float, _sum("plan_duration_s"), Label("duration planned (s)", 1)]
     duration_s: Annotated[float, _sum("duration_s"), Label("duration (s)", 1)]
     # Joules of the battery, where the run limits time or energy.
-    plan_energy_j: Annotated[float, _optional_sum("plan_energy_j"), Label("energy planned (J)", 0)]
-    energy_j: Annotated[float, _optional_sum("energy_j"), Label("energy (J)", 0)]
+    plan_energy_j: Annotated[float, _sum("plan_energy_j"), Label("energy planned (J)", 0)]
+    energy_j: Annotated[float, _sum("energy_j"), Label("energy (J)", 0)]
     # Horizontal distance of the true track to the planned polyline.
     cross_track_rms_m: Annotated[float, _of(_rms, "cross_m"), Label("cross-track rms (m)", 3)]
     cross_track_max_m: Annotated[float, _of(_max, "cross_m"), Label("cross-track max (m)", 3)]
@@ -127,12 +109,8 @@ class Comparison:
     slot_late_mean_s: Annotated[float, _of(_mean, "slot_late_s"), Label("slot late mean (s)", 3)]
     slot_late_max_s: Annotated[float, _of(_max, "slot_late_s"), Label("slot late max (s)", 3)]
     # Steps with a scheduled device, or the places of a plan file, and those never reached.
-    slots: Annotated[int, Made(lambda items: sum(i.slots for i in items))]
-    slots_missed: Annotated[
-        int,
-        Made(lambda items: sum(i.slots - len(i.slot_miss_m) for i in items)),
-        Label("slots never reached", 0),
-    ]
+    slots: Annotated[int, _sum("slots")]
+    slots_missed: Annotated[int, _sum("slots_missed"), Label("slots never reached", 0)]
     # Horizontal distance of belief to truth, over the track.
     estimate_rms_m: Annotated[float, _of(_rms, "estimate_m"), Label("estimate error rms (m)", 3)]
     estimate_max_m: Annotated[float, _of(_max, "estimate_m"), Label("estimate error max (m)", 3)]
@@ -148,22 +126,20 @@ class Comparison:
     est_objective: Annotated[float, _sum("est_objective"), Label("objective believed", 4)]
     true_objective: Annotated[float, _sum("true_objective"), Label("objective true", 4)]
     upper_bound: Annotated[float, _sum("upper_bound")]
-    scheduled: Annotated[int, _count("scheduled"), Label("scheduled", 0)]
+    scheduled: Annotated[int, _sum("scheduled"), Label("scheduled", 0)]
     # Sum of 1 - true PER.
     expected: Annotated[
         float,
         _of(lambda true_per: float((1.0 - true_per).sum()), "true_per"),
         Label("arrivals expected", 2),
     ]
-    delivered: Annotated[int, _count("delivered"), Label("arrived", 0)]
+    delivered: Annotated[int, _sum("delivered"), Label("arrived", 0)]
     # Scheduled devices that still trained when their turn came.
-    unready: Annotated[
-        int, Made(lambda items: sum(item.unready for item in items)), Label("late devices", 0)
-    ]
+    unready: Annotated[int, _sum("unready"), Label("late devices", 0)]
     # 0..1 of the capacity at the end.
     battery_remaining: Annotated[
         float,
-        Made(lambda items: items[-1].record.battery_remaining),
+        Made(lambda items: items[-1].numbers["battery_remaining"]),
         Label("battery left (0..1)", 3),
     ]
 
@@ -224,8 +200,8 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
     return RunComparison(
         run=loaded,
-        rounds=tuple(_numbers([item], item.record.round) for item in measured),
-        total=_numbers(measured, None),
+        rounds=tuple(_made([item], item.record.round) for item in measured),
+        total=_made(measured, None),
         devices=tuple(
             _device(run, device, community)
             for device, community in enumerate(run.devices.community)
@@ -248,7 +224,7 @@ def _device(run: FlightData, device: int, community: str) -> DeviceComparison:
     )
 
 
-def _numbers(items: Sequence[Measured], number: int | None) -> Comparison:
+def _made(items: Sequence[Measured], number: int | None) -> Comparison:
     made: dict[str, Any] = {name: how.by(items) for name, how in told(Comparison, Made)}
     return Comparison(round=number, **made)
 

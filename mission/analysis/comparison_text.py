@@ -16,15 +16,7 @@ _Cell = Callable[[Comparison], str]
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
-def _pair(first: str, second: str, digits: int = 2) -> _Cell:
-    return lambda c: f"{number(getattr(c, first), digits)} / {number(getattr(c, second), digits)}"
-
-
-def _one(name: str, digits: int = 2) -> _Cell:
-    return lambda c: number(getattr(c, name), digits)
-
-
-def _three(*names: str, digits: int) -> _Cell:
+def _cell(*names: str, digits: int = 2) -> _Cell:
     return lambda c: " / ".join(number(getattr(c, name), digits) for name in names)
 
 
@@ -37,31 +29,31 @@ _Columns = tuple[tuple[str, _Cell], ...]
 
 # Each fits a terminal of 80 columns.
 _PATH: _Columns = (
-    ("path (m)\nplan / flown", _pair("plan_path_m", "flown_path_m", 0)),
-    ("cross-track (m)\nrms / max", _pair("cross_track_rms_m", "cross_track_max_m")),
-    ("on straights\nrms / max", _pair("straight_rms_m", "straight_max_m")),
-    ("corner cut\nmean / max", _pair("corner_cut_mean_m", "corner_cut_max_m")),
+    ("path (m)\nplan / flown", _cell("plan_path_m", "flown_path_m", digits=0)),
+    ("cross-track (m)\nrms / max", _cell("cross_track_rms_m", "cross_track_max_m")),
+    ("on straights\nrms / max", _cell("straight_rms_m", "straight_max_m")),
+    ("corner cut\nmean / max", _cell("corner_cut_mean_m", "corner_cut_max_m")),
 )
 _TIME: _Columns = (
-    ("duration (s)\nplan / flown", _pair("plan_duration_s", "duration_s", 1)),
+    ("duration (s)\nplan / flown", _cell("plan_duration_s", "duration_s", digits=1)),
     ("plan off\nby", _off),
-    ("slot late (s)\nmean / max", _pair("slot_late_mean_s", "slot_late_max_s")),
+    ("slot late (s)\nmean / max", _cell("slot_late_mean_s", "slot_late_max_s")),
 )
-_ENERGY: _Columns = (("energy (J)\nplan / flown", _pair("plan_energy_j", "energy_j", 0)),)
+_ENERGY: _Columns = (("energy (J)\nplan / flown", _cell("plan_energy_j", "energy_j", digits=0)),)
 _SLOTS: _Columns = (
-    ("slot miss (m)\nrms / max", _pair("slot_miss_rms_m", "slot_miss_max_m")),
-    ("height (m)\nrms / max", _pair("height_rms_m", "height_max_m")),
-    ("estimate (m)\nrms / max", _pair("estimate_rms_m", "estimate_max_m")),
+    ("slot miss (m)\nrms / max", _cell("slot_miss_rms_m", "slot_miss_max_m")),
+    ("height (m)\nrms / max", _cell("height_rms_m", "height_max_m")),
+    ("estimate (m)\nrms / max", _cell("estimate_rms_m", "estimate_max_m")),
 )
 _RADIO: _Columns = (
     (
         "mean PER\nplan / believed / true",
-        _three("plan_per_mean", "est_per_mean", "true_per_mean", digits=4),
+        _cell("plan_per_mean", "est_per_mean", "true_per_mean", digits=4),
     ),
-    ("shift\nmax", _one("per_shift_max", 4)),
+    ("shift\nmax", _cell("per_shift_max", digits=4)),
     (
         "objective\nplan / believed / true",
-        _three("plan_objective", "est_objective", "true_objective", digits=3),
+        _cell("plan_objective", "est_objective", "true_objective", digits=3),
     ),
     ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
 )

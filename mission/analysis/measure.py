@@ -1,6 +1,7 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from mission.analysis.alignment import align, closest_approach
 from mission.analysis.load import flown, reached
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.log.records import LATE, RoundRecord, UplinkRecord
+from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import FlightData, PlanRecord
 
 # A straight is what lies farther than this along the planned path from every corner.
@@ -21,7 +22,10 @@ class Measured:
     """One round's samples and slots, from which its numbers and the run's are made."""
 
     record: RoundRecord
-    plan_duration_s: float
+    # Its row of `rounds.csv`; `plan_duration_s` of the plan; `slots`, the steps with a scheduled
+    # device or the places of a plan file, and `slots_missed`; `unready`, the devices that sent
+    # nothing, as they still trained.
+    numbers: Mapping[str, float]
     cross_m: Floats
     straight: Floats  # cross-track of the samples on straights
     corner_cut_m: Floats
@@ -29,14 +33,12 @@ class Measured:
     slot_along_m: Floats
     slot_miss_m: Floats
     slot_late_s: Floats
-    slots: int  # steps with a scheduled device; or the places of a plan file
     estimate_m: Floats
     estimate_height_m: Floats
     plan_per: Floats
     est_per: Floats
     true_per: Floats
     per_shift: Floats  # true - planned
-    unready: int  # devices that sent nothing, as they still trained
 
 
 def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
@@ -70,7 +72,13 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     true_per = np.array([item.true_per for item in sent])
     measured = Measured(
         record=record,
-        plan_duration_s=plan.duration_s,
+        numbers={
+            **flat(record),
+            "plan_duration_s": plan.duration_s,
+            "slots": len(slots),
+            "slots_missed": len(slots) - len(reached),
+            "unready": len(uplinks) - len(sent),
+        },
         cross_m=fit.cross_m,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
@@ -78,14 +86,12 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         slot_along_m=(miss * heading).sum(axis=1),
         slot_miss_m=np.linalg.norm(miss, axis=1),
         slot_late_s=np.array([_late(item, record, plan) for item in reached]),
-        slots=len(slots),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
         plan_per=plan_per,
         est_per=np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
         true_per=true_per,
         per_shift=true_per - plan_per,
-        unready=len(uplinks) - len(sent),
     )
     return measured if run.plan_file is None else _at_places(measured, run)
 
@@ -99,7 +105,11 @@ def _at_places(measured: Measured, run: FlightData) -> Measured:
         measured,
         height_m=miss[:, 2],
         slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
-        slots=len(places_m),
+        numbers={
+            **measured.numbers,
+            "slots": len(places_m),
+            "slots_missed": len(places_m) - len(miss),
+        },
     )
 
 
@@ -107,21 +117,16 @@ def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:
     return item.slot_t_s - record.start_t_s - float(plan.slot_s[item.step])
 
 
-def _heading(waypoints_m: Floats, step: int) -> Floats:
-    """Unit vector of the path at a waypoint: the mean of the legs in and out; 0 at a hover."""
-    here = waypoints_m[step]
-    apart = np.linalg.norm(waypoints_m - here, axis=1) > 1e-6
-    before, after = np.flatnonzero(apart[:step]), np.flatnonzero(apart[step:])
-    total = np.zeros(2)
-    if len(before):
-        leg = here - waypoints_m[before[-1]]
-        total += leg / np.linalg.norm(leg)
-    if len(after):
-        leg = waypoints_m[step + after[0]] - here
-        total += leg / np.linalg.norm(leg)
+def _heading(route_m: Floats, at: int) -> Floats:
+    """Unit vector of the path at one of its points: the mean of the legs in and out; 0 at a hover.
+
+    A path that turns right back has no direction of its own there: the way in.
+    """
+    away_m = route_m - route_m[at]
+    apart = np.linalg.norm(away_m, axis=1) > 1e-6
+    before, after = -away_m[:at][apart[:at]][-1:], away_m[at:][apart[at:]][:1]
+    legs = np.vstack((before, after))
+    units = legs / np.linalg.norm(legs, axis=1, keepdims=True)
+    total = units.sum(axis=0)
     size = np.linalg.norm(total)
-    # A path that turns right back has no direction of its own there: take the way in.
-    if size < 1e-6 and len(before):
-        leg = here - waypoints_m[before[-1]]
-        return np.asarray(leg / np.linalg.norm(leg))
-    return np.asarray(total / size) if size > 0 else total
+    return np.asarray(total / size if size > 1e-6 else units[:1].sum(axis=0))
