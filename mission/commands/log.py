@@ -85,7 +85,7 @@ def info(log: Path, *, as_json: Json = False) -> int:
 
 
 def check(log: Path, *, as_json: Json = False) -> int:
-    """Verify every checksum, the numbering and the index of a log.
+    """Verify every checksum of a log, and the numbering of its messages.
 
     Parameters
     ----------
@@ -155,10 +155,13 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.log.export import export_kml
 
         return (export_kml(log, file),)
-    from mission.log.export import export_attachments, export_csv, export_parquet
+    if to == "attachments":
+        from mission.log.export import export_attachments
 
-    write = {"csv": export_csv, "parquet": export_parquet, "attachments": export_attachments}
-    return write[to](log, folder)
+        return export_attachments(log, folder)
+    from mission.log.export import export_tables
+
+    return export_tables(log, folder, to)
 
 
 def diff(first: Path, second: Path, *, as_json: Json = False) -> int:

@@ -2,10 +2,9 @@
 
 import math
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -85,35 +84,17 @@ def tables(data: FlightData) -> Tables:
     }
 
 
-def export_csv(path: Path, folder: Path) -> tuple[Path, ...]:
-    """Write every table with a row to `folder` as CSV; returns the files.
+def export_tables(path: Path, folder: Path, form: Literal["csv", "parquet"]) -> tuple[Path, ...]:
+    """Write every table with a row to `folder`, as CSV or as Parquet (zstd); returns the files.
 
-    A text that a spreadsheet would compute gets an apostrophe in front.
-
-    Raises:
-        LogError: the log cannot be read. InputError: the folder is used or cannot be written.
-    """
-    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
-    with new_folder(folder) as partial:
-        for name, columns in found.items():
-            rows = zip(*map(_harmless, columns.values()), strict=True)
-            text = csv_lines([columns, *rows])
-            (partial / f"{name}.csv").write_text(text, encoding="utf-8", newline="")
-    return tuple(folder / f"{name}.csv" for name in found)
-
-
-def export_parquet(path: Path, folder: Path) -> tuple[Path, ...]:
-    """Write every table with a row to `folder` as Parquet (zstd); returns the files.
+    In CSV a text that a spreadsheet would compute gets an apostrophe in front.
 
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
-
-    found = {name: columns for name, columns in tables(read_log(path)).items() if columns}
-    with new_folder(folder) as partial:
-        for name, columns in found.items():
-            (partial / f"{name}.parquet").write_bytes(parquet(columns))
-    return tuple(folder / f"{name}.parquet" for name in found)
+    encoded = _csv if form == "csv" else parquet
+    found = tables(read_log(path)).items()
+    return _write_all(folder, {f"{name}.{form}": encoded(table) for name, table in found if table})
 
 
 def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -127,15 +108,11 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
     for name in found:
         if Path(name).name != name:
             raise LogError(path, f"attachment {name!r} is no plain file name")
-    with new_folder(folder) as partial:
-        for name, data in found.items():
-            (partial / name).write_bytes(data)
-    return tuple(folder / name for name in found)
+    return _write_all(folder, found)
 
 
-@contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write into, which becomes `folder` when all went well and vanishes otherwise.
+def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
+    """Make a folder with files by name; all of it or nothing.
 
     Raises:
         InputError: `folder` holds something, or cannot be written.
@@ -146,12 +123,19 @@ def new_folder(folder: Path) -> Iterator[Path]:
             raise InputError(f"{folder}: the output folder is already used")
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        yield partial
+        for name, data in files.items():
+            (partial / name).write_bytes(data)
         partial.replace(folder)
     except OSError as error:
         raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+    return tuple(folder / name for name in files)
+
+
+def _csv(table: Mapping[str, Column]) -> bytes:
+    rows = zip(*map(_harmless, table.values()), strict=True)
+    return csv_lines([table, *rows]).encode()
 
 
 def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Column]:

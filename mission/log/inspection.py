@@ -5,12 +5,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Message, Statistics
+from mcap.records import Message
 
-from mission.log.contents import Contents, load
-from mission.log.errors import LogError
+from mission.log.contents import load
 from mission.log.values import NS_PER_S
 
 _SHOWN = 5  # differences or findings of one kind that are spelled out
@@ -87,7 +84,7 @@ def info(path: Path) -> LogInfo:
 
 
 def check(path: Path) -> tuple[str, ...]:
-    """Verify a log beyond its checksums: numbering, order and index. Returns what is wrong.
+    """Verify a log beyond its checksums: its numbering. Returns what is wrong.
 
     Raises:
         LogError: it cannot be read, is no log of ours, or is damaged.
@@ -105,33 +102,7 @@ def check(path: Path) -> tuple[str, ...]:
             findings.append(f"{name}: {missing} messages are missing from its numbering")
         if any(later.sequence <= earlier.sequence for earlier, later in pairwise(messages)):
             findings.append(f"{name}: messages are numbered out of order")
-    return (*findings, *_index_findings(path, contents))
-
-
-def _index_findings(path: Path, contents: Contents) -> Sequence[str]:
-    try:
-        with path.open("rb") as stream:
-            summary = make_reader(stream, validate_crcs=True).get_summary()
-    except McapError as error:
-        raise LogError(path, f"its index cannot be read: {error}") from None
-    if summary is None or summary.statistics is None:
-        return ("it has no index or no statistics",)
-    statistics: Statistics = summary.statistics
-    found = {
-        "messages": sum(len(messages) for messages in contents.messages.values()),
-        "attachments": len(contents.attachments),
-        "metadata": len(contents.metadata),
-    }
-    stated = {
-        "messages": statistics.message_count,
-        "attachments": statistics.attachment_count,
-        "metadata": statistics.metadata_count,
-    }
-    return tuple(
-        f"its statistics say {stated[kind]} {kind}, it holds {count}"
-        for kind, count in found.items()
-        if stated[kind] != count
-    )
+    return tuple(findings)
 
 
 def diff(first: Path, second: Path) -> tuple[str, ...]:

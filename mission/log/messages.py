@@ -46,6 +46,12 @@ _LEVELS = {
 }
 
 
+def encoded(kind: Any, **fields: object) -> bytes:
+    """A Foxglove message of a kind as protobuf."""
+    data: bytes = kind(**fields).encode()
+    return data
+
+
 def timestamp(t_ns: int) -> fox.Timestamp:
     """Simulated nanoseconds as a Foxglove timestamp."""
     return fox.Timestamp(t_ns // NS_PER_S, t_ns % NS_PER_S)
@@ -83,67 +89,64 @@ def place(area: Area, state: Kinematics) -> Place:
 
 def pose(stamp: fox.Timestamp, where: Place) -> bytes:
     """PoseInFrame in the area's frame."""
-    data: bytes = fox.PoseInFrame(
+    return encoded(
+        fox.PoseInFrame,
         timestamp=stamp,
         frame_id=FRAME,
         pose=fox.Pose(position=where[0], orientation=where[1]),
-    ).encode()
-    return data
+    )
 
 
 def transform(stamp: fox.Timestamp, where: Place) -> bytes:
     """FrameTransform from the area's frame to the aircraft's."""
-    data: bytes = fox.FrameTransform(
+    return encoded(
+        fox.FrameTransform,
         timestamp=stamp,
         parent_frame_id=FRAME,
         child_frame_id=BODY_FRAME,
         translation=where[0],
         rotation=where[1],
-    ).encode()
-    return data
+    )
 
 
 def velocity(vel_ned_mps: Vector) -> bytes:
     """Vector3, east-north-up metres per second."""
     north, east, down = vel_ned_mps.tolist()
-    data: bytes = vector((east, north, -down), grid=VELOCITY_GRID).encode()
-    return data
+    x, y, z = (round(value * VELOCITY_GRID) / VELOCITY_GRID for value in (east, north, -down))
+    return encoded(fox.Vector3, x=x, y=y, z=z)
 
 
 def point(stamp: fox.Timestamp, xyz: XYZ) -> bytes:
     """Point3InFrame in the area's frame."""
     x, y, z = (round(value * POSITION_GRID) / POSITION_GRID for value in xyz)
-    data: bytes = fox.Point3InFrame(
-        timestamp=stamp, frame_id=FRAME, point=fox.Point3(x=x, y=y, z=z)
-    ).encode()
-    return data
+    return encoded(
+        fox.Point3InFrame, timestamp=stamp, frame_id=FRAME, point=fox.Point3(x=x, y=y, z=z)
+    )
 
 
 def path(stamp: fox.Timestamp, points_m: Iterable[Sequence[float]]) -> bytes:
     """PosesInFrame of points (x, y, z) in the area's frame, without orientation."""
     level = fox.Quaternion(w=1.0)
     poses = [fox.Pose(position=vector(p, grid=PATH_GRID), orientation=level) for p in points_m]
-    data: bytes = fox.PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses).encode()
-    return data
+    return encoded(fox.PosesInFrame, timestamp=stamp, frame_id=FRAME, poses=poses)
 
 
 def gnss(frame: LocalFrame, fix: GnssFix) -> bytes:
     """LocationFix of a receiver's solution, stamped with the instant that it describes."""
     h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
-    data: bytes = fox.LocationFix(
+    return encoded(
+        fox.LocationFix,
         timestamp=timestamp(max(fix.t_ns, 0)),  # the first may describe instants before zero
         frame_id="gnss",
         position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
         position_covariance_type=fox.LocationFixPositionCovarianceType.DiagonalKnown,
         **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
-    ).encode()
-    return data
+    )
 
 
 def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
     """LocationFix of a position without error."""
-    data: bytes = fox.LocationFix(timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where)).encode()
-    return data
+    return encoded(fox.LocationFix, timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where))
 
 
 def geojson(features: Sequence[Mapping[str, object]]) -> bytes:
@@ -151,16 +154,14 @@ def geojson(features: Sequence[Mapping[str, object]]) -> bytes:
     text = json.dumps(
         {"type": "FeatureCollection", "features": list(features)}, separators=(",", ":")
     )
-    data: bytes = fox.GeoJson(geojson=text).encode()
-    return data
+    return encoded(fox.GeoJson, geojson=text)
 
 
 def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
     """Log with the level of a MAV_SEVERITY."""
-    data: bytes = fox.Log(
-        timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source
-    ).encode()
-    return data
+    return encoded(
+        fox.Log, timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source
+    )
 
 
 def battery(state: BatteryState) -> bytes:

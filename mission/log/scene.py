@@ -9,7 +9,7 @@ from foxglove import messages as fox
 from mission.base import palette
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.log.messages import geojson, timestamp
+from mission.log.messages import encoded, geojson, timestamp
 from mission.log.records import UplinkRecord
 from mission.log.topics import FRAME
 from mission.log.values import Devices, PlanRecord, Zone
@@ -189,5 +189,4 @@ def _entity(t_ns: int, name: str, **parts: object) -> object:
 
 
 def _update(entities: Sequence[object]) -> bytes:
-    data: bytes = fox.SceneUpdate(entities=list(entities)).encode()
-    return data
+    return encoded(fox.SceneUpdate, entities=list(entities))
