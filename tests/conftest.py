@@ -32,6 +32,13 @@ def _undrawn() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True)
+def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What tests of plug-ins look at is in the tables: their runs' pictures are left out."""
+    if request.path.parent.name in ("examples", "scenario"):
+        monkeypatch.setattr("mission.figures.run.draw_run", lambda _: ())
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real MNIST and CIFAR-10 files that may lie beside the checkout."""

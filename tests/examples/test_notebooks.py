@@ -17,6 +17,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(EXAMPLES.parent)]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    startup = tmp_path / "ipython" / "profile_default" / "startup"
+    startup.mkdir(parents=True)
+    # The pictures that a notebook shows are drawn; those of its runs' folders are not.
+    (startup / "pictures.py").write_text(
+        "import mission.figures.run\nmission.figures.run.draw_run = lambda folder: ()\n"
+    )
     monkeypatch.setenv("JUPYTER_DATA_DIR", str(tmp_path / "jupyter"))
     notebook = nbformat.read(EXAMPLES / name, as_version=4)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]

@@ -123,7 +123,8 @@ def test_a_plan_has_the_strategy_s_own_importance() -> None:
 @pytest.mark.slow
 def test_the_worked_example_flies_by_age(tmp_path: Path) -> None:
     out = tmp_path / "age"
-    assert fly(out, "mission.strategy=examples.staleness:make", rounds=4) == 0
+    more = ("mission.strategy=examples.staleness:make", "mission.flight=none")
+    assert fly(out, *more, rounds=4) == 0
     shares = [float(device["p"]) for device in rows(out / "devices.csv")]
     last_heard = [0] * len(shares)
     uplinks = rows(out / "uplinks.csv")
@@ -147,7 +148,7 @@ def test_an_own_strategy_resumes_with_the_ages_it_had(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    more = ("mission.strategy=examples.staleness:make",)
+    more = ("mission.strategy=examples.staleness:make", "mission.flight=none")
     assert fly(whole, *more, rounds=3) == 0
     with monkeypatch.context() as patch:
         cut_after(patch, 2)
