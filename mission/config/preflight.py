@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from fl import preflight as learning
-from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS
-from fl.data.load import load, needs_files
-from fl.errors import DataMissingError
-from fl.plugins import is_plugin, problem_of
+from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS, CommunityConfig
+from fl.data.load import CLASSES, load, needs_files
+from fl.data.partition import check_owners
+from fl.errors import DataMissingError, SettingError
+from fl.plugins import is_plugin, needs_torch, problem_of
 from fl.radio.uplink import GATES
 from mission.base.errors import InputError
 from mission.base.user_code import errors_of_learning
@@ -37,8 +37,10 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
         yield Problem(f"vehicle.{key}", value, reason)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
-        for error in learning.problems_of(community):
+        if (error := _owners(community)) is not None:
             yield Problem(f"{at}.{error.key}", error.value, error.allowed)
+        if community.network not in BUILT_IN_NETWORKS and (missing := needs_torch()):
+            yield Problem(f"{at}.network", community.network, missing)
         yield from _code(f"{at}.network", community.network, BUILT_IN_NETWORKS)
         yield from _code(f"{at}.task", community.task, TASKS)
         yield from _code(f"{at}.partition", community.partition, PARTITIONS)
@@ -51,6 +53,17 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
         yield from _code("planner.factory", config.planner.factory)
     for index, name in enumerate(config.callbacks or ()):
         yield from _code(f"callbacks.{index}", name)
+
+
+def _owners(community: CommunityConfig) -> SettingError | None:
+    """Why labels cannot be dealt out to a community's devices, where its classes are known."""
+    if community.partition == "labels" and community.task in TASKS[:-1]:
+        each, coverage = community.labels_per_device, community.coverage
+        try:
+            check_owners(community.devices, CLASSES, per_device=each, coverage=coverage)
+        except SettingError as error:
+            return error
+    return None
 
 
 def load_data(config: "RunConfig", data_dir: Path | None) -> None:
