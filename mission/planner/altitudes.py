@@ -15,7 +15,6 @@ from itertools import pairwise
 import numpy as np
 
 from mission.planner.certified import (
-    TABLED,
     Case,
     CertifiedPlanner,
     Goal,
@@ -24,6 +23,7 @@ from mission.planner.certified import (
     search,
 )
 from mission.planner.evaluate import (
+    bounded,
     climbed,
     finish,
     fit_budget,
@@ -66,8 +66,7 @@ class CertifiedAltitudes:
             return plan
         proof = _Proof(problem, self.inner.goal)
         bound = proof.lower()
-        assert proof.best.value <= bound * (1.0 + TABLED), (proof.best.value, bound)
-        return replace(proof.best, upper_bound=max(bound, proof.best.value), nodes=proof.nodes)
+        return bounded(problem, proof.best, bound, proof.nodes)
 
 
 @dataclass
