@@ -14,8 +14,8 @@ from fl.radio.channel import Channel, average_per
 from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
-from mission.planner.errors import BoundError, PlanInputError
-from mission.planner.problem import RoundPlan, RoundProblem, as_waypoints
+from mission.planner.errors import PlanInputError
+from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
 from mission.planner.schedule import assign
 
 ALTITUDES = 17  # that are looked at together
