@@ -79,9 +79,6 @@ log.command("mission.commands.log:export", name="export", help=helps.LOG_EXPORT)
 log.command("mission.commands.log:diff", name="diff", help=helps.LOG_DIFF)
 app.command(log)
 app.command("mission.commands.sweep:sweep", name="sweep", help=helps.SWEEP)
-app.command(
-    "mission.commands.reproduction:reproduction", name="reproduction", help=helps.REPRODUCTION
-)
 data = App(name="data", help=helps.DATA, default_parameter=_PARAMETER)
 data.command("mission.commands.data:fetch", name="fetch", help=helps.DATA_FETCH)
 data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)

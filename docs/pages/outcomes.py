@@ -1,8 +1,9 @@
-"""What the sweeps under docs/data came to: tables of `aerofed reproduction`, a page for each."""
+"""What the sweeps under docs/data came to: tables of `reproduction_tables.py`, a page each."""
 
 from pathlib import Path
 
-from mission.sweep.outcome.reproduction import reproduction
+from reproduction_tables import reproduction
+
 from mission.sweep.state import read_sweep
 
 
@@ -10,7 +11,8 @@ def page(folder: Path) -> str:
     """The tables of one sweep, made anew from its compressed results."""
     head = (
         f"# Outcome of `{folder.name}`\n\n"
-        f"Made from the tables beside this page by `aerofed reproduction docs/data/{folder.name}`. "
+        "Made from the tables beside this page by "
+        f"`python docs/reproduction_tables.py docs/data/{folder.name}`. "
         "What the sweep is for: [The paper's experiment, reproduced](../../reproduction.md).\n\n"
     )
     return head + reproduction(read_sweep(folder))

@@ -118,7 +118,7 @@ def sweep(
     from rich.console import Console
 
     from mission.base.run_folder import RUNS
-    from mission.sweep.execute.choice import EngineChoice
+    from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import Axis, make_grid
 
     chosen = EngineChoice(engine, jobs, address)

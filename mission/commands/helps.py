@@ -89,10 +89,6 @@ DATA_CHECK = """Read every data set in a folder as a run would, and say what was
 
 Example: aerofed data check data"""
 
-REPRODUCTION = """A sweep's outcome as Markdown tables, beside what the paper reports.
-
-Example: aerofed reproduction paper-sweep --out table.md"""
-
 COMPLETION = """Print what makes a shell complete commands and options on Tab.
 
 Example: aerofed completion bash > ~/.local/share/bash-completion/completions/aerofed"""

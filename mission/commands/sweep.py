@@ -59,7 +59,7 @@ def sweep(
     as_json
         Print nothing but the results, a row a run, as JSON at the end.
     """
-    from mission.sweep.execute.choice import EngineChoice
+    from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import make_grid, parse_axis
 
     chosen = EngineChoice(engine, jobs, address)

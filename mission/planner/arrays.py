@@ -7,7 +7,8 @@ from mission.planner.native.library import Devices, Limits, Relaxation
 from mission.planner.problem import RoundProblem
 from mission.planner.reward import Altitudes, conjugates, reward_table
 
-REACH_STEP_M = 512  # of tables, so that the rounds of a mission share them
+# Tables are made for multiples of this reach, so that the rounds of a mission share them.
+REACH_STEP_M = 512
 
 
 def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, Limits]:
@@ -18,14 +19,14 @@ def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devic
     worth = problem.importance > 0.0
     u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
     delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
-    table = reward_table(problem.channel, reach_of(problem), towards_m)
+    table = reward_table(problem.channel, _reach(problem, u), towards_m)
     limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
     return Devices(u, delta, table.rows), limits
 
 
 def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
     """The tables of the dual bound; `towards_m` as in `reward_table`."""
-    reach = reach_of(problem)
+    reach = _reach(problem, devices.u)
     conjugate = conjugates(problem.channel, reach, towards_m)
     # No path comes nearer to a device than its distance from the start less the budget.
     nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
@@ -50,9 +51,7 @@ def root_bound(promise: Floats, limits: Limits) -> float:
     return float(np.sort(promise)[::-1][:places].sum())
 
 
-def reach_of(problem: RoundProblem) -> int:
-    """Whole metres of distance that tables need: no device that is worth something is ever further
-    away than from the start, plus the budget."""
-    worth = problem.importance > 0.0
-    far = np.hypot(*(problem.devices_m[worth] - problem.start_m).T)
-    return REACH_STEP_M * (int(far.max() + problem.path_budget_m) // REACH_STEP_M + 1)
+def _reach(problem: RoundProblem, u: Floats) -> int:
+    """No device is ever further away than from the start, plus the budget."""
+    farthest = float(np.hypot(*u.T).max()) + problem.path_budget_m
+    return REACH_STEP_M * (int(farthest) // REACH_STEP_M + 1)

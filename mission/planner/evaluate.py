@@ -15,15 +15,13 @@ from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
+from mission.planner.problem import RoundPlan, RoundProblem, as_waypoints
 from mission.planner.schedule import assign
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
 CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
-# Success at a distance is tabled to this share (`mission.planner.reward`).
-TABLED = 1e-4
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
 ROUNDING_M = 1e-9  # a path that is over its budget by less is not
 
@@ -135,17 +133,6 @@ def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
             f"waypoints_m: the path is {length_m:.6g} m long, path_budget_m is {most_m:g}; "
             "fit_budget(waypoints_m, problem.path_budget_m) shrinks it"
         )
-
-
-def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) -> RoundPlan:
-    """The plan with a bound, which it may exceed by as much as the tables are inexact.
-
-    Raises:
-        BoundError: it exceeds the bound by more.
-    """
-    if plan.value > bound * (1.0 + TABLED):  # not where no bound is proven: NaN
-        raise BoundError(problem, plan, bound)
-    return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]:

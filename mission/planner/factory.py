@@ -2,11 +2,12 @@
 
 from mission.base.errors import PlanError
 from mission.base.user_code import OwnCode
+from mission.planner.around import AroundPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.limited import LimitedPlanner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.within import WithinPlanner
 
 
 def make_planner(config: PlannerConfig) -> Planner:
@@ -16,12 +17,7 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    planner = _choosing_altitudes(config)
-    if config.kind != "certified":
-        return LimitedPlanner(planner, planner)
-    from mission.planner.certified import ExploringPlanner
-
-    return LimitedPlanner(planner, ExploringPlanner())
+    return AroundPlanner(WithinPlanner(_choosing_altitudes(config)))
 
 
 def _choosing_altitudes(config: PlannerConfig) -> Planner:

@@ -9,8 +9,7 @@ from mission.base.run_folder import write_atomically
 from mission.figures.render import card
 from mission.report.html import page
 from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
-from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts, gain_maps
-from mission.sweep.outcome.gain_map import compared
+from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
 from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.view import (
     ACCURACY,
@@ -89,12 +88,6 @@ def sweep_html(state: SweepState) -> str:
         method=METHOD,
         points=POINTS,
         gains=[card(chart) for chart in gain_charts(results)],
-        maps=[
-            card(chart)
-            for other in compared(results)
-            for pair in gain_maps(results, other)
-            for chart in pair
-        ],
         gain_table=gain_table(paired_gains(results)),
         curves=curves,
         runs=_runs(results),

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mission.base.terminal import PLAIN
+from mission.run.budget import rounds_paid_for
+from mission.scenario.limits import budget_of
+from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
-from mission.sweep.timeleft import TimeLeft
+from mission.sweep.state import rounds_in
 
-_SHOWN = 4  # runs at work, under the bar
+_SHOWN = 4  # runs at work, beside the bar
 
 
 class Lines:
@@ -32,31 +35,46 @@ class Lines:
 class Bar(Lines):
     """A bar over all rounds, with the runs at work, under the lines of those that ended."""
 
-    def __init__(self, console: Console, time_left: TimeLeft, *, runs: int) -> None:
+    def __init__(self, console: Console, folder: SweepFolder, runs: Sequence[SweepRun]) -> None:
         super().__init__(console)
-        self._time_left, self._runs = time_left, runs
+        self._folder, self._runs = folder, len(runs)
+        self._expected = {run.name: rounds_paid_for(budget_of(run.config)) for run in runs}
+        self._over = {run.name for run in runs if folder.done(run)}
+        self._at_work: set[str] = set()
         self._progress = Progress(
             BarColumn(),
-            TextColumn("{task.description}", markup=False),
+            MofNCompleteColumn(),
+            TextColumn("rounds  {task.description}", markup=False),
+            TimeRemainingColumn(compact=True),
             console=console,
             transient=True,
         )
-        self._task: TaskID = self._progress.add_task("starting", total=1.0)
+        self._task = self._progress.add_task("starting", total=sum(self._expected.values()))
         self._progress.start()
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
-        at_work = [
-            f"{run.name} {flown}/{expected}"
-            for run in running[:_SHOWN]
-            for flown, expected in (self._time_left.rounds(run),)
-        ]
+        names = {run.name for run in running}
+        self._over |= self._at_work - names
+        self._at_work = names
+        flown = {
+            run.name: min(rounds_in(self._folder.run(run)), self._expected[run.name])
+            for run in running
+        }
+        shown = [f"{name} {n}/{self._expected[name]}" for name, n in list(flown.items())[:_SHOWN]]
         more = " ..." if len(running) > _SHOWN else ""
-        parts = (f"{done}/{self._runs} runs", self._time_left.text(), ", ".join(at_work) + more)
         self._progress.update(
             self._task,
-            completed=self._time_left.share(),
-            description="  ".join(part for part in parts if part),
+            completed=sum(self._expected[name] for name in self._over) + sum(flown.values()),
+            description=f"{done}/{self._runs} runs  {', '.join(shown)}{more}",
         )
 
     def close(self) -> None:
         self._progress.stop()
+
+
+def duration(seconds: float) -> str:
+    """`45 s`, `12 min`, `3 h 20 min`."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

@@ -13,17 +13,14 @@ from mission.base.tables import count
 from mission.base.terminal import PLAIN
 from mission.config.models import RunConfig
 from mission.flight.flyers.open import set_up
-from mission.sweep.execute.choice import EngineChoice
-from mission.sweep.execute.engine import Engine
-from mission.sweep.execute.loop import execute_all
+from mission.sweep.execute.engine import Engine, EngineChoice, execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Grid, SweepRun
 from mission.sweep.outcome.gains import METHOD
-from mission.sweep.progress import Bar, Lines
+from mission.sweep.progress import Bar, Lines, duration
 from mission.sweep.results import read_run, write_results
 from mission.sweep.state import read_sweep
-from mission.sweep.timeleft import TimeLeft, duration
 
 Page: TypeAlias = Callable[[Path], object]
 
@@ -117,32 +114,25 @@ class _Sweep:
             return RunOrder(run.name, run.config, path, data_dir, here, figures=self.run_figures)
 
         slots = min(workers.slots, len(todo))
-        time_left = TimeLeft(self.folder, every, todo=todo, slots=slots)
         progress = Lines(console)
         if console.is_terminal:
-            progress = Bar(console, time_left, runs=len(every))
+            progress = Bar(console, self.folder, every)
         ended = 0
 
         def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
             nonlocal ended
             if run is not None and end is not None:
                 ended += 1
-                time_left.ended(run)
-            time_left.at_work(running)
             if run is None:
                 progress.update(done=before + ended, running=running)
                 return
             if end is None:
-                progress.say(f"{run.name}: its worker died; another goes on with the run")
+                progress.say(f"{run.name}: its worker died; another takes the run")
                 return
             # Of a single run the error follows at once.
             why = f": {end.message}" if len(todo) > 1 else ""
             outcome = f"failed{why}" if end.exit_code else _outcome(self.folder, run)
-            parts = (outcome, time_left.text() if ended < len(todo) else "")
-            progress.say(
-                f"run {before + ended}/{len(every)} {run.name}: "
-                + ", ".join(part for part in parts if part)
-            )
+            progress.say(f"run {before + ended}/{len(every)} {run.name}: {outcome}")
 
         try:
             if before:

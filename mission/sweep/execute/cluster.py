@@ -1,39 +1,40 @@
 """Runs on a Ray cluster, or on a Ray that is started here: the one home of ray.
 
-No folder is shared. Data sets and the user's code go to the machines, and runs come back, through
-Ray's object store. The sweep's folder is the only truth: it has what a run needs to go on, so that
-another machine can when the first one dies.
+No folder is shared. Data sets and the user's code go to the machines, and the folder of a run that
+has ended comes back, through Ray's object store. A run whose machine dies starts anew on another.
 """
 
 import importlib
+import io
 import os
 import pickle
+import shutil
+import socket
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fl.data.load import Source
+from fl.data.dataset import Dataset
+from fl.data.load import Source, bring, load, needs_files
 from fl.errors import LearningInputError, first_line
-from mission.base.errors import AerofedError, InputError, LinkLostError
+from fl.plugins import is_import_path
+from mission.base.errors import InputError, LinkLostError
 from mission.base.run_folder import library_versions
 from mission.config.models import RunConfig
-from mission.sweep.execute.engine import RunFinished
-from mission.sweep.execute.luggage import data_sets, own_code, put_together
-from mission.sweep.execute.parcels import Inbox, Kept, Part
-from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, failed
+from mission.sweep.execute.worker import (
+    ENVIRONMENT,
+    RunEnd,
+    RunFinished,
+    RunOrder,
+    execute,
+    failed,
+)
 
-_PARCELS_AHEAD = 2  # that a machine makes before they are fetched
-
-
-@dataclass(frozen=True)
-class _Flight:
-    """A run that a machine was given."""
-
-    order: RunOrder
-    inbox: Inbox
+# Of the working directory, where plug-ins are found in it: what is no code of the user's.
+_LEFT_BEHIND = ["runs/", ".git/", ".venv/", "venv/", "__pycache__/", "*.mcap"]
 
 
 class RayEngine:
@@ -50,8 +51,9 @@ class RayEngine:
         """Connect to the cluster at `address`, or start Ray on this machine.
 
         Raises:
-            InputError: Ray is not installed, or what should go along cannot.
-            LinkLostError: there is no cluster at that address.
+            InputError: Ray is not installed, or data are missing or damaged.
+            LinkLostError: there is no cluster at that address, or the working directory with the
+                user's code is too large for it.
         """
         try:
             self._ray: Any = importlib.import_module("ray")
@@ -60,43 +62,33 @@ class RayEngine:
                 "--engine ray: Ray is not installed: pip install 'aerofed[ray]'"
             ) from None
         try:
-            read = data_sets(configs, data_dir)
+            read = _data_sets(configs, data_dir)
         except LearningInputError as error:
             raise InputError(str(error)) from None
-        with tempfile.TemporaryDirectory(prefix="aerofed-code-") as folder:
-            here = Path.cwd()
-            files = own_code(configs, here)
-            put_together(files, here, Path(folder))
-            self._connect(address, jobs, code=folder if files else None)
+        self._connect(address, jobs, own_code=any(map(_has_plugins, configs)))
         self._data = {source: self._ray.put(dataset) for source, dataset in read.items()}
         self._jobs = jobs
         if self._cpus() < 1:
             self._ray.shutdown()
             raise LinkLostError(f"--address {address}: no machine of the cluster offers a CPU")
-        # No retry by Ray: only the sweep knows how often a run was lost, and what there is of it.
-        self._fly = self._ray.remote(
-            num_cpus=1,
-            max_retries=0,
-            num_returns="streaming",
-            _generator_backpressure_num_objects=_PARCELS_AHEAD,
-        )(_flying())
+        # No retry by Ray: only the sweep knows how often a run was lost.
+        self._fly = self._ray.remote(num_cpus=1, max_retries=0)(_task())
         self._versions = library_versions()
-        self._flights: dict[Iterator[object], _Flight] = {}
-        self._ended: list[RunFinished] = []
+        self._flying: dict[Any, RunOrder] = {}  # by the reference to what comes back
 
-    def _connect(self, address: str | None, jobs: int | None, *, code: str | None) -> None:
+    def _connect(self, address: str | None, jobs: int | None, *, own_code: bool) -> None:
         # Ray's workers run at the lowest priority unless this is set before it starts.
         os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  # Ray's own spelling
         # A Ray that is started here tells nobody of it, unless it is asked to.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         local = {"num_cpus": jobs, "include_dashboard": False} if address is None else {}
-        place = {} if code is None else {"working_dir": code}
+        code = {"working_dir": str(Path.cwd()), "excludes": _LEFT_BEHIND} if own_code else {}
         try:
             self._ray.init(
                 address=address or "local",
                 log_to_driver=False,
                 logging_level="error",
-                runtime_env={"env_vars": ENVIRONMENT, **place},
+                runtime_env={"env_vars": ENVIRONMENT, **code},
                 **local,
             )
         except (OSError, ValueError, RuntimeError, self._ray.exceptions.RayError) as error:
@@ -116,19 +108,10 @@ class RayEngine:
         return int(self._ray.cluster_resources().get("CPU", 0))
 
     def start(self, order: RunOrder) -> None:
-        """Hand a run to the cluster, with what the sweep's folder has of it."""
-        try:
-            inbox = Inbox(order.folder)
-            brought = inbox.brought()
-        except (AerofedError, OSError) as error:
-            self._ended.append(RunFinished(order, failed(error, order.folder)))
-            return
-        if inbox.finished:  # all of it had come as the last sweep was cut off
-            self._ended.append(RunFinished(order, RunEnd(0)))
-            return
+        """Hand a run to the cluster."""
         # Packed, so that a machine without Aerofed can say so.
-        packed = pickle.dumps((order, brought))
-        self._flights[self._fly.remote(self._versions, packed, self._data)] = _Flight(order, inbox)
+        packed, data = pickle.dumps(order), list(self._data.items())
+        self._flying[self._fly.remote(self._versions, packed, data)] = order
 
     def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
         """Runs that ended; one whose process or machine died has no end.
@@ -137,100 +120,149 @@ class RayEngine:
             InputError: a machine has other versions.
             Exception: whatever a run raised that is no error of the application.
         """
-        until = time.monotonic() + timeout_s
-        while not self._ended and self._flights:
-            left = until - time.monotonic()
-            ready, _ = self._ray.wait(list(self._flights), timeout=max(0.0, left))
-            for stream in ready:
-                self._receive(stream)
-            if left <= 0.0:
-                break
-        ended, self._ended = tuple(self._ended), []
-        return ended
+        ready, _ = self._ray.wait(list(self._flying), timeout=timeout_s)
+        return tuple(RunFinished(order, self._end(ref, order)) for ref, order in self._taken(ready))
 
-    def _receive(self, stream: Iterator[object]) -> None:
-        """Take in what comes next from a run."""
-        flight, lost = self._flights[stream], self._ray.exceptions
+    def _taken(self, ready: Sequence[Any]) -> Iterator[tuple[Any, RunOrder]]:
+        for ref in ready:
+            yield ref, self._flying.pop(ref)
+
+    def _end(self, ref: Any, order: RunOrder) -> RunEnd | None:
+        lost = self._ray.exceptions
         try:
-            parcel = self._ray.get(next(stream))
-        except (
-            lost.WorkerCrashedError,
-            lost.NodeDiedError,
-            lost.OutOfMemoryError,
-            lost.ObjectLostError,
-        ):
-            self._end(stream, None)
-            return
-        try:
-            match parcel:
-                case Kept():
-                    flight.inbox.keep(parcel)
-                case Part():
-                    flight.inbox.add(parcel)
-                case RunEnd():
-                    flight.inbox.complete()
-                    self._end(stream, parcel)
-                case (str(machine), dict(versions)):
-                    raise _OtherVersionsError(machine, versions, self._versions)
-        except _OtherVersionsError:
+            end, content = self._ray.get(ref)
+        except lost.RayTaskError:
             raise
-        except (AerofedError, OSError) as error:
-            # A full disk here, say: the end of this run, and not of the sweep.
-            self._ray.cancel(stream, force=True)
-            self._end(stream, failed(error, flight.order.folder))
+        except lost.RayError:  # its process or its machine is gone
+            return None
+        if not isinstance(end, RunEnd):
+            self._refuse(machine=end, versions=content)
+        try:
+            _unpack(content, order.folder)
+        except OSError as error:  # a full disk here, say: the end of this run, not of the sweep
+            return failed(error, order.folder)
+        found: RunEnd = end
+        return found
 
-    def _end(self, stream: Iterator[object], end: RunEnd | None) -> None:
-        flight = self._flights.pop(stream)
-        flight.inbox.close()
-        self._ended.append(RunFinished(flight.order, end))
-
-    def close(self) -> None:
-        """Cancel what is at work and leave the cluster; a Ray that was started here ends."""
-        for stream, flight in self._flights.items():
-            self._ray.cancel(stream, force=True)
-            flight.inbox.close()
-        self._flights.clear()
-        self._ray.shutdown()
-
-
-class _OtherVersionsError(InputError):
-    """A machine of the cluster would find something else."""
-
-    def __init__(self, machine: str, there: dict[str, str | None], here: dict[str, str]) -> None:
+    def _refuse(self, *, machine: str, versions: Mapping[str, str]) -> None:
         named = ", ".join(
-            f"{name} {there.get(name) or 'is missing'} (here {value})"
-            for name, value in here.items()
-            if there.get(name) != value
+            f"{name} {versions[name]} (here {here})"
+            for name, here in self._versions.items()
+            if versions[name] != here
         )
-        super().__init__(
+        raise InputError(
             f"--engine ray: machine {machine} has other versions: {named}; install the same on "
             "all machines of the cluster"
         )
 
+    def close(self) -> None:
+        """Cancel what is at work and leave the cluster; a Ray that was started here ends."""
+        for ref in self._flying:
+            self._ray.cancel(ref, force=True)
+        self._flying.clear()
+        self._ray.shutdown()
 
-def _flying() -> Callable[..., Iterator[object]]:
+
+def _task() -> Callable[..., tuple[object, object]]:
     """What a machine does. It is sent as code, and so says itself if Aerofed is missing there."""
 
-    def fly(wanted: dict[str, str], packed: bytes, data: dict[Source, object]) -> Iterator[object]:
+    def fly(wanted: dict[str, str], packed: bytes, data: Sequence[tuple[Source, Any]]) -> Any:
         import importlib.metadata
         import pickle
         import socket
 
-        found: dict[str, str | None] = {}
+        found: dict[str, str] = {}
         for name in wanted:
             try:
                 found[name] = importlib.metadata.version(name)
             except importlib.metadata.PackageNotFoundError:
-                found[name] = None
+                found[name] = "is missing"
         if found != wanted:
-            yield socket.gethostname(), found
-            return
-        import ray
+            return socket.gethostname(), found
+        from mission.sweep.execute.cluster import fly_there
 
-        from fl.data.load import bring
-        from mission.sweep.execute.remote import fly_here
-
-        bring({source: ray.get(reference) for source, reference in data.items()})
-        yield from fly_here(*pickle.loads(packed))
+        return fly_there(pickle.loads(packed), data)
 
     return fly
+
+
+def fly_there(order: RunOrder, data: Sequence[tuple[Source, Any]]) -> tuple[RunEnd, bytes]:
+    """Fly a run in a temporary folder of a machine of the cluster: how it ended, and its folder.
+
+    `data` are references to data sets in Ray's object store.
+
+    Raises:
+        Exception: whatever the run raised that is no error of the application.
+    """
+    import ray
+
+    bring({source: ray.get(reference) for source, reference in data})
+    with tempfile.TemporaryDirectory(prefix="aerofed-run-") as home:
+        folder = Path(home) / order.folder.name
+        end = execute(replace(order, folder=folder, working_dir=Path.cwd()))
+        if end.exit_code:
+            said = end.message.replace(str(folder), str(order.folder))
+            end = replace(end, message=f"{said} (on machine {socket.gethostname()})")
+        return end, _packed(folder)
+
+
+def _packed(folder: Path) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.write(path, path.relative_to(folder))
+    return content.getvalue()
+
+
+def _unpack(content: bytes, folder: Path) -> None:
+    """Make the folder of what came back, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    arriving = folder.with_name(f".{folder.name}.arriving")
+    shutil.rmtree(arriving, ignore_errors=True)
+    arriving.mkdir(parents=True)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            archive.extractall(arriving)
+        if folder.exists():  # of a try before
+            shutil.rmtree(folder)
+        arriving.rename(folder)
+    finally:
+        shutil.rmtree(arriving, ignore_errors=True)
+
+
+def _data_sets(configs: Sequence[RunConfig], data_dir: Path | None) -> dict[Source, Dataset]:
+    """The data sets of these runs that are read from files, or made by code of the user's.
+
+    Raises:
+        LearningInputError: one is missing or damaged.
+    """
+    wanted = {
+        (community.task, data_dir, community.data_file)
+        for config in configs
+        for community in config.communities
+        if needs_files(community.task)
+    }
+    found = {}
+    for task, folder, name in wanted:
+        dataset = load(task, data_dir=folder, data_file=name)
+        _ = dataset.train  # read, if it was not
+        found[task, folder, name] = dataset
+    return found
+
+
+def _has_plugins(config: RunConfig) -> bool:
+    return any(map(is_import_path, _texts(config.model_dump(mode="json"))))
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _texts(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _texts(item)

@@ -1,17 +1,19 @@
-"""Where the runs of a sweep are executed: what an engine can do."""
+"""Where the runs of a sweep are executed, and the loop that hands them out until all have ended."""
 
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Literal, Protocol, get_args
 
-from mission.sweep.execute.worker import RunEnd, RunOrder
+from mission.base.errors import InputError
+from mission.config.models import RunConfig
+from mission.sweep.execute.worker import RunEnd, RunFinished, RunOrder
+from mission.sweep.grid import SweepRun
 
-
-@dataclass(frozen=True)
-class RunFinished:
-    """A run that is over."""
-
-    order: RunOrder
-    end: RunEnd | None  # None: its worker died, which says nothing about the run
+ATTEMPTS = 3  # of a run whose worker dies, the first included
+POLL_S = 0.5
+EngineName = Literal["joblib", "ray"]
 
 
 class Engine(Protocol):
@@ -29,3 +31,82 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """End the workers, also those that are at work."""
+
+
+@dataclass(frozen=True)
+class EngineChoice:
+    """Which engine flies the runs of a sweep."""
+
+    name: EngineName = "joblib"
+    jobs: int | None = None  # runs at a time; None: one a core
+    address: str | None = None  # of a Ray cluster
+
+    def check(self) -> None:
+        """Refuse options that do not fit the engine, before anything is written.
+
+        Raises:
+            InputError: naming the option.
+        """
+        if self.name not in get_args(EngineName):
+            names = " or ".join(get_args(EngineName))
+            raise InputError(f"--engine {self.name}: must be {names}")
+        if self.jobs is not None and self.jobs < 1:
+            raise InputError(f"--jobs {self.jobs}: at least 1")
+        if self.address is not None and self.name != "ray":
+            raise InputError(f"--address {self.address}: belongs to --engine ray")
+        if self.address is not None and "://" in self.address:
+            raise InputError(
+                f"--address {self.address}: must be HOST:PORT of a cluster that this machine is "
+                "part of; ray start --address=HOST:PORT makes it one"
+            )
+
+    def make(self, configs: Sequence[RunConfig], *, data_dir: Path | None) -> Engine:
+        """The engine, for runs of these configurations. Its library is imported here.
+
+        Raises:
+            InputError: it is not installed, or the options do not fit it.
+            LinkLostError: it cannot be reached.
+        """
+        self.check()
+        if self.name == "ray":
+            from mission.sweep.execute.cluster import RayEngine
+
+            return RayEngine(
+                jobs=self.jobs, address=self.address, configs=configs, data_dir=data_dir
+            )
+        from mission.sweep.execute.local import LocalEngine
+
+        return LocalEngine(self.jobs)
+
+
+Watch = Callable[[SweepRun | None, RunEnd | None, Sequence[SweepRun]], None]
+
+
+def execute_all(
+    runs: Sequence[SweepRun], engine: Engine, *, order: Callable[[SweepRun], RunOrder], watch: Watch
+) -> dict[str, RunEnd]:
+    """Execute every run; how each ended, by name. A run whose worker dies is handed to another.
+
+    `watch(run, end, running)` is called for each run that ends (`end` None: another goes on with
+    it) and between (`run` None). The engine stays open.
+    """
+    waiting, attempts = deque(runs), Counter[str]()
+    running: dict[str, SweepRun] = {}
+    ends: dict[str, RunEnd] = {}
+    while waiting or running:
+        while waiting and len(running) < engine.slots:
+            run = waiting.popleft()
+            attempts[run.name] += 1
+            running[run.name] = run
+            engine.start(order(run))
+        for ended in engine.wait(POLL_S):
+            run, end = running.pop(ended.order.name), ended.end
+            if end is None and attempts[run.name] >= ATTEMPTS:
+                end = RunEnd(1, f"its worker died {ATTEMPTS} times (out of memory?)")
+            if end is None:
+                waiting.append(run)
+            else:
+                ends[run.name] = end
+            watch(run, end, tuple(running.values()))
+        watch(None, None, tuple(running.values()))
+    return ends

@@ -13,8 +13,7 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from mission.sweep.execute.engine import RunFinished
-from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
+from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunFinished, RunOrder, execute
 
 
 class LocalEngine:

@@ -1,26 +1,25 @@
 """A sweep's pictures: curves of every strategy, where they end, and what the method gains."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from mission.base.palette import COLOURS, community_colour
-from mission.figures.cells import beside
-from mission.figures.charts import LayerChart, Series, dot_rows, line_chart
+from mission.figures.charts import DotRow, LayerChart, Series, dot_rows, line_chart
 from mission.figures.render import Chart, save_all, stacked
-from mission.sweep.grid import file_name
 from mission.sweep.outcome.curves import (
     Curve,
     Panel,
     Picture,
     by_round,
     communities_of,
+    groups_of,
+    interval,
     pictures_of,
 )
-from mission.sweep.outcome.ends import final_rows, gain_rows
-from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
-from mission.sweep.outcome.gains import METHOD
+from mission.sweep.outcome.gains import METHOD, paired_gains
 from mission.sweep.outcome.view import final_rounds
 from mission.sweep.results import RunResult
 
@@ -55,12 +54,6 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     if gains:
         title = f"What {METHOD} gains in final accuracy, within a seed"
         pictures["gains.png"] = stacked(gains, title=title, about=about, together=len(gains))
-    for other in compared(results):
-        pictures[f"gain-map-{file_name(other)}.png"] = stacked(
-            [beside(pair) for pair in gain_maps(results, other)],
-            title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
-            about=about,
-        )
     return pictures
 
 
@@ -78,7 +71,7 @@ def curve_charts(picture: Picture) -> list[LayerChart]:
 
 def final_chart(results: Sequence[RunResult], community: str) -> LayerChart:
     """Where every strategy of a community ends."""
-    rows = final_rows(results, community)
+    rows = _final_rows(results, community)
     return dot_rows(f"{community}: accuracy at the end", rows, x="accuracy (%)")
 
 
@@ -87,16 +80,35 @@ def gain_charts(results: Sequence[RunResult]) -> list[LayerChart]:
     return [
         dot_rows(f"{name}: {METHOD} less the other", rows, x="accuracy (points)", zero=True)
         for name in communities_of(results)
-        if (rows := gain_rows(results, name))
+        if (rows := _gain_rows(results, name))
     ]
 
 
-def gain_maps(results: Sequence[RunResult], other: str) -> list[tuple[LayerChart, LayerChart]]:
-    """A pair of maps for each community: what the method gains, and whose updates arrive."""
+def _final_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
+    """Final accuracy of every group, in percent."""
+    column = f"final_accuracy_{community}"
+    rows = []
+    for index, (label, runs) in enumerate(groups_of(results).items()):
+        values = [float(run.summary[column]) for run in runs if column in run.summary]
+        if values:
+            rows.append(_row(label, community_colour(index), values, least=0.0))
+    return rows
+
+
+def _gain_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
+    """The method's final accuracy less every other group's of the same seeds, in points."""
     return [
-        (gain_map(results, other, name), participation_map(results, other, name))
-        for name in communities_of(results)
+        _row(gain.label, community_colour(0), gain.differences, least=-100.0)
+        for gain in paired_gains(results)
+        if gain.community == community
     ]
+
+
+def _row(label: str, colour: str, values: Sequence[float], *, least: float) -> DotRow:
+    shown = tuple(100.0 * value for value in values)
+    item = interval(shown)
+    ends = (max(item.mean - item.half, least), min(item.mean + item.half, 100.0))
+    return DotRow(label, colour, shown, item.mean, ends if math.isfinite(item.half) else None)
 
 
 def _curves(picture: Picture, panel: Panel, where: str) -> LayerChart:

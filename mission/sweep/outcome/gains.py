@@ -8,8 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mission.sweep.outcome.curves import communities_of
-from mission.sweep.outcome.stats import Interval, interval
+from mission.sweep.outcome.curves import Interval, communities_of, interval
 from mission.sweep.outcome.view import percent, points
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 

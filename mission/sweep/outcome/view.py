@@ -9,8 +9,7 @@ from rich import box
 from rich.table import Table
 
 from mission.base import tables
-from mission.sweep.outcome.curves import communities_of, groups_of
-from mission.sweep.outcome.stats import Interval, interval
+from mission.sweep.outcome.curves import Interval, communities_of, groups_of, interval
 from mission.sweep.results import FINAL_ROUNDS, RunResult
 
 Cells: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows

@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from reproduction_tables import reproduction
 
-from mission.cli import call
+from mission.base.errors import InputError
 from mission.sweep.grid import Point
-from mission.sweep.outcome.reproduction import reproduction
 from mission.sweep.results import Row, RunResult
-from mission.sweep.state import Missing, SweepState
+from mission.sweep.state import Missing, SweepState, read_sweep
 
 COLUMNS = (
     "rounds", "flown_m", "delivered_share", "participation_cifar10", "participation_mnist",
@@ -79,14 +79,11 @@ def test_outcome_and_gain(state: SweepState) -> None:
         ),
     ],
 )
-def test_what_is_no_sweep_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], manifest: object, words: list[str]
-) -> None:
+def test_what_is_no_sweep_is_one_line(tmp_path: Path, manifest: object, words: list[str]) -> None:
     if manifest is not None:
         text = manifest if isinstance(manifest, str) else json.dumps(manifest)
         (tmp_path / "sweep.json").write_text(text)
-    assert call(["reproduction", str(tmp_path)]) == 2
-    errors = capsys.readouterr().err
-    assert errors.count("\n") == 1
+    with pytest.raises(InputError) as refused:
+        read_sweep(tmp_path)
     for word in words:
-        assert word in errors
+        assert word in str(refused.value)

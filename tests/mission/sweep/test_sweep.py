@@ -21,9 +21,8 @@ from processes import writer_of
 from mission.base.errors import FlightError
 from mission.cli import call
 from mission.commands.options import load
-from mission.sweep.execute.engine import RunFinished
 from mission.sweep.execute.local import LocalEngine
-from mission.sweep.execute.worker import RunEnd, RunOrder, execute
+from mission.sweep.execute.worker import RunEnd, RunFinished, RunOrder, execute
 
 TINY = (
     "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
@@ -66,7 +65,7 @@ class Inline:
 
 def call_inline(tokens: list[str]) -> int:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Inline())
+        patch.setattr("mission.sweep.execute.engine.EngineChoice.make", lambda *_, **__: Inline())
         return call(tokens)
 
 
@@ -154,7 +153,7 @@ def test_a_killed_worker_s_run_is_repeated(
     assert code == 0
     printed = capsys.readouterr().out
     assert printed.count("its worker died") == 1  # it took no other with it
-    assert "cov-seed1: its worker died; another goes on with the run" in printed
+    assert "cov-seed1: its worker died; another takes the run" in printed
     # And two workers find what this process found, killed or not.
     assert tables(out) == tables(swept)
 
@@ -193,19 +192,12 @@ def test_a_sweep_that_is_not_over_tells_what_is_missing(
     shutil.rmtree(part / "runs" / "ideal-seed2")
     summary = part / "runs" / "cov-seed2" / "summary.json"
     summary.write_text(json.dumps({"status": "running"}))
-    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 0
-    text = (part / "table.md").read_text()
-    assert text.startswith("2 of 4 runs are done; missing: cov-seed2, ideal-seed2.")
-    assert "mean of all 2 rounds" in text
-    assert "| cov | 1 of 2 |" in text
     assert call(["report", str(part)]) == 0
     page = (part / "report.html").read_text()
     assert "cov-seed2</td><td>begun: at work, or cut off, after 2 rounds" in page
     assert "ideal-seed2</td><td>not begun" in page
-    assert call(["reproduction", str(part), "--out", str(part / "table.md")]) == 2
-    assert "exists already" in capsys.readouterr().err
     (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
-    assert call(["reproduction", str(part)]) == 2
+    assert call(["report", str(part)]) == 2
     assert "uplinks.csv" in capsys.readouterr().err
 
 
@@ -235,10 +227,10 @@ class Deadly(Inline):
 def test_a_run_whose_worker_always_dies_is_given_up(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Deadly())
+    monkeypatch.setattr("mission.sweep.execute.engine.EngineChoice.make", lambda *_, **__: Deadly())
     assert call(command(tmp_path / "dead", seeds=1)) == 1
     printed = capsys.readouterr()
-    assert printed.out.count("cov-seed1: its worker died; another goes on with the run") == 2
+    assert printed.out.count("cov-seed1: its worker died; another takes the run") == 2
     assert "run cov-seed1 failed: its worker died 3 times" in printed.err
     assert "run ideal-seed1 failed" in printed.err
 
@@ -319,7 +311,7 @@ def test_the_engine_is_closed_where_the_sweep_cannot_begin(
         def close(self) -> None:
             closed.append(self)
 
-    monkeypatch.setattr("mission.sweep.execute.choice.EngineChoice.make", lambda *_, **__: Noted())
+    monkeypatch.setattr("mission.sweep.execute.engine.EngineChoice.make", lambda *_, **__: Noted())
     part = tmp_path / "part"
     shutil.copytree(swept, part)
     shutil.rmtree(part / "runs" / "ideal-seed2")

@@ -14,11 +14,10 @@ from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
-from mission.sweep.outcome.curves import by_distance, by_round, running_mean
-from mission.sweep.outcome.stats import band, interval
+from mission.sweep.outcome.curves import band, by_distance, by_round, interval, running_mean
 from mission.sweep.outcome.view import final_rounds, final_table, percent
+from mission.sweep.progress import Bar, duration
 from mission.sweep.results import Row, RunResult, jain, write_results
-from mission.sweep.timeleft import TimeLeft, duration
 
 
 @pytest.mark.parametrize("count", [3, 4, 10])
@@ -131,66 +130,24 @@ def test_a_narrow_terminal_cuts_no_number(strategy: str) -> None:
     assert strategy in "".join(line[1:].partition(" ")[0] for line in lines)
 
 
-def test_time_left_follows_the_pace_of_every_strategy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_bar_counts_rounds_and_names_the_runs_at_work(tmp_path: Path) -> None:
     grid = make_grid(
-        builtin_config("quickstart.toml"), strategies=("cov", "ideal"), seeds=2, rounds=10
+        builtin_config("quickstart.toml"), strategies=("cov", "ideal"), seeds=1, rounds=10
     )
-    folder, (cov1, ideal1, cov2, _) = SweepFolder(tmp_path), grid.runs
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-
-    def fly(run: Point, rounds: int) -> None:
-        table = folder.run(run).rounds
-        table.parent.mkdir(parents=True, exist_ok=True)
-        table.write_text("header\n" + rounds * "row\n")
-
-    left = TimeLeft(folder, grid.runs, todo=grid.runs, slots=2)
-    monkeypatch.delattr("mission.sweep.timeleft.budget_of")  # too slow for every look
-    left.at_work([cov1, ideal1])
-    assert (left.text(), left.share()) == ("", 0.0)
-    fly(cov1, 5)
-    now[0] += 60.0
-    # cov: 12 s a round; of ideal nothing is known yet, so each of its runs takes 2 min as well.
-    # cov1 has a minute left and is followed by cov2, ideal1 by the other.
-    assert left.text() == "about 4 min left"
-    assert left.share() == 5 / 40
-    fly(cov1, 10)
-    fly(ideal1, 10)
-    now[0] += 60.0
-    for run in (cov1, ideal1):
-        left.ended(run)
-    left.at_work([cov2])
-    # Both took 12 s a round, and run side by side.
-    assert left.text() == "about 2 min left"
-    fly(cov2, 5)
-    now[0] += 30.0  # 6 s a round: 150 s for 15 rounds; the ideal is the longer one
-    assert left.rounds(cov2) == (5, 10)
-    assert left.text() == "about 2 min left"
-    assert left.share() == 25 / 40
-    # All rounds are flown, but the last run has files to write: nothing is over yet.
-    ideal2 = grid.runs[3]
-    left.at_work([cov2, ideal2])
-    for run in (cov2, ideal2):
-        fly(run, 10)
-    now[0] += 30.0
-    left.ended(cov2)
-    assert left.text() == "a few seconds left"
-
-
-def test_time_left_knows_what_earlier_calls_took(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    grid = make_grid(builtin_config("quickstart.toml"), strategies=("cov",), seeds=3, rounds=10)
-    folder = SweepFolder(tmp_path)
-    table = folder.run(grid.runs[0]).rounds
-    table.parent.mkdir(parents=True)
-    table.write_text("header\n" + 10 * "row\n")
-    done = RunResult(grid.runs[0], {}, (), {"total": 600.0})
-    monkeypatch.setattr("mission.sweep.timeleft.read_run", lambda *_: done)
-    left = TimeLeft(folder, grid.runs, todo=grid.runs[1:], slots=1)
-    assert left.text() == "about 20 min left"
+    folder, (cov, ideal) = SweepFolder(tmp_path), grid.runs
+    screen = Console(width=120, force_terminal=True)
+    with screen.capture() as capture:
+        bar = Bar(screen, folder, grid.runs)
+        for run, rounds in ((cov, 4), (ideal, 12)):
+            table = folder.run(run).rounds
+            table.parent.mkdir(parents=True)
+            table.write_text("header\n" + rounds * "row\n")
+        bar.update(done=0, running=[cov, ideal])
+        bar.update(done=1, running=[cov])  # the ideal is over
+        bar.close()
+    shown = capture.get()
+    assert "14/20" in shown
+    assert "1/2 runs  cov-seed1 4/10" in shown
 
 
 def test_the_paper_s_sweep_ends_by_its_budget() -> None:

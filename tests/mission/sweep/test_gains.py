@@ -7,18 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import reproduction_tables
 from described import axes, described, keys, layers, rows
 from drawing import drawn
+from reproduction_tables import (
+    compared,
+    gain_map,
+    gain_maps,
+    luck_rows,
+    participation_map,
+    seen_in_one_round,
+    seen_with_seeds,
+)
 
 from mission.base.errors import InputError
-from mission.cli import call
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Axis, points
-from mission.sweep.outcome.ends import gain_rows
 from mission.sweep.outcome.figures import sweep_pictures
-from mission.sweep.outcome.gain_map import compared, gain_map, participation_map
 from mission.sweep.outcome.gains import gain_table, paired_gains
-from mission.sweep.outcome.luck import luck_rows, seen_in_one_round, seen_with_seeds
 from mission.sweep.results import Row, RunResult, write_results
 from mission.sweep.state import SweepState, read_sweep
 
@@ -75,12 +81,6 @@ def test_axes_are_in_words_and_two_seeds_have_no_interval() -> None:
     assert "subtitle" not in described(gain_map(two, "no_cov", "a"))["title"]
 
 
-def test_gains_have_one_colour() -> None:
-    rows = gain_rows(results(), "a")
-    assert len(rows) == 4
-    assert len({row.colour for row in rows}) == 1
-
-
 def test_a_picture_of_an_own_strategy_has_a_name_for_every_file_system() -> None:
     own = [
         replace(item, point=replace(item.point, strategy="examples.staleness:make"))
@@ -88,7 +88,7 @@ def test_a_picture_of_an_own_strategy_has_a_name_for_every_file_system() -> None
         else item
         for item in results()
     ]
-    assert "gain-map-examples.staleness-make.png" in sweep_pictures("s", own)
+    assert "gain-map-examples.staleness-make.png" in gain_maps("s", own)
 
 
 @pytest.mark.parametrize(("gains", "charts"), [((0,), 1), ((0, 3), 4)])
@@ -116,17 +116,14 @@ def test_a_setting_that_only_one_of_them_has_flown_has_no_cell() -> None:
         assert [row["down"] for row in rows] == ["2", "2"]
 
 
-def test_it_is_drawn_of_two_settings_only_and_stands_in_the_report() -> None:
-    assert "gain-map-no_cov.png" in sweep_pictures("s", results())
-    assert "Where it gains" in sweep_html(SweepState({"name": "s"}, results(), ()))
-    one = results(axes=AXES[:1])
-    assert compared(one) == []
-    assert "gain-map-no_cov.png" not in sweep_pictures("s", one)
+def test_it_is_drawn_of_two_settings_only() -> None:
+    assert "gain-map-no_cov.png" in gain_maps("s", results())
+    assert compared(results(axes=AXES[:1])) == []
 
 
 def test_curves_that_nobody_could_tell_apart_are_left_out() -> None:
     many = results(axes=[AXES[0], Axis("channel.extra_gain_db", (0, 1, 2, 3))])
-    assert set(sweep_pictures("s", many)) == {"final.png", "gains.png", "gain-map-no_cov.png"}
+    assert set(sweep_pictures("s", many)) == {"final.png", "gains.png"}
     assert "Accuracy by round" not in sweep_html(SweepState({"name": "s"}, many, ()))
 
 
@@ -165,14 +162,19 @@ def test_the_tables_alone_are_a_sweep(tables: Path) -> None:
             rounds.unlink()
 
 
-def test_one_command_makes_its_figures_and_tables_anew(tables: Path, tmp_path: Path) -> None:
-    figures, text = tmp_path / "figures", tmp_path / "table.md"
-    command = ["reproduction", str(tables), "--figures", str(figures), "--out", str(text)]
+def test_the_script_makes_its_figures_and_tables_anew(
+    tables: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    figures = tmp_path / "figures"
+    monkeypatch.setattr("sys.argv", ["tables", str(tables), "--figures", str(figures)])
+    monkeypatch.setattr(reproduction_tables, "draw_sweep", lambda *_: None)  # tested elsewhere
     with drawn():
-        assert call(command) == 0
-    assert {path.name for path in figures.iterdir()} >= {"final.png", "gain-map-no_cov.png"}
-    assert all(path.stat().st_size > 5000 for path in figures.iterdir())  # more than a dot
-    assert "| no_cov | steps = 2, extra_gain_db = -7.0 | a |" in text.read_text()
+        reproduction_tables.main()
+    assert (figures / "gain-map-no_cov.png").stat().st_size > 5000  # more than a dot
+    assert "| no_cov | steps = 2, extra_gain_db = -7.0 | a |" in capsys.readouterr().out
 
 
 def test_damaged_tables_are_named(tables: Path) -> None:
