@@ -58,7 +58,6 @@ class FlightLog:
             LogError: the file cannot be made.
         """
         self._area = area
-        self._frame = area.frame
         self._devices = devices
         self._fence = tuple(fence)
         self._file = McapSink(path)

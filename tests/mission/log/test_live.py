@@ -142,7 +142,7 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "mission", "fly", str(plan), "--out", str(out), "--live",
-               "--live-port", str(port), "--set", "link.speed=1"]  # fmt: skip
+               "--live-port", str(port), "--set", "link.speed=4"]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         until(lambda: process.poll() is not None or answers(port), "nobody serves the live view")
