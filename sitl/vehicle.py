@@ -45,7 +45,7 @@ class Vehicle:
         if config.autopilot != "built-in":
             raise SitlInputError(
                 f"vehicle.autopilot = {config.autopilot!r}: here the built-in autopilot flies; "
-                "aerofed run takes a firmware, and aerofed world serves the aircraft to one"
+                "aerofed run and fly take a firmware, and aerofed world serves the aircraft to one"
             )
         self._config = config
         self._home = home
