@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
+from mission.base.airspace import Airspace
 from mission.log.contents import load
 from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.reader import decode, read_log
@@ -337,6 +338,15 @@ def test_an_exception_in_the_run_leaves_a_complete_log(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="in flight"):
         fail()
     assert len(read_log(path).truth.t_ns) == 1
+
+
+def test_an_area_with_its_airspace_is_logged_without_it(tmp_path: Path) -> None:
+    """The vehicle's fence says what of it was flown by."""
+    ring = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
+    area = dataclasses.replace(AREA, airspace=Airspace((ring,), 50.0 * ring))
+    world = devices(np.random.default_rng(1))
+    FlightLog(tmp_path / "a.mcap", area=area, devices=world).close()
+    assert read_log(tmp_path / "a.mcap").area == AREA
 
 
 def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
