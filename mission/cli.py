@@ -12,7 +12,20 @@ from rich.text import Text
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands import helps, usage
+from mission.commands import (
+    compare,
+    data,
+    fly,
+    init,
+    log,
+    plan,
+    report,
+    run,
+    sitl,
+    sweep,
+    usage,
+    world,
+)
 from native.errors import LibraryError
 
 
@@ -62,32 +75,40 @@ app = App(
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,
 )
-app.command("mission.commands.init:init", name="init", help=helps.INIT)
-app.command("mission.commands.run:run", name="run", help=helps.RUN)
-app.command("mission.commands.compare:compare", name="compare", help=helps.COMPARE)
-app.command("mission.commands.report:report", name="report", help=helps.REPORT)
-app.command("mission.commands.plan:plan", name="plan", help=helps.PLAN)
-app.command("mission.commands.plan:link_budget", name="link-budget", help=helps.LINK_BUDGET)
-app.command("mission.commands.sitl:sitl", name="sitl", help=helps.SITL)
-app.command("mission.commands.world:world", name="world", help=helps.WORLD)
-app.command("mission.commands.fly:fly", name="fly", help=helps.FLY)
-log = App(name="log", help=helps.LOG, default_parameter=_PARAMETER)
-log.command("mission.commands.log:info", name="info", help=helps.LOG_INFO)
-log.command("mission.commands.log:check", name="check", help=helps.LOG_CHECK)
-log.command("mission.commands.log:recover", name="recover", help=helps.LOG_RECOVER)
-log.command("mission.commands.log:export", name="export", help=helps.LOG_EXPORT)
-log.command("mission.commands.log:diff", name="diff", help=helps.LOG_DIFF)
-app.command(log)
-app.command("mission.commands.sweep:sweep", name="sweep", help=helps.SWEEP)
-data = App(name="data", help=helps.DATA, default_parameter=_PARAMETER)
-data.command("mission.commands.data:fetch", name="fetch", help=helps.DATA_FETCH)
-data.command("mission.commands.data:check", name="check", help=helps.DATA_CHECK)
-app.command(data)
+app.command(init.init, name="init")
+app.command(run.run, name="run")
+app.command(compare.compare, name="compare")
+app.command(report.report, name="report")
+app.command(plan.plan, name="plan")
+app.command(plan.link_budget, name="link-budget")
+app.command(sitl.sitl, name="sitl")
+app.command(world.world, name="world")
+app.command(fly.fly, name="fly")
+_log = App(
+    name="log", help="Look into flight logs, mend and export them.", default_parameter=_PARAMETER
+)
+_log.command(log.info, name="info")
+_log.command(log.check, name="check")
+_log.command(log.recover, name="recover")
+_log.command(log.export, name="export")
+_log.command(log.diff, name="diff")
+app.command(_log)
+app.command(sweep.sweep, name="sweep")
+_data = App(
+    name="data",
+    help="Fetch the data sets from where they are published, and check a folder.",
+    default_parameter=_PARAMETER,
+)
+_data.command(data.fetch, name="fetch")
+_data.command(data.check, name="check")
+app.command(_data)
 
 
-@app.command(help=helps.COMPLETION)
+@app.command
 def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
     """Print what makes a shell complete commands and options on Tab.
+
+    Example: aerofed completion bash > ~/.local/share/bash-completion/completions/aerofed
 
     Parameters
     ----------

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from importlib.metadata import PackageNotFoundError, version
 from itertools import count
 from pathlib import Path
 from typing import Self, TypedDict
@@ -274,6 +273,8 @@ def environment() -> Environment:
 
 def library_versions() -> dict[str, str]:
     """Versions of those libraries that are installed: torch is an extra."""
+    from importlib.metadata import PackageNotFoundError, version  # a sixth of `aerofed --help`
+
     found = {}
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):

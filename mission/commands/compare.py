@@ -24,6 +24,9 @@ def compare(
 ) -> int:
     """Planned against flown: cross-track error, timing and packet error rates of runs.
 
+    Example: aerofed compare paper6
+    Example: aerofed compare cov no_cov --figure both.png
+
     Parameters
     ----------
     run

@@ -20,6 +20,8 @@ Tasks = Annotated[tuple[Task, ...], Parameter(name="--task", negative=(), consum
 def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = False) -> int:
     """Download data sets from their official locations; a file is kept if its checksum is right.
 
+    Example: aerofed data fetch data --task mnist cifar10
+
     Parameters
     ----------
     folder
@@ -66,6 +68,8 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
 
 def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> int:
     """Read every data set in a folder as a run would, and say what was found.
+
+    Example: aerofed data check data
 
     Parameters
     ----------

@@ -21,6 +21,8 @@ def fly(
 ) -> int:
     """Fly a QGroundControl plan or a waypoint file headless, and compare planned with flown.
 
+    Example: aerofed fly survey.plan --out survey
+
     Parameters
     ----------
     plan

@@ -15,6 +15,9 @@ def init(
 ) -> int:
     """Write a configuration of your own, with comments, to begin from.
 
+    Example: aerofed init
+    Example: aerofed init paper --out my-paper
+
     Parameters
     ----------
     name

@@ -18,6 +18,8 @@ Form = Literal["csv", "parquet", "kml", "attachments"]
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
     """Save everything sound of a log that was cut short or damaged, as a complete log.
 
+    Example: aerofed log recover killed/flight.mcap
+
     Parameters
     ----------
     log
@@ -47,6 +49,8 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
 
 def info(log: Path, *, as_json: Json = False) -> int:
     """Say what is in a log: topics, schemas, rates, attachments, metadata.
+
+    Example: aerofed log info paper6/flight.mcap
 
     Parameters
     ----------
@@ -87,6 +91,8 @@ def info(log: Path, *, as_json: Json = False) -> int:
 def check(log: Path, *, as_json: Json = False) -> int:
     """Verify every checksum of a log, and the numbering of its messages.
 
+    Example: aerofed log check paper6/flight.mcap
+
     Parameters
     ----------
     log
@@ -124,6 +130,8 @@ def export(
     as_json: Json = False,
 ) -> int:
     """Write a log's contents as tables, or its paths for a map.
+
+    Example: aerofed log export paper6/flight.mcap --to csv
 
     Parameters
     ----------
@@ -166,6 +174,8 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
 
 def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     """Say where two logs differ.
+
+    Example: aerofed log diff a/flight.mcap b/flight.mcap
 
     Parameters
     ----------

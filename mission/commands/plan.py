@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -38,7 +37,9 @@ def plan(
     set_: Overrides = (),
     as_json: Json = False,
 ) -> int:
-    """Plan rounds without flying them.
+    """Plan rounds without flying them: path, schedule, value and a bound that none can exceed.
+
+    Example: aerofed plan --problem problems.json --out plans.json --figure pictures
 
     Parameters
     ----------
@@ -158,6 +159,8 @@ def _problems_of_file(path: Path, config: "RunConfig") -> _Task:
 def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Json = False) -> int:
     """Print the packet error rate over distance, the served radius, and the logistic fit.
 
+    Example: aerofed link-budget paper --set channel.extra_gain_db=3
+
     Parameters
     ----------
     config
@@ -221,7 +224,7 @@ def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
         return "there are no devices"
     if not problem.importance.any():
         return "the importance of every device is 0"
-    away_m = float(np.linalg.norm(problem.devices_m - problem.start_m, axis=1).min())
+    away_m = min(math.dist(device_m, problem.start_m) for device_m in problem.devices_m)
     if away_m <= problem.most_m:
         return _no_upload_fits(problem, made) or (
             "no update gets through from anywhere on the way: look at the channel "

@@ -8,6 +8,9 @@ from mission.base.terminal import PLAIN, Terminal
 def report(run: Path, *, out: Path | None = None) -> int:
     """Write the report of a run or a sweep: one HTML file that needs nothing else.
 
+    Example: aerofed report paper6
+    Example: aerofed report paper-sweep
+
     Parameters
     ----------
     run

@@ -41,6 +41,10 @@ def run(
 ) -> int:
     """Fly the rounds of a configuration: plan, fly, gate, learn; and leave a folder.
 
+    Example: aerofed run paper --data-dir data --rounds 6 --out paper6
+    Example: aerofed run --gcs udpout://127.0.0.1:14550 --set link.speed=1
+    Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540
+
     Parameters
     ----------
     config

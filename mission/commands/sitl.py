@@ -31,6 +31,11 @@ def sitl(
 ) -> int:
     """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
 
+    QGroundControl finds it on port 14550, a MAVSDK program on udpin://0.0.0.0:14540. After a crash,
+    a reboot ordered by the ground station puts it back home as new.
+
+    Example: aerofed sitl --udp 14540 --udp 14550 --speed 1
+
     Parameters
     ----------
     config

@@ -29,6 +29,10 @@ def sweep(
 ) -> int:
     """Fly many runs side by side: strategies x seeds x settings, with tables and figures.
 
+    An interrupted sweep goes on when the same command is given again.
+
+    Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1
+
     Parameters
     ----------
     config

@@ -26,6 +26,11 @@ def world(
     Physics, sensors, wind and faults are the configuration's; the firmware is the autopilot.
     Start it as docs/vehicles.md says, and fly it with whatever you like.
 
+    Physics, sensors, battery, wind and faults are ours, the autopilot is the real firmware. When
+    the firmware ends or starts anew, the aircraft stands at home again.
+
+    Example: aerofed world --px4 --set vehicle.aircraft.wind.speed_mps=8
+
     Parameters
     ----------
     config
