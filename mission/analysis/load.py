@@ -12,8 +12,8 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
+from mission.log import DamagedLogError
 from mission.log.contents import load_damaged
-from mission.log.errors import DamagedLogError
 from mission.log.reader import decode, read_log
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
@@ -24,7 +24,7 @@ FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map
 
 @dataclass(frozen=True)
 class LoadedRun:
-    """A run, and how far it came."""
+    """A run read back: its log, its summary, and whether it was finished."""
 
     path: Path
     data: FlightData

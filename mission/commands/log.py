@@ -10,7 +10,7 @@ from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, plain, print_json
-from mission.log.errors import DamagedLogError
+from mission.log import DamagedLogError
 
 Form = Literal["csv", "parquet", "kml", "attachments"]
 

@@ -3,3 +3,32 @@
 `writer` records a run, `reader` gives it back as values, `contents` saves what a
 killed run had flushed, `live` serves the same topics to Foxglove while the run goes on.
 """
+
+from pathlib import Path
+
+from mission.base.errors import InputError
+
+
+class LogError(InputError):
+    """The log cannot be written, or the file is not one that this program can use."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+        self.reason = reason
+
+
+class ForeignLogError(LogError):
+    """Not an MCAP file, or one that another program wrote."""
+
+
+class DamagedLogError(LogError):
+    """Cut short or altered. `offset` is the first byte that is not sound."""
+
+    def __init__(self, path: Path, reason: str, offset: int) -> None:
+        super().__init__(
+            path,
+            f"damaged at byte {offset}: {reason} "
+            f"(`aerofed log recover {path}` keeps everything that is sound)",
+        )
+        self.offset = offset

@@ -34,7 +34,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
-from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log import DamagedLogError, ForeignLogError, LogError
 from mission.log.sink import new_writer
 from mission.log.topics import FORMAT_VERSION, Topic
 from mission.log.values import NS_PER_S, area_from_text

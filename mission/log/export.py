@@ -15,7 +15,7 @@ from mission.base.errors import InputError
 from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
 from mission.base.run_folder import write_atomically
 from mission.base.tables import csv_lines, parquet
-from mission.log.errors import LogError
+from mission.log import LogError
 from mission.log.reader import read_log
 from mission.log.records import flat
 from mission.log.values import (
@@ -158,7 +158,7 @@ def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, object]]:
 
 
 def _innovation_rows(kind: str, track: InnovationTrack) -> Iterable[dict[str, object]]:
-    """A row a measured value: a position has three."""
+    """A row for each measured value of one sensor: a position has three."""
     names = ("north", "east", "down") if track.values.shape[1] == 3 else ("",)
     for index, t_ns in enumerate(track.t_ns.tolist()):
         for axis, name in enumerate(names):
@@ -275,7 +275,7 @@ def _folder(parent: ET.Element, name: str) -> ET.Element:
 
 
 def _kml_colour(colour: str) -> str:
-    """KML writes aabbggrr."""
+    """A `#rrggbb` colour as KML writes it: aabbggrr."""
     return f"ff{colour[5:7]}{colour[3:5]}{colour[1:3]}".lower()
 
 

@@ -10,7 +10,7 @@ import logging
 import secrets
 import sys
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from typing import Any, Self
 from urllib.parse import urlsplit
@@ -61,7 +61,7 @@ class LiveView:
             )
             for topic in TOPICS
         }
-        self._latest = _Latest(self._channels)
+        self._latched = _Latched(self._channels)
         # Where no page finds it: only the proxy looks at who comes.
         inner = _hidden_address()
         try:
@@ -70,7 +70,7 @@ class LiveView:
                 host=inner,
                 port=0,
                 capabilities=[Capability.Time],
-                server_listener=self._latest,
+                server_listener=self._latched,
                 context=self._context,
             )
         except RuntimeError as error:
@@ -84,21 +84,21 @@ class LiveView:
 
     @property
     def url(self) -> str:
-        """What to give Foxglove's "open connection"."""
+        """Address of the WebSocket, as Foxglove's "open connection" takes it."""
         return f"ws://{self.host}:{self.port}"
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        """Send to whoever has subscribed."""
+        """Send a message to the viewers that have subscribed to its topic."""
         channel = self._channels[topic.name]
         if topic.latched:
-            self._latest.keep(topic.name, t_ns, data)
+            self._latched.keep(topic.name, t_ns, data)
         if topic is topics.TF:
             self._server.broadcast_time(t_ns)
         if channel.has_sinks():
             channel.log(data, log_time=t_ns)
 
     def flush(self) -> None:
-        """Messages go out as they come."""
+        """Nothing: messages are sent as they are written."""
 
     def close(self) -> None:
         """Stop serving. Closing twice is fine."""
@@ -128,8 +128,8 @@ def live_views(console: RunConsole) -> Iterator[tuple[LiveView, ...]]:
         yield (view,)
 
 
-class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker
-    """Gives a new subscriber what was sent before it came."""
+class _Latched(ServerListener):  # type: ignore[misc]  # foxglove is skipped by the type checker
+    """Latched topics: a new subscriber is sent their latest messages at once."""
 
     def __init__(self, channels: dict[str, Any]) -> None:
         self._channels = channels
@@ -149,7 +149,7 @@ class _Latest(ServerListener):  # type: ignore[misc]  # foxglove is skipped by t
             self._channels[channel.topic].log(data, log_time=t_ns, sink_id=client.id)
 
 
-def admitted(head: bytes, origins: Collection[str] = ORIGINS) -> bool:
+def admitted(head: bytes) -> bool:
     """Whether the head of an HTTP request comes from where a viewer may be."""
     lines = head.decode("latin-1").split("\r\n")[1:]
     fields = [line.partition(":") for line in lines]
@@ -160,7 +160,7 @@ def admitted(head: bytes, origins: Collection[str] = ORIGINS) -> bool:
         host = urlsplit(named[0]).hostname
     except ValueError:
         return False
-    return len(named) == 1 and (named[0] in origins or host in _OWN)
+    return len(named) == 1 and (named[0] in ORIGINS or host in _OWN)
 
 
 class OriginProxy:

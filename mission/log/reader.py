@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mission.log import topics
+from mission.log import ForeignLogError, topics
 from mission.log.contents import Contents, load
-from mission.log.errors import ForeignLogError
 from mission.log.records import (
     RoundRecord,
     TimedUplinkRecord,

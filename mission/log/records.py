@@ -185,7 +185,7 @@ class RoundRecord:
 
 @dataclass(frozen=True, slots=True)
 class DeviceRecord:
-    """One device after one round."""
+    """What one device has learnt after a round: a row of `learning.csv`."""
 
     round: Annotated[int, "round, from 1; 0: the untrained models"]
     device: Annotated[int, "device, from 0 over all communities"]

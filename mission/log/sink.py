@@ -8,7 +8,7 @@ from typing import IO, Any, Protocol
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from mission.log.errors import LogError
+from mission.log import LogError
 from mission.log.topics import TOPICS, Topic
 
 # A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
@@ -74,12 +74,12 @@ class McapSink:
             raise self._error(error) from None
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """A named set of strings beside the messages."""
+        """Write a named set of strings (an MCAP Metadata record)."""
         with self._named():
             self._writer.add_metadata(name, dict(values))
 
     def attach(self, t_ns: int, name: str, media_type: str, data: bytes) -> None:
-        """A file inside the file."""
+        """Write a file into the file (an MCAP Attachment record)."""
         with self._named():
             self._writer.add_attachment(0, t_ns, name, media_type, data)
 

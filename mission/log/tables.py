@@ -8,7 +8,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, Generic, Self, TypeVar
+from typing import IO, Any, Generic, NamedTuple, Self, TypeVar
 
 from mission.base.errors import InputError
 from mission.base.tables import columns, csv_lines
@@ -22,7 +22,6 @@ from mission.log.records import (
     is_by_community,
 )
 
-Cell = TypeVar("Cell")
 Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
 
 # A record, and the one with more columns that may stand in its table.
@@ -52,7 +51,7 @@ class Table(Generic[Record]):
             TableError: the file cannot be written.
         """
         self.path = path
-        self._header = _header(record, communities, optional)
+        self._header = [cell.name for cell in _cells(record, communities, optional)]
         try:
             self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
@@ -72,7 +71,7 @@ class Table(Generic[Record]):
             raise TableError(f"{self.path}: cannot write the table: {error.strerror}") from None
 
     def close(self) -> None:
-        """Closing twice is fine."""
+        """Close the file; what was appended is in it. Closing twice is fine."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -90,48 +89,55 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
-    optional = tuple(name for name in OPTIONAL if name in header)
+    optional = [name for name in OPTIONAL if name in header]
     wider: Any = _WIDER.get(record, record)
-    record = wider if tuple(header) == _header(wider, communities, optional) else record
-    _check_header(path, header, _header(record, communities, optional))
-    return tuple(_record(path, record, communities, optional, *row) for row in rows)
+    if header == [cell.name for cell in _cells(wider, communities, optional)]:
+        record = wider
+    cells = _cells(record, communities, optional)
+    _check_header(path, header, [cell.name for cell in cells])
+    return tuple(record(**_values(path, record, cells, *row)) for row in rows)
 
 
-def _record(
-    path: Path,
-    record: type[Record],
-    communities: Sequence[str],
-    optional: Sequence[str],
-    line: int,
-    row: Sequence[str],
-) -> Record:
-    values: dict[str, Any] = {}
-    cells = iter(row)
+class _Cell(NamedTuple):
+    """One column of a file, and where its value stands in a record."""
+
+    name: str
+    field: str
+    key: str | None  # in the field, where it holds several columns
+    kind: object  # type of the value
+
+
+def _cells(record: type, communities: Sequence[str], optional: Sequence[str]) -> list[_Cell]:
+    cells: list[_Cell] = []
     for column in columns(record):
-        name = column.name
-        if name == "optional":
-            values[name] = {key: _parse(path, line, key, next(cells), float) for key in optional}
+        field = column.name
+        if field == "optional":
+            cells += [_Cell(name, field, name, float) for name in optional]
         elif is_by_community(column):
-            values[name] = {
-                c: _parse(path, line, f"{name}_{c}", next(cells), float) for c in communities
-            }
+            cells += [_Cell(f"{field}_{name}", field, name, float) for name in communities]
         else:
-            values[name] = _parse(path, line, name, next(cells), _KINDS[column.holds])
-    return record(**values)
+            cells.append(_Cell(field, field, None, column.holds))
+    return cells
 
 
-def _header(
-    record: type, communities: Sequence[str] = (), optional: Sequence[str] = ()
-) -> tuple[str, ...]:
-    names: list[str] = []
-    for column in columns(record):
-        if column.name == "optional":
-            names += optional
-        elif is_by_community(column):
-            names += [f"{column.name}_{name}" for name in communities]
+def _values(
+    path: Path, record: type, cells: Sequence[_Cell], line: int, row: Sequence[str]
+) -> dict[str, Any]:
+    """The fields of a record, by the texts of its row."""
+    values: dict[str, Any] = {c.name: {} for c in columns(record) if is_by_community(c)}
+    for cell, text in zip(cells, row, strict=True):
+        parse, allowed = _KINDS[cell.kind]
+        try:
+            value = parse(text)
+        except (ValueError, KeyError):
+            raise TableError(
+                f"{path}: line {line}: {cell.name} = {text!r}: must be {allowed}"
+            ) from None
+        if cell.key is None:
+            values[cell.field] = value
         else:
-            names.append(column.name)
-    return tuple(names)
+            values[cell.field][cell.key] = value
+    return values
 
 
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
@@ -180,23 +186,10 @@ def _check_header(path: Path, header: Sequence[str], expected: Sequence[str]) ->
     raise TableError(f"{path}: line 1: other columns than this table has: {what or 'their order'}")
 
 
-def _boolean(text: str) -> bool:
-    return {"true": True, "false": False}[text]
-
-
-# By the type of a column.
-_KINDS: Mapping[object, Callable[[str], object]] = {
-    int: int,
-    float: float,
-    str: str,
-    bool: _boolean,
+# How the values of a type are read, and what is allowed.
+_KINDS: Mapping[object, tuple[Callable[[str], object], str]] = {
+    int: (int, "a whole number"),
+    float: (float, "a number"),
+    str: (str, "a text"),
+    bool: ({"true": True, "false": False}.__getitem__, "true or false"),
 }
-_ALLOWED = {int: "a whole number", float: "a number", _boolean: "true or false"}
-
-
-def _parse(path: Path, line: int, column: str, cell: str, kind: Callable[[str], Cell]) -> Cell:
-    try:
-        return kind(cell)
-    except (ValueError, KeyError):
-        allowed = _ALLOWED[kind]
-        raise TableError(f"{path}: line {line}: {column} = {cell!r}: must be {allowed}") from None

@@ -145,7 +145,7 @@ class PlanFileRecord:
     KEY = "plan flight"  # of the metadata, by which such a log is known
 
     def to_text(self) -> dict[str, str]:
-        """As MCAP metadata."""
+        """The fields as MCAP metadata: strings by name."""
         places = {str(seq): place.tolist() for seq, place in self.places_m.items()}
         rally = [place.tolist() for place in self.rally_m]
         return {

@@ -94,13 +94,13 @@ class VehicleTopics:
         self._path_due = 1  # points at which it is written next
 
     def write_path(self, t_ns: int) -> None:
-        """Write the path flown since `begin_path`."""
+        """Write the whole path flown since `begin_path`."""
         if self._path_m:
             path = messages.path(messages.timestamp(t_ns), self._path_m)
             self._write(topics.FLOWN_PATH, t_ns, path)
 
     def sample(self, sample: VehicleSample) -> None:
-        """Write what is due of a sample."""
+        """Write the messages of a sample whose time has come by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
         stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
         if self._tf_due.now(t_ns):

@@ -29,7 +29,7 @@ from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.watch import Watch
-from mission.log.errors import LogError
+from mission.log import LogError
 from mission.planner.stops import Stop
 from sitl.config import VehicleConfig
 from sitl.links import RawLink

@@ -20,8 +20,8 @@ from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.base.airspace import Airspace
+from mission.log import DamagedLogError, ForeignLogError, LogError
 from mission.log.contents import load
-from mission.log.errors import DamagedLogError, ForeignLogError, LogError
 from mission.log.reader import decode, read_log
 from mission.log.sink import McapSink
 from mission.log.topics import TOPICS, Topic, fields

@@ -22,8 +22,7 @@ from synthetic_flight import AREA, CONFIG, Fixed, fly
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.cli import call
 from mission.commands import log, report
-from mission.log import inspection
-from mission.log.errors import DamagedLogError, ForeignLogError, LogError
+from mission.log import DamagedLogError, ForeignLogError, LogError, inspection
 from mission.log.export import _harmless
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord

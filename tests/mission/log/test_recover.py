@@ -20,8 +20,8 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from synthetic_flight import AREA, Fixed, fly
 
+from mission.log import DamagedLogError, LogError
 from mission.log.contents import load, load_damaged, recover
-from mission.log.errors import DamagedLogError, LogError
 from mission.log.inspection import check
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog

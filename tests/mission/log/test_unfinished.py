@@ -9,7 +9,7 @@ from synthetic_flight import fly
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.cli import call
-from mission.log.errors import DamagedLogError
+from mission.log import DamagedLogError
 
 
 def killed(folder: Path, *, rounds: int = 3, share: float = 0.8) -> None:

@@ -21,7 +21,7 @@ from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.analysis.load import reached
 from mission.cli import call
-from mission.log.errors import DamagedLogError
+from mission.log import DamagedLogError
 from mission.log.reader import read_log
 from mission.log.values import EventRecord, FlightData
 

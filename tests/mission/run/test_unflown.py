@@ -14,7 +14,7 @@ from cutting import cut_after
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.config.loading import builtin_config, load_config
-from mission.log.errors import LogError
+from mission.log import LogError
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 from mission.log.writer import FlightLog

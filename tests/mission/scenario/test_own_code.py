@@ -13,7 +13,7 @@ from cutting import cut_after
 import aerofed
 from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
-from mission.log.errors import LogError
+from mission.log import LogError
 from mission.planner.errors import SolverError
 from mission.run.recorder import FolderRecorder, RoundResult
 from mission.scenario.custom_strategies import RoundInfo
