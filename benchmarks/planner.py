@@ -28,8 +28,7 @@ from fl.radio.channel import CHANNEL_PRESETS
 from mission.commands.planning import served_radius
 from mission.figures.plan import plan_picture
 from mission.figures.render import save_all
-from mission.planner.arrays import instance, relax
-from mission.planner.certified import CertifiedPlanner
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instance, relax
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
@@ -159,10 +158,10 @@ def longer(devices: int) -> None:
 def long_search(problem: RoundProblem, seconds: float) -> tuple[float, float]:
     """(the best value found, CPU seconds)."""
     began = time.process_time()
-    found, ms = timed(SqpPlanner(starts=500, tries=500), problem)
+    found, ms = timed(ExploringPlanner(starts=500, tries=500), problem)
     tries = int(500 * (seconds * 1e3 - ms) / ms)
     if tries > 500:
-        again, _ = timed(SqpPlanner(starts=500, tries=tries), problem)
+        again, _ = timed(ExploringPlanner(starts=500, tries=tries), problem)
         found = max(found, again, key=lambda one: one.value)
     return found.value, time.process_time() - began
 

@@ -34,20 +34,26 @@ def _step(p: Triple, u: Triple, k: float) -> Triple:
     return (p[0] + u[0] * k, p[1] + u[1] * k, p[2] + u[2] * k)
 
 
-def _run(
-    builder: TrajectoryBuilder, leg: Leg, v0: float, v1: float, length: float, end: Triple
-) -> None:
-    """Accelerate from v0, cruise, slow down to v1 on a straight of `length`."""
+def _parts(leg: Leg, v0: float, v1: float, length: float) -> list[Triple]:
+    """(speed at first, acceleration, duration) of speeding up, cruising and slowing down, from v0
+    to v1 on a straight of `length`."""
     a = leg.accel
     top = min(leg.speed, math.sqrt(max((v0 * v0 + v1 * v1) / 2 + a * length, 0.0)))
     top = max(top, v0, v1)
     up, down = (top * top - v0 * v0) / (2 * a), (top * top - v1 * v1) / (2 * a)
     cruise = max(length - up - down, 0.0)
-    parts = (
+    return [
         (v0, a, (top - v0) / a),
         (top, 0.0, cruise / top if top > 0 else 0.0),
         (top, -a, (top - v1) / a),
-    )
+    ]
+
+
+def _run(
+    builder: TrajectoryBuilder, leg: Leg, v0: float, v1: float, length: float, end: Triple
+) -> None:
+    """Accelerate from v0, cruise, slow down to v1 on a straight of `length`."""
+    parts = _parts(leg, v0, v1, length)
     last = max((i for i, part in enumerate(parts) if part[2] > 0), default=0)
     for i, (v, accel, duration) in enumerate(parts):
         builder.add(
@@ -56,6 +62,22 @@ def _run(
             duration=duration,
             end=end if i == last else None,
         )
+
+
+def moving_time(path: FlightPath, limits: LimitsConfig) -> float:
+    """Seconds that the trajectory of `plan_path` takes from rest to rest, without making it."""
+    row = path.points_ned_m[0].tolist()
+    v = _vertices(path, (row[0], row[1], row[2]))
+    plan = _speeds(v, limits, (0.0, 0.0, 0.0)) if len(v.points) > 1 else None
+    if plan is None:
+        return limits.smoothing_s
+    blends = [v * s / a for v, s, a in zip(plan.speeds, plan.sines, plan.accels, strict=True)]
+    moving_s = limits.smoothing_s + 2 * sum(blends)
+    for i, leg in enumerate(plan.legs):
+        v0, v1 = plan.speeds[i], plan.speeds[i + 1]
+        straight = max(leg.length - v0 * blends[i] - v1 * blends[i + 1], 0.0)
+        moving_s += sum(part[2] for part in _parts(leg, v0, v1, straight))
+    return moving_s
 
 
 class _Vertices(NamedTuple):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.arrays import instance, relax, root_bound
 from mission.planner.evaluate import (
+    bounded,
     finish,
     fit_budget,
     objective,
@@ -26,8 +26,9 @@ from mission.planner.native.library import (
     search_places,
 )
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-from mission.planner.reward import Altitudes
+from mission.planner.reward import Altitudes, conjugates, reward_table
 
+REACH_STEP_M = 512  # of tables, so that the rounds of a mission share them
 MAX_OPEN = 50_000
 # Searches stop at steps and gains of some absolute size: importance that is larger or smaller than
 # 2 to this power is scaled first.
@@ -40,8 +41,6 @@ MANY_TRIES = 3000  # where a search has ended early, which could have improved t
 # being one place matters longer.
 SOME_STEPS, SOME_SCARCE_STEPS = 5, 6
 ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.3, 6: 0.3}
-# Success at a distance is tabled to this share (`mission.planner.reward`).
-TABLED = 1e-4
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
 # divided by the devices are looked into.
 SHARED_NODES = 40_000
@@ -75,8 +74,32 @@ class CertifiedPlanner:
         case = case_of(problem)
         found = search(case, case.explored(), self.goal)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
-        assert made.value <= found.bound * (1.0 + TABLED), (made.value, found)
-        return replace(made, upper_bound=max(found.bound, made.value), nodes=found.nodes)
+        return bounded(problem, made, found.bound, found.nodes)
+
+
+class ExploringPlanner:
+    """The best of explored paths, for any number of devices; no bound is proven.
+
+    Args:
+        starts: devices that first paths are built towards.
+        tries: how often the best of them are cut and mended; by default more for more devices.
+    """
+
+    def __init__(self, *, starts: int = STARTS, tries: int | None = None) -> None:
+        self._starts, self._tries = starts, tries
+
+    def plan(self, problem: RoundProblem) -> RoundPlan:
+        """Plan one round.
+
+        Raises:
+            PlanInputError: the problem makes no sense.
+        """
+        if (at_rest := plan_without_moving(problem)) is not None:
+            return at_rest
+        devices, limits = instance(problem)
+        attempts = tries(len(devices.delta)) if self._tries is None else self._tries
+        _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
+        return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
 
 
 def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
@@ -161,3 +184,51 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
 def tries(devices: int) -> int:
     """How often the first plan is cut and mended: more for many devices, up to a limit."""
     return min(MIN_TRIES + devices, MAX_TRIES)
+
+
+def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, Limits]:
+    """Devices relative to the start, without those worth nothing, and what a plan may use.
+
+    `towards_m` as in `reward_table`.
+    """
+    worth = problem.importance > 0.0
+    u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
+    delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
+    table = reward_table(problem.channel, reach_of(problem), towards_m)
+    limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
+    return Devices(u, delta, table.rows), limits
+
+
+def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
+    """The tables of the dual bound; `towards_m` as in `reward_table`."""
+    reach = reach_of(problem)
+    conjugate = conjugates(problem.channel, reach, towards_m)
+    # No path comes nearer to a device than its distance from the start less the budget.
+    nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
+    beyond = np.maximum(conjugate.radii_m[None, :], nearest[:, None])
+    table = reward_table(problem.channel, reach, towards_m)
+    promise = devices.delta[:, None] * table.upper(beyond)
+    return Relaxation(
+        conjugate.coefficients,
+        conjugate.spacing,
+        conjugate.radii_m[conjugate.ends[:, 1]],
+        conjugate.ends,
+        conjugate.row,
+        conjugate.ladder,
+        conjugate.radii_m,
+        promise,
+    )
+
+
+def root_bound(promise: Floats, limits: Limits) -> float:
+    """What the best N K_bar devices promise, each by itself."""
+    places = limits.steps * limits.per_step
+    return float(np.sort(promise)[::-1][:places].sum())
+
+
+def reach_of(problem: RoundProblem) -> int:
+    """Whole metres of distance that tables need: no device that is worth something is ever further
+    away than from the start, plus the budget."""
+    worth = problem.importance > 0.0
+    far = np.hypot(*(problem.devices_m[worth] - problem.start_m).T)
+    return REACH_STEP_M * (int(far.max() + problem.path_budget_m) // REACH_STEP_M + 1)

@@ -15,13 +15,15 @@ from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.problem import RoundPlan, RoundProblem, as_waypoints
-from mission.planner.schedule import assign
+from mission.planner.native import library
+from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
 CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
+# Success at a distance is tabled to this share (`mission.planner.reward`).
+TABLED = 1e-4
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
 ROUNDING_M = 1e-9  # a path that is over its budget by less is not
 
@@ -43,6 +45,31 @@ def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> fl
     offset = waypoints_m[steps] - problem.devices_m[devices]
     per = average_per(problem.channel, np.hypot(offset[:, 0], offset[:, 1]))
     return float(((1.0 - per) * problem.importance[devices]).sum())
+
+
+def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
+    """Maximise sum_n sum_k omega_k[n] success[n, k] importance[k].
+
+    A transportation problem: its constraint matrix is totally unimodular, so the relaxation of
+    omega to [0, 1] has integral vertices, and shortest augmenting paths find one directly.
+    At most `per_step` devices a step, each device at most once. A pair that is worth nothing
+    (no chance of success, or no importance) is never scheduled.
+
+    Args:
+        success: (N, K) probability that device k gets through at step n.
+        importance: (K,) delta, not negative.
+        per_step: K_bar.
+
+    Returns:
+        (N, K) the schedule omega.
+    """
+    worth = success * importance
+    steps, devices = worth.shape
+    schedule = np.zeros((steps, devices), dtype=np.bool_)
+    served = library.assign(np.ascontiguousarray(worth.T), per_step)
+    here = np.flatnonzero(served >= 0)
+    schedule[served[here], here] = True
+    return schedule & (worth > 0.0)
 
 
 def path_length(waypoints_m: Floats) -> float:
@@ -133,6 +160,17 @@ def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
             f"waypoints_m: the path is {length_m:.6g} m long, path_budget_m is {most_m:g}; "
             "fit_budget(waypoints_m, problem.path_budget_m) shrinks it"
         )
+
+
+def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) -> RoundPlan:
+    """The plan with a bound, which it may exceed by as much as the tables are inexact.
+
+    Raises:
+        BoundError: it exceeds the bound by more.
+    """
+    if plan.value > bound * (1.0 + TABLED):  # not where no bound is proven: NaN
+        raise BoundError(problem, plan, bound)
+    return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]:

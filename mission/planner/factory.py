@@ -2,12 +2,11 @@
 
 from mission.base.errors import PlanError
 from mission.base.user_code import OwnCode
-from mission.planner.around import AroundPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
+from mission.planner.limited import LimitedPlanner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-from mission.planner.within import WithinPlanner
 
 
 def make_planner(config: PlannerConfig) -> Planner:
@@ -17,7 +16,12 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    return AroundPlanner(WithinPlanner(_choosing_altitudes(config)))
+    planner = _choosing_altitudes(config)
+    if config.kind != "certified":
+        return LimitedPlanner(planner, planner)
+    from mission.planner.certified import ExploringPlanner
+
+    return LimitedPlanner(planner, ExploringPlanner())
 
 
 def _choosing_altitudes(config: PlannerConfig) -> Planner:
@@ -26,7 +30,7 @@ def _choosing_altitudes(config: PlannerConfig) -> Planner:
         from mission.planner.certified import CertifiedPlanner
 
         return CertifiedAltitudes(CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes))
-    from mission.planner.sampled_altitudes import SampledAltitudes
+    from mission.planner.altitudes import SampledAltitudes
 
     return SampledAltitudes(_of_kind(config))
 

@@ -4,6 +4,8 @@ An aircraft that does not stop rounds its corners, and passes the device below o
 Where the packet error rate rises from the first metre on, that costs more than the time it saves.
 """
 
+import math
+
 import numpy as np
 
 from mission.base.arrays import Floats
@@ -67,10 +69,27 @@ def cut_corners(waypoints_m: Floats, radius_m: float) -> Floats:
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
     """What the flight of a plan takes, in a problem with limits; `hold_s` as in `stops_of`."""
     assert problem.limits is not None
-    performance = problem.limits.performance
+    return problem.limits.performance.foresee(*_flight(problem, plan, hold_s))
+
+
+def share_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> float:
+    """How much of the tighter limit the flight of a plan takes; more than 1 does not fit."""
+    if problem.limits is None:
+        return 0.0
+    if math.isinf(problem.limits.energy_j):  # which takes most of the time to foresee
+        taken_s = problem.limits.performance.duration_s(*_flight(problem, plan, hold_s))
+        return taken_s / problem.limits.duration_s
+    return problem.limits.share(foresee_round(problem, plan, hold_s=hold_s))
+
+
+def _flight(
+    problem: RoundProblem, plan: RoundPlan, hold_s: float
+) -> tuple[Floats, list[float], float]:
+    """Places of the stops, seconds of hover there, and the acceptance radius."""
+    assert problem.limits is not None
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
-    return performance.foresee(
+    return (
         np.array([stop.xy_m for stop in stops]),
         [stop.hold_s for stop in stops],
-        acceptance_radius(problem, plan, performance.widest_m),
+        acceptance_radius(problem, plan, problem.limits.performance.widest_m),
     )

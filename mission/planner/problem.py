@@ -12,6 +12,7 @@ from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
+from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.performance import Foreseen, RoundLimits
@@ -169,6 +170,23 @@ class RoundPlan:
     def path_m(self) -> float:
         """Length of the planned polyline in metres."""
         return polyline.length(self.route_m)
+
+
+class BoundError(PlanError):
+    """A plan that is worth more than what was proven of all plans: a defect of the planner.
+
+    Attributes:
+        problem: the problem that was planned for.
+        plan: the plan that was made.
+        bound: that no plan was to exceed.
+    """
+
+    def __init__(self, problem: RoundProblem, plan: RoundPlan, bound: float) -> None:
+        super().__init__(
+            f"a plan is worth {plan.value!r}, and none was to be worth more than {bound!r}: a "
+            "defect of the planner; please report it with the configuration and its seed"
+        )
+        self.problem, self.plan, self.bound = problem, plan, bound
 
 
 class Planner(Protocol):

@@ -1,59 +1,67 @@
-"""Large instances: sequential quadratic programming on the true objective (the home of osqp).
+"""All waypoints of a plan moved at once, by sequential quadratic programs (the home of osqp).
 
-The program's variables are the step d of the free waypoints and the leg lengths l. Its objective
-is the exact gradient and the clipped, block-diagonal Hessian of the reward under the present
-assignment. A leg is at least as long as its projection on each of `DIRECTIONS` fixed directions
-over cos(pi / DIRECTIONS), which errs on the safe side; all legs together keep the budget; a
-trust region bounds d. The sparsity never changes: between iterations only the numbers are
-updated, and OSQP starts warm from the step before.
+A program's variables are the step d of the free waypoints and the lengths l of the legs. It
+maximises the reward of the present schedule, by its exact gradient and clipped, block-diagonal
+Hessian, over a trust region |d| <= t. A leg is at least as long as its projection on each of
+`_DEGREES` about its present direction, so that lengths are exact to first order and grow as the leg
+turns. The legs keep to the metres that the round may fly, and, where time or energy is limited, to
+the seconds: those are the legs' lengths over the speed, and the gradient of what the flight's
+corners take beyond that. Where the path leads around areas, a leg is what is straight of it at
+either end.
+
+The sparsity never changes: from step to step only numbers are updated, and OSQP starts warm. A step
+is kept where the plan along the moved waypoints, made to fit and scheduled anew, is worth more.
 """
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import osqp
 from scipy import sparse
-from scipy.spatial import cKDTree
 
+from mission.base import polyline
 from mission.base.arrays import Floats, Ints
-from mission.planner.arrays import instance
-from mission.planner.certified import STARTS, tries
+from mission.planner.certified import ExploringPlanner, reach_of
 from mission.planner.errors import SolverError
-from mission.planner.evaluate import finish, fit_budget, plan_without_moving
-from mission.planner.native.library import Devices, Limits, explore
-from mission.planner.problem import RoundPlan, RoundProblem
-from mission.planner.schedule import assign
+from mission.planner.evaluate import plan_along
+from mission.planner.fitting import fitted
+from mission.planner.flyable import acceptance_radius, share_of
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.reward import reward_table
+from mission.planner.stops import SAME_PLACE_M, stops_of
 
-DIRECTIONS = 12
-MAX_ITERATIONS = 12
-FIRST_TRUST_M = 5.0
-LAST_TRUST_M = 0.5
-RISE = 1e-4  # relative rise of the objective under which the iteration ends
-LEAST_SHARE = 1e-3  # of the best f: beyond, a step and a device are no neighbours
-
-
-MAX_SPLITTINGS = 500
+_DEGREES = (0.0, 10.0, -10.0, 25.0, -25.0, 50.0, -50.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+_COSINES = np.array([math.cos(math.radians(angle)) for angle in _DEGREES])
+_SINES = np.array([math.sin(math.radians(angle)) for angle in _DEGREES])
+_MOST_STEPS = 25
+_FIRST_TRUST_M, _LAST_TRUST_M = 30.0, 1.0
+_GROW, _SHRINK = 1.5, 0.35
+_RISE = 1e-4  # relative rise of the objective under which the steps end
+_CORRECTIONS = 2  # of a step whose corners took longer than linear
+_NUDGE = 0.25  # of the trust region: how far stops are nudged to see what corners take
+_FLOOR = 1e-4  # of the Hessian, where the steepest slope is 1 a metre
+_MOST_SPLITTINGS = 500
 # A step only has to be good: it is kept if the true objective rises, however exact it is.
-USABLE = (
+_USABLE = (
     osqp.SolverStatus.OSQP_SOLVED,
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE,
     osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
 )
+_NONE = (
+    osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE,
+    osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE,
+)
 
 
 class SqpPlanner:
-    """Explored first plan, then sequential quadratic programs; hundreds of devices.
+    """Explored paths, the best of them improved by quadratic programs: for hundreds of devices.
 
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
-
-    Args:
-        starts: devices that first paths are built towards.
-        tries: how often the best of them are cut and mended; by default more for more devices.
     """
 
-    def __init__(self, *, starts: int = STARTS, tries: int | None = None) -> None:
-        self._starts = starts
-        self._tries = tries
+    def __init__(self, explored: Planner | None = None) -> None:
+        self._explored = explored or ExploringPlanner()
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -62,159 +70,237 @@ class SqpPlanner:
             PlanInputError: the problem makes no sense.
             SolverError: OSQP gave no solution.
         """
-        if (at_rest := plan_without_moving(problem)) is not None:
-            return at_rest
-        devices, limits = instance(problem)
-        attempts = tries(len(devices.delta)) if self._tries is None else self._tries
-        _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
-        way = ascend(way, devices, limits)
-        return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
+        return ascended(problem, self._explored.plan(problem))
 
 
-def ascend(way: Floats, devices: Devices, limits: Limits) -> Floats:
-    """Sequential quadratic programming from `way` (N, 2), the start at the origin.
-
-    Every accepted step raises the true objective under its optimal assignment.
+def ascended(problem: RoundProblem, plan: RoundPlan, most_steps: int = _MOST_STEPS) -> RoundPlan:
+    """The plan after steps of quadratic programs, each of which is worth more and fits.
 
     Raises:
         SolverError: OSQP gave no solution.
     """
-    program = StepProgram(limits.steps)
-    value, steps, served = match(way, devices, limits)
-    trust = FIRST_TRUST_M
-    for _ in range(MAX_ITERATIONS):
-        gradient, hessian = model(way, steps, served, devices)
-        step = program.solve(way, gradient, hessian, budget_m=limits.length, trust_m=trust)
-        trial = way.copy()
-        trial[1:] += step
-        trial = fit_budget(trial, limits.length)
-        better, new_steps, new_served = match(trial, devices, limits)
-        if better <= value:
-            trust *= 0.3
-            if trust < LAST_TRUST_M:
+    if problem.steps < 2 or plan.value <= 0.0:
+        return plan
+    problem = problem.at(plan.altitude_m)
+    program = StepProgram(problem.steps, led=not problem.airspace.is_open)
+    trust_m, model = _FIRST_TRUST_M, None
+    for _ in range(most_steps):
+        model = model or surroundings(problem, plan, trust_m)
+        moved = _moved(problem, plan, program, model, trust_m)
+        other = fitted(problem, moved, above=plan.value)
+        if other is None:
+            trust_m *= _SHRINK
+            if trust_m < _LAST_TRUST_M:
                 break
             continue
-        small = better - value < RISE * value
-        way, value, steps, served = trial, better, new_steps, new_served
-        if small:
+        ended = other.value < plan.value * (1.0 + _RISE)
+        plan, model = replace(other, altitude_m=plan.altitude_m), None
+        if ended:
             break
-        trust *= 1.5
-    return way
+        trust_m *= _GROW
+    return plan
 
 
-def match(way: Floats, devices: Devices, limits: Limits) -> tuple[float, Ints, Ints]:
-    """(value, steps, devices) of the optimal assignment, looking at neighbours only."""
-    share = devices.rows[:, 0]
-    beyond = np.flatnonzero(share < LEAST_SHARE * share[0])
-    reach = float(beyond[0]) if len(beyond) else float(len(share))
-    distance, _ = cKDTree(way).query(devices.u, distance_upper_bound=reach)
-    near = np.flatnonzero(np.isfinite(distance))
-    offset = way[:, None, :] - devices.u[near][None, :, :]
-    f, _, _ = reward(np.hypot(offset[..., 0], offset[..., 1]), devices.rows)
-    schedule = assign(f, devices.delta[near], limits.per_step)
-    steps, columns = np.nonzero(schedule)
-    served = near[columns]
-    return float((f[steps, columns] * devices.delta[served]).sum()), steps, served
+def _moved(
+    problem: RoundProblem,
+    plan: RoundPlan,
+    program: "StepProgram",
+    model: "Surroundings",
+    trust_m: float,
+) -> Floats:
+    """The waypoints after a step; where their flight takes longer than the program had it, after
+    one that takes less by as much."""
+    moved = plan.waypoints_m.copy()
+    for _ in range(_CORRECTIONS + 1):
+        step = program.solve(model, trust_m)
+        if step is None:
+            break
+        moved[1:] = plan.waypoints_m[1:] + step
+        if problem.limits is None:
+            break
+        other = plan_along(problem, moved)
+        if other.value < plan.value:
+            break
+        over = share_of(problem, other) - 1.0
+        if over <= 0.0:
+            break
+        model = replace(model, spare_s_m=model.spare_s_m - over * model.whole_s_m)
+    return moved
 
 
-def reward(r: Floats, rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """(f, f', f'') from the 1 m table, expanded about the nearest row."""
-    index = np.minimum(np.rint(r).astype(np.int64), len(rows) - 1)
-    d = r - index
-    f, f1, f2 = rows[index].T
-    f, f1, f2 = f.T, f1.T, f2.T
-    return f + (f1 + 0.5 * f2 * d) * d, f1 + f2 * d, f2
+@dataclass(frozen=True)
+class Surroundings:
+    """What a quadratic program knows of a plan: N waypoints, N - 1 legs."""
+
+    gradient: Floats  # (N - 1, 2) of the reward, by free waypoint
+    hessian: Floats  # (N - 1, 3) xx, xy, yy of minus the reward, positive semidefinite
+    last: Floats  # (N - 1, 2) of each leg the straight that ends at its waypoint
+    first: Floats  # (N - 1, 2) the one that leaves the waypoint before
+    whole: Floats  # (N - 1,) 1 where these are one, else 0
+    spare_m: float  # metres that the path may be longer
+    tied: Floats  # (N - 1,) 1 where a waypoint moves with the one before: flown as one
+    slope: Floats  # (N - 1, 2) metres that corners cost, by free waypoint
+    whole_s_m: float  # metres at the speed, in the time that the flight may take
+    spare_s_m: float  # those of the time that is left
 
 
-def model(way: Floats, steps: Ints, served: Ints, devices: Devices) -> tuple[Floats, Floats]:
+def surroundings(problem: RoundProblem, plan: RoundPlan, trust_m: float) -> Surroundings:
+    """The model of a plan that a step is made by."""
+    gradient, hessian = reward_model(problem, plan)
+    route, at = plan.route_m, plan.stops_at
+    last = route[at[1:]] - route[at[1:] - 1]
+    first = route[at[:-1] + 1] - route[at[:-1]]
+    slope, whole_s_m, spare_s_m = _corners(problem, plan, _NUDGE * trust_m)
+    together = np.hypot(*np.diff(plan.waypoints_m, axis=0).T) <= SAME_PLACE_M
+    tied = np.where(together & (problem.limits is not None), 1.0, 0.0)
+    return Surroundings(
+        gradient[1:], hessian[1:], last, first, np.where(np.diff(at) == 1, 1.0, 0.0),
+        problem.most_m - plan.path_m, tied, slope, whole_s_m, spare_s_m,
+    )  # fmt: skip
+
+
+def reward_model(problem: RoundProblem, plan: RoundPlan) -> tuple[Floats, Floats]:
     """Gradient (N, 2) and negated, clipped Hessian blocks (N, 3: xx, xy, yy) of the reward."""
-    offset = way[steps] - devices.u[served]
-    r = np.hypot(offset[:, 0], offset[:, 1])
-    _, f1, f2 = reward(r, devices.rows)
-    delta = devices.delta[served]
+    steps, served = np.nonzero(plan.schedule)
+    offset = plan.waypoints_m[steps] - problem.devices_m[served]
+    r = np.hypot(*offset.T)
+    _, f1, f2 = reward_table(problem.channel, reach_of(problem)).expanded(r)
+    delta = problem.importance[served]
     nx, ny = (offset / np.maximum(r, 1e-9)[:, None]).T
     radial = delta * np.maximum(-f2, 0.0)
     across = np.where(r > 1e-6, delta * np.maximum(-f1, 0.0) / np.maximum(r, 1e-6), radial)
-    gradient, hessian = np.zeros((len(way), 2)), np.zeros((len(way), 3))
+    gradient, hessian = np.zeros((problem.steps, 2)), np.zeros((problem.steps, 3))
     np.add.at(gradient, steps, np.stack([delta * f1 * nx, delta * f1 * ny], axis=1))
-    blocks = np.stack(
-        [
-            radial * nx * nx + across * ny * ny,
-            (radial - across) * nx * ny,
-            radial * ny * ny + across * nx * nx,
-        ],
-        axis=1,
-    )
-    np.add.at(hessian, steps, blocks)
+    blocks = [
+        radial * nx * nx + across * ny * ny,
+        (radial - across) * nx * ny,
+        radial * ny * ny + across * nx * nx,
+    ]
+    np.add.at(hessian, steps, np.stack(blocks, axis=1))
     return gradient, hessian
 
 
+def _corners(problem: RoundProblem, plan: RoundPlan, nudge_m: float) -> tuple[Floats, float, float]:
+    """What the corners of a flight take, by free waypoint (N - 1, 2), beyond the lengths of its
+    legs, what it may take in all, and what is left of that, in metres at its speed; no end of it
+    without limits."""
+    free = np.zeros((problem.steps, 2))
+    if problem.limits is None:
+        return free[1:], np.inf, np.inf
+    performance = problem.limits.performance
+    stops = stops_of(plan, upload_s=problem.upload_s)
+    points, hold_s = np.array([stop.xy_m for stop in stops]), [stop.hold_s for stop in stops]
+    radius = acceptance_radius(problem, plan, performance.widest_m)
+    speed = performance.speed_mps
+
+    def beyond() -> float:
+        return performance.duration_s(points, hold_s, radius) * speed - polyline.length(points)
+
+    for index, stop in enumerate(stops):
+        if index == 0 or not stop.steps:
+            continue
+        for axis in (0, 1):
+            points[index, axis] += nudge_m
+            free[stop.steps[0], axis] = beyond()
+            points[index, axis] -= 2.0 * nudge_m
+            free[stop.steps[0], axis] -= beyond()
+            points[index, axis] += nudge_m
+    free /= 2.0 * nudge_m
+    # Joules count as the seconds that they last at the flight's mean power.
+    taken = share_of(problem, plan)
+    flown_m = performance.duration_s(points, hold_s, radius) * speed
+    whole_m = flown_m / taken if taken > 0.0 else problem.most_m
+    return free[1:], whole_m, whole_m * (1.0 - taken)
+
+
 class StepProgram:
-    """The quadratic program of one path size; its sparsity is set up once.
+    """The quadratic program of one number of steps; its sparsity is set up once.
 
     Made anew for every plan: a solver that has seen other problems would step differently.
     """
 
-    def __init__(self, steps: int) -> None:
+    def __init__(self, steps: int, *, led: bool) -> None:
         self._legs = legs = steps - 1
-        angles = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1) / math.cos(
-            math.pi / DIRECTIONS
+        self._parts = parts = 1 + led  # straights of a leg
+        rows, many = parts * legs * len(_DEGREES), (2 + parts) * legs
+        self._rows = rows
+        # Of every number that the constraints hold: its row, its column.
+        leg = np.repeat(np.arange(legs), len(_DEGREES))
+        entries: list[tuple[Ints, Ints]] = []
+        for part in range(parts):
+            row = part * len(leg) + np.arange(len(leg))
+            entries += [(row, 2 * leg + axis) for axis in (0, 1)]
+            entries += [(row[leg > 0], 2 * leg[leg > 0] - 2 + axis) for axis in (0, 1)]
+            entries.append((row, (2 + part) * legs + leg))
+        every = np.arange(many)
+        entries += [(np.full(many, rows + limit), every) for limit in (0, 1)]
+        entries.append((rows + 2 + every[: 2 * legs], every[: 2 * legs]))
+        entries.append((rows + 2 + every[2 : 2 * legs], every[: 2 * legs - 2]))
+        i, j = (np.concatenate(column) for column in zip(*entries, strict=True))
+        numbered = sparse.csc_matrix((np.arange(1, len(i) + 1), (i, j)))
+        self._order = numbered.data - 1
+        matrix = sparse.csc_matrix(
+            (np.ones(len(i)), numbered.indices, numbered.indptr), numbered.shape
         )
-        # Waypoint n ends leg n and begins leg n + 1; the start does not move.
-        difference = sparse.eye(legs) - sparse.eye(legs, k=-1)
-        project = sparse.kron(difference, self._directions)
-        lengths = -sparse.kron(sparse.eye(legs), np.ones((DIRECTIONS, 1)))
-        total = sparse.hstack([sparse.csc_matrix((1, 2 * legs)), np.ones((1, legs))])
-        box = sparse.hstack([sparse.eye(2 * legs), sparse.csc_matrix((2 * legs, legs))])
-        matrix = sparse.vstack([sparse.hstack([project, lengths]), total, box], format="csc")
         block = sparse.kron(sparse.eye(legs), np.ones((2, 2)))
-        pattern = sparse.block_diag([block, sparse.csc_matrix((legs, legs))])
-        self._pattern = sparse.triu(pattern, format="csc")
-        self._pattern.sort_indices()
-        self._rows = legs * DIRECTIONS
-        self._bounds = np.full((2, matrix.shape[0]), -np.inf)
-        self._bounds[1] = np.inf
+        nothing = sparse.csc_matrix((parts * legs, parts * legs))
+        pattern = sparse.triu(sparse.block_diag([block, nothing]), format="csc")
+        pattern.sort_indices()
+        self._lower, self._upper = np.full((2, matrix.shape[0]), [[-np.inf], [np.inf]])
         self._solver = osqp.OSQP()
         self._solver.setup(
-            self._pattern,
-            np.zeros(3 * legs),
-            matrix,
-            self._bounds[0],
-            self._bounds[1],
-            verbose=False,
-            eps_abs=1e-3,
-            eps_rel=1e-3,
-            max_iter=MAX_SPLITTINGS,
-            polishing=False,
+            pattern, np.zeros(many), matrix, self._lower, self._upper, verbose=False,
+            eps_abs=1e-3, eps_rel=1e-3, max_iter=_MOST_SPLITTINGS, polishing=False,
             # Counted in iterations; a timed interval would make plans differ between runs.
             adaptive_rho_interval=50,
-        )
+        )  # fmt: skip
 
-    def solve(
-        self, way: Floats, gradient: Floats, hessian: Floats, *, budget_m: float, trust_m: float
-    ) -> Floats:
-        """(N - 1, 2) the best step of the free waypoints.
+    def solve(self, model: Surroundings, trust_m: float) -> Floats | None:
+        """(N - 1, 2) the best step of the free waypoints; None where there is none, as the flight
+        would have to get shorter than it can within the trust region.
 
         Raises:
-            SolverError: no solution.
+            SolverError: OSQP gave no solution.
         """
-        legs = self._legs
+        legs, parts, lower, upper = self._legs, self._parts, self._lower, self._upper
+        entries: list[Floats] = []
+        straights = (model.last, model.first)[:parts]
+        for part, straight in enumerate(straights):
+            length = np.hypot(*straight.T)[:, None]
+            u = np.where(length > 0.0, straight / np.maximum(length, 1e-300), (1.0, 0.0))
+            left = np.column_stack((-u[:, 1], u[:, 0]))
+            # (legs, angles, 2)
+            along = _COSINES[:, None] * u[:, None] + _SINES[:, None] * left[:, None]
+            # Waypoint n ends leg n and begins leg n + 1, where that is one straight.
+            ends = along * (1.0 if part == 0 else model.whole[:, None, None])
+            begins = along[1:] * (model.whole[1:, None, None] if part == 0 else 1.0)
+            entries += [ends[..., axis].ravel() for axis in (0, 1)]
+            entries += [-begins[..., axis].ravel() for axis in (0, 1)]
+            entries.append(np.full(legs * len(_DEGREES), -1.0))
+            at = part * legs * len(_DEGREES)
+            projected = (along * straight[:, None]).sum(axis=2)
+            upper[at : at + projected.size] = -projected.ravel()
+        counted = np.ones((parts, legs))
+        counted[1:] = 1.0 - model.whole  # what is one straight counts once
+        lengths = np.hypot(*np.stack(straights).transpose(2, 0, 1)) * counted
+        entries += [np.zeros(2 * legs), counted.ravel(), model.slope.ravel(), counted.ravel()]
+        tied = np.repeat(model.tied, 2)
+        entries += [np.ones(2 * legs), -tied[2:]]
+        upper[self._rows : self._rows + 2] = lengths.sum() + np.array(
+            [model.spare_m, model.spare_s_m]
+        )
+        reach = trust_m * (1.0 - tied)
+        lower[self._rows + 2 :], upper[self._rows + 2 :] = -reach, reach
         # The reward is scaled so that its steepest slope is 1 a metre.
-        scale = 1.0 / max(float(np.abs(gradient[1:]).max()), 1e-300)
-        xx, xy, yy = (hessian[1:] * scale).T
-        floor = 1e-4
-        entries = np.stack([xx + floor, xy, yy + floor], axis=1)  # by column: (0,0) (0,1) (1,1)
-        cost = np.concatenate([-scale * gradient[1:].ravel(), np.zeros(legs)])
-        lower, upper = self._bounds
-        upper[: self._rows] = -(np.diff(way, axis=0) @ self._directions.T).ravel()
-        # A feasible path stays feasible under the polygon's excess: not moving is a solution.
-        polygon = float((np.diff(way, axis=0) @ self._directions.T).max(axis=1).sum())
-        upper[self._rows] = max(budget_m, polygon * (1.0 + 1e-9))
-        lower[self._rows + 1 :] = -trust_m
-        upper[self._rows + 1 :] = trust_m
-        self._solver.update(Px=entries.ravel(), q=cost, l=lower, u=upper)
+        scale = 1.0 / max(float(np.abs(model.gradient).max()), 1e-300)
+        xx, xy, yy = (model.hessian * scale).T
+        curved = np.stack([xx + _FLOOR, xy, yy + _FLOOR], axis=1)  # by column: (0,0) (0,1) (1,1)
+        cost = np.concatenate([-scale * model.gradient.ravel(), np.zeros(parts * legs)])
+        numbers = np.concatenate(entries)[self._order]
+        self._solver.update(Px=curved.ravel(), Ax=numbers, q=cost, l=lower, u=upper)
         result = self._solver.solve(raise_error=False)
-        if result.info.status_val not in USABLE:
+        if result.info.status_val in _NONE:
+            return None
+        if result.info.status_val not in _USABLE:
             raise SolverError("osqp", result.info.status)
         return np.asarray(result.x[: 2 * legs]).reshape(legs, 2)

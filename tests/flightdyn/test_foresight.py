@@ -7,7 +7,7 @@ from flights import HOME, legs, make, path_along, run, take_off
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import plan_path
+from flightdyn.guidance.path_plan import moving_time, plan_path
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
 
@@ -31,6 +31,14 @@ def unit(angles):
 
 def length(path: FlightPath) -> float:
     return float(np.linalg.norm(np.diff(path.points_ned_m, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_time_of_a_trajectory_is_known_without_making_it(seed: int) -> None:
+    path = random_path(seed)
+    trajectory, _ = plan_path(path, LIMITS)
+    made_s = trajectory.end_s - trajectory.start_s
+    assert moving_time(path, LIMITS) == pytest.approx(made_s, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -10,6 +10,7 @@ from fl.radio.channel import Channel, LogisticFit, fit_logistic, smooth_per
 from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import (
+    assign,
     distances,
     finish,
     fit_budget,
@@ -18,7 +19,6 @@ from mission.planner.evaluate import (
 from mission.planner.paper.initial_path import METRE_POWERS, greedy_walk
 from mission.planner.paper.path_step import PathProgram, path_program
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.planner.schedule import assign
 
 logger = logging.getLogger(__name__)
 

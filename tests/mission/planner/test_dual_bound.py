@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.planner.arrays import instance, relax
+from mission.planner.certified import instance, relax
 from mission.planner.native.library import conjugate, order_bound
 from mission.planner.problem import RoundProblem
 

@@ -1,4 +1,4 @@
-"""Plans made to fit limits: cut where these end, drawn together, at the best altitude."""
+"""Plans made to fit limits: cut where these end, or shrunk."""
 
 import numpy as np
 import pytest
@@ -6,16 +6,11 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base import polyline
-from mission.base.airspace import OPEN, Airspace
+from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.evaluate import plan_along
-from mission.planner.fitting import (
-    at_best_altitude,
-    drawn_together,
-    fitted,
-    made,
-    share,
-)
+from mission.planner.fitting import fitted
+from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundProblem
 
@@ -45,15 +40,15 @@ def path(given: RoundProblem, seed: int) -> np.ndarray:
     return drawn
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_path_that_is_too_long_is_cut_where_its_limit_ends(seed: int) -> None:
     given = problem(seed, duration_s=20.0, airspace=AREAS)
     whole = plan_along(given, path(given, seed))
     cut = fitted(given, path(given, seed))
     assert cut is not None
     check_plan(given, cut)
-    assert 0.85 < share(given, cut) <= 1.0, "corners may take a jump at the end"
-    assert share(given, made(given, path(given, seed))) > 1.0
+    assert 0.85 < share_of(given, cut) <= 1.0, "corners may take a jump at the end"
+    assert share_of(given, whole) > 1.0
     # It is the beginning of the whole path.
     until = polyline.along(cut.route_m)
     whole_m = polyline.along(whole.route_m)
@@ -62,40 +57,36 @@ def test_a_path_that_is_too_long_is_cut_where_its_limit_ends(seed: int) -> None:
         np.testing.assert_allclose(on_whole, cut.route_m[:, axis], atol=1e-6)
 
 
-def test_where_nothing_is_in_the_way_nothing_is_cut() -> None:
-    given = problem(0, duration_s=20.0)
-    assert fitted(given, path(given, 0)) is None
-    assert fitted(given, given.start_m + 0.02 * (path(given, 0) - given.start_m)) is not None
+@pytest.mark.parametrize("seed", range(4))
+def test_where_nothing_is_in_the_way_a_path_is_shrunk(seed: int) -> None:
+    given = problem(seed, duration_s=15.0)
+    plan = fitted(given, path(given, seed))
+    assert plan is not None
+    check_plan(given, plan)
+    assert 0.75 < share_of(given, plan) <= 1.0
+    along, whole = plan.waypoints_m - given.start_m, path(given, seed) - given.start_m
+    scale = np.linalg.norm(along) / np.linalg.norm(whole)
+    np.testing.assert_allclose(along, scale * whole, atol=1e-6)
 
 
-def test_what_is_not_wanted_is_not_foreseen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_worth_too_little_is_not_foreseen(monkeypatch: pytest.MonkeyPatch) -> None:
     given = problem(1)
-    monkeypatch.setattr("mission.planner.fitting.foresee_round", None)
-    assert fitted(given, path(given, 1), wanted=lambda _: False) is None
+    worth = plan_along(given, path(given, 1)).value
+    monkeypatch.setattr("mission.planner.fitting.share_of", None)
+    assert fitted(given, path(given, 1), above=worth) is None
 
 
-def test_what_is_wanted_no_more_once_it_is_cut_is_not_given_back() -> None:
+def test_what_is_worth_too_little_once_it_is_cut_is_not_given_back() -> None:
     given = problem(1, duration_s=12.0, airspace=AREAS)
     whole = plan_along(given, path(given, 1))
-    assert fitted(given, path(given, 1), wanted=lambda plan: plan.value >= whole.value) is None
-    assert fitted(given, path(given, 1), wanted=lambda plan: plan.value > 0.0) is not None
+    assert fitted(given, path(given, 1), above=0.99 * whole.value) is None
+    assert fitted(given, path(given, 1), above=0.0) is not None
 
 
-@pytest.mark.parametrize("space", [OPEN, AREAS])
-def test_drawn_together_it_fits(space: Airspace) -> None:
-    given = problem(3, duration_s=15.0, airspace=space)
-    plan = drawn_together(given, path(given, 3))
-    check_plan(given, plan)
-    assert share(given, plan) <= 1.0
-
-
-def test_another_altitude_is_taken_only_where_it_is_worth_more() -> None:
-    given = problem(4, altitudes_m=(40.0, 120.0))
-    lowest = drawn_together(given.at(40.0), path(given, 4))
-    best = at_best_altitude(given, lowest, 40.0)
-    check_plan(given, best)
-    assert best.value > lowest.value
-    again = at_best_altitude(given, best, best.altitude_m)
-    assert (again.value, again.altitude_m) == (best.value, best.altitude_m)
-    fixed = problem(4)
-    assert at_best_altitude(fixed, lowest, None) is lowest
+def test_seconds_are_foreseen_without_the_rest() -> None:
+    upload_s = np.array([0.0, 2.0, 0.0, 1.0, 0.0, 3.0, 0.0, 0.5])
+    for seed in range(4):
+        given = problem(seed, upload_s=upload_s if seed % 2 else None)
+        plan = plan_along(given, path(given, seed))
+        seconds = foresee_round(given, plan).duration_s
+        assert share_of(given, plan) == pytest.approx(seconds / 40.0, abs=1e-9)

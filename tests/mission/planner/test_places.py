@@ -8,8 +8,7 @@ from scipy.optimize import differential_evolution, linear_sum_assignment
 from test_certificate import SEEDS, random_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.planner.arrays import instance, relax
-from mission.planner.certified import CertifiedPlanner
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instance, relax
 from mission.planner.check import check_plan
 from mission.planner.evaluate import path_length
 from mission.planner.native.library import (
@@ -19,7 +18,6 @@ from mission.planner.native.library import (
     search_places,
     square_bound,
 )
-from mission.planner.sqp import SqpPlanner
 
 CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))
 THOROUGH = settings(max_examples=25, deadline=None, derandomize=True)
@@ -145,7 +143,7 @@ def test_no_other_plan_lies_above_the_bound(seed, channel, steps, per_step, budg
     plan = CertifiedPlanner(max_nodes=400).plan(problem)
     check_plan(problem, plan)
     tighter = CertifiedPlanner(gap=1e-3, max_nodes=400).plan(problem)
-    others = [tighter.value, SqpPlanner(starts=20, tries=100).plan(problem).value]
+    others = [tighter.value, ExploringPlanner(starts=20, tries=100).plan(problem).value]
     rng = np.random.default_rng(seed)
     for _ in range(20):
         way = np.vstack([problem.start_m, problem.devices_m[rng.permutation(9)[: steps - 1]]])

@@ -5,7 +5,6 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.reward import NEGLIGIBLE, conjugates, reward_table
-from mission.planner.sqp import reward
 
 
 @pytest.mark.parametrize("preset", CHANNEL_PRESETS)
@@ -13,11 +12,11 @@ def test_the_table_is_the_channel(preset):
     channel = CHANNEL_PRESETS[preset]
     table = reward_table(channel, 1024)
     r = np.random.default_rng(0).uniform(0.0, 1000.0, 2000)
-    f, slope, bend = reward(r, table.rows)
+    f, slope, bend = table.expanded(r)
     assert np.abs(f - (1 - average_per(channel, r))).max() < 1e-4
     h = 0.05
     inner = np.maximum(r, 2.0)
-    f, slope, bend = reward(inner, table.rows)
+    f, slope, bend = table.expanded(inner)
     up, down = (1 - average_per(channel, inner + s) for s in (h, -h))
     here = 1 - average_per(channel, inner)
     assert np.abs(slope - (up - down) / (2 * h)).max() < 1e-4

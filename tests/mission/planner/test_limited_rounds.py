@@ -62,29 +62,29 @@ def test_every_planner_keeps_to_limits(kind: str, given: RoundLimits) -> None:
     assert math.isnan(made.upper_bound) == (kind != "certified")
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
     given = limits(30.0) if seed % 2 else limits(energy_j=8000.0)
     here = problem(seed, given=given)
     made = plan(here)
     assert made.value <= made.upper_bound
     rng, tried = np.random.default_rng(seed), 0
-    for turn in range(400):
+    for turn in range(200):
         # Of other plans' shape and of none; smaller and smaller, so that some fit.
         path = rng.uniform(0, 800, (6, 2)) if turn % 2 else made.waypoints_m.copy()
         path[1:] += rng.normal(0, 60, (5, 2))
-        path = here.start_m + (path - here.start_m) * (1.0 - turn / 500)
+        path = here.start_m + (path - here.start_m) * (1.0 - turn / 250)
         path[0] = here.start_m
         other = plan_along(here, path)
         if given.fits(foresee_round(here, other)):
             tried += 1
             assert other.value <= made.upper_bound * (1.0 + 1e-9)
             assert other.path_m <= given.longest_m + 1e-6
-    assert tried > 20
+    assert tried > 10
 
 
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
-@pytest.mark.parametrize("duration_s", [3.0, 8.0, 15.0, 40.0])
+@pytest.mark.parametrize("duration_s", [3.0, 15.0, 40.0])
 def test_hovers_for_uploads_count_and_fewer_are_served(kind: str, duration_s: float) -> None:
     upload_s = np.array([0.5, 6.0, 3.0, 1.0, 4.0, 2.0, 5.0, 2.5])
     made = plan(problem(given=limits(duration_s), upload_s=upload_s), kind)
@@ -140,7 +140,7 @@ def test_without_limits_the_planner_itself_answers() -> None:
 
 
 @pytest.mark.parametrize("altitudes_m", [None, (40.0, 120.0)])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_around_areas_nothing_that_fits_exceeds_the_bound(seed: int, altitudes_m) -> None:
     """Nor is much better than the plan, of paths like it and of ones at random."""
     given = limits(35.0) if seed % 2 else limits(energy_j=9000.0)
