@@ -14,7 +14,8 @@ from scipy.optimize import linear_sum_assignment, minimize
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import CertifiedPlanner, Goal, case_of, search
 from mission.planner.check import check_plan
-from mission.planner.problem import RoundProblem
+from mission.planner.evaluate import bounded
+from mission.planner.problem import BoundError, RoundProblem
 
 PRESETS = ("suburban+10dB", "suburban", "suburban+30dB", "literal-log-variance", "high-rise")
 SEEDS = st.integers(0, 2**32 - 1)
@@ -209,6 +210,17 @@ def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time()
     assert hopeless.nodes < 6000
 
 
+def test_a_plan_above_its_bound_is_an_error_that_carries_both():
+    problem = random_problem(1)
+    plan = CertifiedPlanner().plan(problem)
+    with pytest.raises(BoundError, match="defect of the planner") as caught:
+        bounded(problem, plan, 0.99 * plan.value, 7)
+    assert (caught.value.problem, caught.value.plan) == (problem, plan)
+    assert caught.value.bound == 0.99 * plan.value
+    assert bounded(problem, plan, plan.value * (1.0 - 1e-6), 7).gap == 0.0  # by rounding of tables
+    assert bounded(problem, plan, float("nan"), 7).nodes == 7
+
+
 def test_hundreds_of_devices_get_a_plan_and_a_bound():
     problem = random_problem(1, devices=150, steps=20)
     plan = CertifiedPlanner().plan(problem)
@@ -221,7 +233,8 @@ PROGRAM = """
 import numpy as np
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.problem import RoundProblem
+from mission.planner.evaluate import bounded
+from mission.planner.problem import BoundError, RoundProblem
 from mission.planner.sqp import SqpPlanner
 rng = np.random.default_rng(7)
 problem = RoundProblem(rng.uniform(0, 800, (12, 2)), rng.random(12), np.full(2, 400.0), 8, 3,
