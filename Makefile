@@ -1,14 +1,16 @@
 # `make run` and `make test` need Python >= 3.11, pip and git only: each makes the virtual
-# environment if there is none, and brings it up to date when the lock changes.
+# environment if there is none, and brings it up to date when the lock changes. `make run` installs
+# what flies, `make test` all.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 FLOWER := $(VENV)/flower
+BASE := $(VENV)/.base
 READY := $(VENV)/.ready
 
 .PHONY: run test test-fast test-flower check docs clean
 
-run: $(READY)
+run: $(BASE)
 	$(BIN)/aerofed run
 
 test: $(READY)
@@ -40,10 +42,16 @@ docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
+# What flies the quick start, and what tests need beside it.
+$(BASE): pyproject.toml requirements.lock
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable .
+	touch $@
+
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[dev]'
-	touch $@
+	touch $(BASE) $@
 
 clean:
 	rm -rf $(VENV)
