@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fl.errors import did_you_mean
-from fl.plugins import checked_name, is_plugin
+from fl.plugins import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 from fl.radio.uplink import GATES
 
@@ -28,9 +28,12 @@ Missed = Literal["lost-too", "unscheduled"]
 TASKS = ("digits", "colour-shapes", "mnist", "fashion-mnist", "cifar10", "npz")
 
 
-def _one_of(names: tuple[str, ...]) -> AfterValidator:
+def one_of(names: tuple[str, ...]) -> AfterValidator:
     """Validator of a name: one of the built-in names, or a plug-in's."""
     return AfterValidator(lambda name: checked_name(name, names))
+
+
+PluginName = Annotated[str, one_of(())]
 
 
 class _Frozen(BaseModel):
@@ -46,7 +49,7 @@ class _NamedChannel(_Frozen):
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
-    gate: Annotated[str, _one_of(GATES)] = Field(
+    gate: Annotated[str, one_of(GATES)] = Field(
         "average",
         description="lose packets with the 'average' PER, draw segment and shadowing of each "
         "('instantaneous'), or have a radio of your own give the PER, as "
@@ -119,7 +122,7 @@ class CommunityConfig(_Frozen):
         examples=["mnist"],
         description="unique among the communities",
     )
-    task: Annotated[str, _one_of(TASKS)] = Field(
+    task: Annotated[str, one_of(TASKS)] = Field(
         examples=["digits"],
         description="data set: 'digits' and 'colour-shapes', which need no files, 'mnist', "
         "'fashion-mnist', 'cifar10', 'npz', or one of your own as 'package.module:factory'",
@@ -181,7 +184,7 @@ class CommunityConfig(_Frozen):
         le=10**13,
         description="size of an update; by default 32 for each number of the network",
     )
-    partition: Annotated[str, _one_of(PARTITIONS)] = Field(
+    partition: Annotated[str, one_of(PARTITIONS)] = Field(
         "labels",
         description="how samples are spread over the devices: by 'labels', 'dirichlet', 'iid', by "
         "the 'owners' that the data set tells, or as your own 'package.module:function' says",
@@ -193,7 +196,7 @@ class CommunityConfig(_Frozen):
     dirichlet_alpha: Positive = Field(
         0.5, le=1e6, description="for partition = 'dirichlet': small is uneven"
     )
-    network: Annotated[str, _one_of(BUILT_IN_NETWORKS)] = Field(
+    network: Annotated[str, one_of(BUILT_IN_NETWORKS)] = Field(
         "lenet",
         description="'lenet', 'mcmahan', 'convnet', or a torch module as "
         "'package.module:callable', which needs the extra `torch`",
@@ -262,7 +265,7 @@ class CommunityConfig(_Frozen):
 class LearningConfig(_Frozen):
     """Local training, aggregation, fairness. The defaults are the paper's."""
 
-    algorithm: Annotated[str, _one_of(ALGORITHMS)] = Field(
+    algorithm: Annotated[str, one_of(ALGORITHMS)] = Field(
         "fedprox",
         description="how devices train and the UAV aggregates: fedprox, fedavg, fedavgm, fedadam, "
         "scaffold, or one of your own as 'package.module:factory'",
@@ -319,20 +322,11 @@ class LearningConfig(_Frozen):
     test_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="part of each class held out for report_on = 'test'"
     )
-    trainer: str | None = Field(
+    trainer: PluginName | None = Field(
         None,
         examples=["my_package.my_module:factory"],
         description="local training of your own, as 'package.module:factory'",
     )
-
-    @field_validator("trainer")
-    @classmethod
-    def _trainer(cls, trainer: str | None) -> str | None:
-        if trainer is not None and not is_plugin(trainer):
-            raise ValueError(
-                "must be an import path, 'package.module:factory', or a plug-in that is installed"
-            )
-        return trainer
 
     @model_validator(mode="after")
     def _share_with_test_only(self) -> Self:

@@ -64,9 +64,10 @@ def checked_name(name: str, built_in: tuple[str, ...]) -> str:
     if name in built_in or is_plugin(name):
         return name
     names = (*built_in, *_entry_points())
+    ours = f"one of {', '.join(map(repr, names))} or the" if names else "an"
     raise ValueError(
-        f"must be one of {', '.join(map(repr, names))} or the import path of your own, "
-        f"'package.module:callable'{did_you_mean(name, names)}"
+        f"must be {ours} import path of your own, 'package.module:callable'"
+        f"{did_you_mean(name, names)}"
     )
 
 

@@ -1,6 +1,5 @@
 """From a task's name to its images and labels: bundled, generated, or read from files."""
 
-import logging
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -10,8 +9,6 @@ from fl.data import bundled, cifar, idx, npz
 from fl.data.arrays import CustomDataset
 from fl.data.dataset import Dataset
 from fl.errors import DataDamagedError, DataMissingError
-
-logger = logging.getLogger(__name__)
 
 Stamp = tuple[tuple[str, int, int], ...]
 
@@ -52,7 +49,7 @@ def load(
     """The data set of `task`, from `data_dir` unless it is bundled or generated.
 
     Raises `DataMissingError` that says what is looked for, `DataDamagedError` naming the file.
-    Intact files that are not the official ones (a subset, say) are used, and said so. A process
+    Intact files that are not the official ones (a subset, say) are used. A process
     that asks again while the files are as they were gets the same data set again: an archive
     takes seconds to unpack, and a sweep has many runs. Errors of code of one's own name the
     `community`, from 0.
@@ -76,23 +73,11 @@ def _read(
     stamp: Stamp,  # noqa: ARG001  # tells the cache that files have changed
 ) -> Dataset:
     if task in ("mnist", "fashion-mnist"):
-        dataset = idx.load(task, _folder(task, data_dir, idx.WANTED))
-    elif task == "cifar10":
-        dataset = cifar.load(_folder(task, data_dir, cifar.WANTED))
-    elif task == "npz":
-        name = data_file or ""
-        dataset = npz.load(name, _folder(task, data_dir, npz.wanted(name)))
-    else:
-        raise DataMissingError(task, data_dir, "nothing: there is no such task")
-    if not dataset.provenance.official:
-        logger.info(
-            "%s: %s is intact but not the official data set: %d training, %d validation images",
-            task,
-            dataset.provenance.source,
-            len(dataset.train.labels),
-            len(dataset.validation.labels),
-        )
-    return dataset
+        return idx.load(task, _folder(task, data_dir, idx.WANTED))
+    if task == "cifar10":
+        return cifar.load(_folder(task, data_dir, cifar.WANTED))
+    name = data_file or ""
+    return npz.load(name, _folder(task, data_dir, npz.wanted(name)))
 
 
 def _folder(task: str, data_dir: Path | None, wanted: str) -> Path:

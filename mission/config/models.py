@@ -9,8 +9,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
-from fl.config import ChannelConfig, CommunityConfig, LearningConfig
-from fl.plugins import checked_name, is_plugin
+from fl.config import ChannelConfig, CommunityConfig, LearningConfig, PluginName, one_of
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
@@ -112,7 +111,7 @@ class AreaConfig(_Model):
 class MissionConfig(_Model):
     """What is flown: the paper's symbols stand in the descriptions."""
 
-    strategy: str = Field(
+    strategy: Annotated[str, one_of(STRATEGIES)] = Field(
         "cov",
         description="who is served where, round by round: one of cov, no_cov, barycenter, "
         "rectangular, ideal, or one of your own as 'package.module:factory'",
@@ -220,11 +219,6 @@ class MissionConfig(_Model):
             )
         return altitude_m
 
-    @field_validator("strategy")
-    @classmethod
-    def _known(cls, strategy: str) -> str:
-        return checked_name(strategy, STRATEGIES)
-
 
 class LinkConfig(_Model):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
@@ -327,7 +321,7 @@ class RunConfig(_Model):
     learning: LearningConfig = Field(default_factory=LearningConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
     link: LinkConfig = Field(default_factory=LinkConfig)
-    callbacks: tuple[str, ...] | None = Field(
+    callbacks: tuple[PluginName, ...] | None = Field(
         None,
         examples=[["my_package.my_module:make"]],
         description="your own code that is told of every finished round, each as "
@@ -356,17 +350,6 @@ class RunConfig(_Model):
     def run_name(self) -> str:
         """What tells it from other runs of its configuration: the name of its folder by default."""
         return f"{self.name}-{self.mission.strategy}-seed{self.seed}"
-
-    @field_validator("callbacks")
-    @classmethod
-    def _plugins(cls, callbacks: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        for name in callbacks or ():
-            if not is_plugin(name):
-                raise ValueError(
-                    f"{name!r} is neither an import path, 'package.module:factory', nor a plug-in "
-                    "that is installed"
-                )
-        return callbacks
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from fl.plugins import is_plugin
+from fl.config import PluginName
 from mission.base.tables import count
 
 _ROUNDING = 1e-9  # of a gap that was met
@@ -38,20 +38,11 @@ class PlannerConfig(BaseModel):
         description="certified: nodes of the search at most; it ends earlier where its pace says "
         "that they would not do. Counted, not timed, so that plans are the same on every machine",
     )
-    factory: str | None = Field(
+    factory: PluginName | None = Field(
         None,
         examples=["my_package.my_module:make_planner"],
         description="for kind = 'import': 'package.module:callable' that gives a planner",
     )
-
-    @field_validator("factory")
-    @classmethod
-    def _plugin(cls, factory: str | None) -> str | None:
-        if factory is not None and not is_plugin(factory):
-            raise ValueError(
-                "must be an import path, 'package.module:callable', or a plug-in that is installed"
-            )
-        return factory
 
     @model_validator(mode="after")
     def _factory_with_import_only(self) -> Self:

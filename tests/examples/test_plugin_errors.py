@@ -363,7 +363,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
         ("communities.0.partition", "must be one of 'labels', "),
         ("communities.0.network", "must be one of 'lenet', 'mcmahan', 'convnet' or the import"),
         ("planner.factory", "must be an import path"),
-        ("callbacks", "neither an import path"),
+        ("callbacks", r"callbacks\.0 = .fedvag.: must be an import path"),
     ],
 )
 def test_a_name_that_is_none(key: str, words: str) -> None:
