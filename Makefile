@@ -45,7 +45,7 @@ docs: $(READY)
 # What flies the quick start, and what tests need beside it.
 $(BASE): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint requirements.lock --editable .
 	touch $@
 
 $(READY): pyproject.toml requirements.lock

@@ -1,6 +1,7 @@
 """Sequential quadratic programs: their steps against cvxpy, what they keep to, what they bring."""
 
 import dataclasses
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
@@ -62,6 +63,7 @@ def test_a_step_agrees_with_cvxpy(steps, limited):
     limits = RoundLimits(FLYING, 40.0) if limited else None
     problem = random_problem(steps, steps=steps, limits=limits)
     plan = fitted(problem, zigzag(problem, 700.0))
+    assert plan is not None
     model = surroundings(problem, plan, 40.0)
     step = StepProgram(steps, led=False).solve(model, 40.0)
 
@@ -115,7 +117,7 @@ def test_the_slope_of_a_flight_is_that_of_its_seconds():
     assert longer_s * 20.0 == pytest.approx(linear_m, rel=0.15, abs=0.05)
 
 
-KINDS = {
+KINDS: dict[str, dict[str, Any]] = {
     "metres": {},
     "deadline": {"limits": RoundLimits(FLYING, 32.0)},
     "energy": {"limits": RoundLimits(FLYING, energy_j=8000.0)},
@@ -131,6 +133,7 @@ def test_steps_never_lose_and_keep_to_all_limits(kind):
     for seed in range(2):
         problem = random_problem(seed, **KINDS[kind])
         before = fitted(problem, zigzag(problem, 0.8 * problem.path_budget_m))
+        assert before is not None
         after = ascended(problem, before)
         check_plan(problem, after)
         assert after.value > before.value * 1.01
