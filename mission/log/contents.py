@@ -42,7 +42,8 @@ from mission.log.values import NS_PER_S, area_from_text
 Batch: TypeAlias = list[Message] | Attachment | Metadata
 
 # All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum.
-_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
+_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError)
+_CHUNK_BYTES = 2**28  # unpacked; our writer's have a hundredth: more is damage
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +192,8 @@ def _read(stream: IO[bytes], found: Contents) -> None:
 
 def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
     try:
+        if chunk.uncompressed_size > _CHUNK_BYTES:
+            raise ValueError
         content = breakup_chunk(chunk, validate_crc=True)
     except _BROKEN:
         found.losses.append(otherwise)
