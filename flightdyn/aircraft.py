@@ -93,7 +93,7 @@ class Aircraft:
 
     @property
     def to_guidance_step(self) -> int:
-        """Ticks up to the next one."""
+        """Ticks left until the next guidance step."""
         return self._interval - self._clock.tick % self._interval
 
     def _guide(self) -> None:
@@ -115,17 +115,17 @@ class Aircraft:
 
     @property
     def truth(self) -> Kinematics:
-        """Where the aircraft is."""
+        """True position, velocity, attitude and rates of this tick."""
         return self.plant.truth
 
     @property
     def belief(self) -> Kinematics:
-        """Where it believes it is."""
+        """Estimated position, velocity, attitude and rates of this tick."""
         return self.navigation.belief()
 
     @property
     def gnss(self) -> GnssFix | None:
-        """The last solution delivered."""
+        """The latest solution of the GNSS receiver."""
         return self.navigation.gnss
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
@@ -163,7 +163,7 @@ class Aircraft:
 
     @property
     def progress(self) -> PathProgress:
-        """How far the path in force has been flown."""
+        """Progress along the path in force."""
         return self._guidance.progress
 
     @property
@@ -174,7 +174,7 @@ class Aircraft:
 
     @property
     def ready(self) -> bool:
-        """Whether the estimate may be flown on."""
+        """Whether the estimate is good enough to be flown on."""
         return not self.why_not_ready
 
     @property
@@ -219,7 +219,7 @@ class Aircraft:
         self.plant.exchange_battery(armed=self.armed)
 
     def idle(self) -> None:
-        """No order: motors turn without lift when armed."""
+        """Set no setpoint: armed motors turn without lift."""
         self._guidance.idle()
 
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
@@ -247,7 +247,7 @@ class Aircraft:
         self._guidance.look_at(None if pos_ned_m is None else _triple(pos_ned_m))
 
     def instruments(self) -> Instruments:
-        """What its parts read and order at this instant."""
+        """Readings and actuator orders of the parts at this instant."""
         control, full = self.controller, self.vehicle.airframe.rotor_max_thrust_n
         thrusts = self.vehicle.rotor_thrusts_n()
         return Instruments(

@@ -27,7 +27,7 @@ class SimClock:
         return self.dt_ns / NS_PER_S
 
     def advance(self) -> None:
-        """One tick later."""
+        """Advance simulated time by one tick."""
         self.tick += 1
 
     def ticks(self, duration_s: float, *, what: str) -> int:

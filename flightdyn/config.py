@@ -93,7 +93,7 @@ class GnssConfig(_Model):
 
 
 class BaroConfig(_Model):
-    """Static pressure."""
+    """Barometer: errors of the static pressure."""
 
     interval_s: float = Field(default=0.08, ge=0.004, le=2, description="between samples")
     white_pa: float = Field(default=1.0, ge=0, le=50, description="std of the white noise")
@@ -128,7 +128,7 @@ class MagConfig(_Model):
 
 
 class SensorsConfig(_Model):
-    """What the autopilot knows the world by."""
+    """Sensors of the autopilot: IMU, GNSS, barometer, magnetometer."""
 
     kind: Literal["realistic", "perfect"] = Field(
         default="realistic", description="perfect: the autopilot is handed the truth"
@@ -143,7 +143,7 @@ class SensorsConfig(_Model):
 
 
 class LimitsConfig(_Model):
-    """What the guidance asks of the airframe at most."""
+    """Limits of guidance: accelerations, smoothing, tilt and speeds."""
 
     acceleration_mps2: float = Field(default=5.0, ge=0.5, le=10, description="along and across")
     vertical_acceleration_mps2: float = Field(default=2.5, ge=0.3, le=6, description="up and down")

@@ -25,7 +25,7 @@ STILL: Triple = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Foresight:
-    """A path flown from rest to rest."""
+    """Timing and energy of a path flown from rest to rest."""
 
     passed_s: Vector  # (M,) when each of its points is passed, from the order on
     duration_s: float

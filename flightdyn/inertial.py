@@ -25,7 +25,7 @@ class NavState(NamedTuple):
 
     @classmethod
     def of(cls, t_ns: int, carried: Strapdown) -> "NavState":
-        """Where a state has been carried to."""
+        """Navigation state at `t_ns`, from what strapdown integration has carried it to."""
         pn, pe, pd, vn, ve, vd, w, x, y, z = carried.numbers
         return cls(t_ns, (pn, pe, pd), (vn, ve, vd), (w, x, y, z))
 
@@ -43,7 +43,7 @@ class Earth(NamedTuple):
 
     @classmethod
     def at(cls, lat_deg: float, alt_m: float) -> "Earth":
-        """The Earth at a place."""
+        """Gravity and rotation of the Earth at a place, as navigation uses them."""
         lat = math.radians(lat_deg)
         return cls(
             normal_gravity(lat_deg, alt_m),

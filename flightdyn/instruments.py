@@ -24,7 +24,7 @@ class Readings(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """Readings and orders."""
+    """Sensor readings and actuator orders of one instant."""
 
     readings: Readings
     setpoint: Setpoint | None  # the guidance's, None while it has none

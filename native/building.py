@@ -61,7 +61,7 @@ class Library:
 
     @property
     def built(self) -> list[Path]:
-        """All that have been built, of whatever sources."""
+        """Files of all builds of the library, of whatever sources."""
         return sorted(self.folder.glob(f"lib{self.name}-*.so"))
 
     @property

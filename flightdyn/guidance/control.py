@@ -28,7 +28,7 @@ class Gains:
 
 
 class Setpoint(NamedTuple):
-    """What the outer loop is to follow."""
+    """Position, velocity, acceleration, yaw and yaw rate setpoint of the outer loop."""
 
     p: Triple
     v: Triple
@@ -75,13 +75,13 @@ class Controller:
 
     @property
     def wanted_thrust(self) -> Triple:
-        """Over mass, NED: what is leaned to."""
+        """Specific-force setpoint (thrust over mass), NED, m/s2."""
         x, y, z = self.memory.thrust
         return x, y, z
 
     @property
     def wanted_yaw(self) -> float:
-        """The heading turned to."""
+        """Yaw setpoint (rad)."""
         return float(self.memory.wanted_yaw)
 
     @property
@@ -91,5 +91,5 @@ class Controller:
 
     @property
     def effectiveness(self) -> float:
-        """Measured thrust over ordered thrust."""
+        """Measured over commanded thrust; 1 is nominal."""
         return float(self.memory.effectiveness)

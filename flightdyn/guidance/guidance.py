@@ -56,7 +56,7 @@ class Guidance:
 
     @property
     def armed(self) -> bool:
-        """Whether orders are carried out."""
+        """Whether the motors are armed and setpoints are followed."""
         return bool(self._memory.armed)
 
     @armed.setter
@@ -176,7 +176,7 @@ class Guidance:
 
     @property
     def pursuing(self) -> bool:
-        """Whether a target is gone after."""
+        """Whether a moving target is being followed."""
         return bool(self._memory.mode == TARGET)
 
     def look(self) -> bool:

@@ -38,7 +38,7 @@ class Target(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """A point that moves."""
+    """Position, velocity and acceleration of a moving point, NED."""
 
     p: Triple
     v: Triple
@@ -79,7 +79,7 @@ def pursue(p: Triple, v: Triple, to: Target, *, limits: LimitsConfig, dt_s: floa
 
 
 def _approach(distance: float, acceleration: float) -> float:
-    """Speed at a distance from where to stop."""
+    """Speed (m/s) allowed at a distance from the stopping point."""
     braking = _BRAKING * acceleration
     near = braking / _APPROACH_PER_S**2
     if distance <= near:

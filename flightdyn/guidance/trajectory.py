@@ -24,7 +24,7 @@ class Piece(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """One instant of a trajectory."""
+    """Position, velocity and acceleration of a trajectory at one instant."""
 
     p: Triple
     v: Triple
@@ -69,7 +69,7 @@ class Trajectory:
 
 
 class TrajectoryBuilder:
-    """Strings pieces together, beginning at `start`."""
+    """Builds a trajectory of polynomial pieces, beginning at `start`."""
 
     def __init__(self, start: Triple) -> None:
         self.pieces: list[Piece] = []

@@ -83,7 +83,7 @@ class Increments:
         self.count += 1
 
     def room(self, count: int) -> int:
-        """Where so many more go.
+        """Address of the free end of the buffer, for so many more rows.
 
         Raises:
             ValueError: they are too many.
@@ -96,12 +96,12 @@ class Increments:
         return self._at + (self._first + self.count) * self._size
 
     def drop(self, count: int) -> None:
-        """Forget the oldest ones."""
+        """Drop the oldest rows."""
         self.count -= count
         self._first += count
 
     def rows(self, first: int, count: int) -> int:
-        """Where some of them lie.
+        """Address of a range of rows.
 
         Raises:
             ValueError: there are no such.
@@ -124,7 +124,7 @@ class Strapdown:
         self._gained, self._force = memory[GAINED:FORCE], memory[FORCE:DOWN]
 
     def place(self, p: _Triple, v: _Triple, q: _Quaternion) -> None:
-        """Begin there."""
+        """Set the state from which increments are integrated."""
         self._state[:] = (*p, *v, *q)
 
     def feel(self, force: _Triple) -> None:
@@ -136,7 +136,7 @@ class Strapdown:
         self._bias[:] = (*gyro, *accel)
 
     def carry(self, increments: Increments, first: int, count: int) -> None:
-        """Go on by some of the increments.
+        """Integrate a range of increments into the state.
 
         Raises:
             ValueError: there are no such, or they are too many.
@@ -147,7 +147,7 @@ class Strapdown:
 
     @property
     def numbers(self) -> list[float]:
-        """Position, velocity and attitude: ten numbers."""
+        """State as ten numbers: position, velocity, attitude quaternion."""
         numbers: list[float] = self._state.tolist()
         return numbers
 
@@ -235,7 +235,7 @@ class _Trajectory(ctypes.Structure):
 
 
 class Pieces:
-    """A trajectory as C reads it."""
+    """Polynomial pieces of a trajectory in the layout of the C library."""
 
     def __init__(self, pieces: _Floats, *, half_s: float, start_s: float, end_s: float) -> None:
         """`pieces` (n, 13): beginning, position, velocity, acceleration, integral of position.
@@ -331,13 +331,13 @@ class Guide:
         self._at = ctypes.addressof(self._guidance)
 
     def track(self, pieces: Pieces | None) -> None:
-        """Track a trajectory, or none."""
+        """Set the trajectory to be tracked; None for none."""
         self._pieces = pieces
         self._guidance.path = None if pieces is None else pieces.at
 
     @property
     def at(self) -> int:
-        """Where it lies.
+        """Address of the structure, as C takes it.
 
         Raises:
             ValueError: a trajectory is to be tracked, and there is none.

@@ -105,7 +105,7 @@ class Gauges:
         _READ(PYTHON_AT, self.at, self.count, where)
 
     def read(self) -> list[float]:
-        """The numbers of this instant."""
+        """Values of the gauges at this tick."""
         self.read_to(ctypes.addressof(self._values))
         return self._values[:]
 
@@ -156,11 +156,11 @@ class Imu:
         return p, q, r
 
     def fail(self, fault: Sequence[float]) -> None:
-        """Constants (6) to be added from now on."""
+        """Set constant errors (6) added to rates and specific force from now on."""
         self._memory.fault[:] = fault
 
     def draw(self, ticks: int) -> None:
-        """Have errors for so many ticks."""
+        """Draw noise for so many ticks ahead."""
         left = (self._end - self._memory.errors) // _ROW
         if left >= ticks:
             return
@@ -173,7 +173,7 @@ class Imu:
         self._memory.errors, self._end = at, at + left * _ROW
 
     def sample(self) -> list[float]:
-        """Of this tick."""
+        """IMU sample of this tick: rates (rad/s), specific force (m/s2)."""
         self.draw(1)
         _SAMPLE(self.at, ctypes.addressof(self._sample))
         return self._sample[:]
@@ -189,6 +189,6 @@ class Driven:
         self.at = ctypes.addressof(self._memory)
 
     def ready(self, run: Callable[[], object], ticks: int) -> None:
-        """Be ready for so many ticks, each run by `run`."""
+        """Prepare the loop for so many ticks, each run by `run`."""
         self._memory.run = run
         self._imu.draw(ticks)

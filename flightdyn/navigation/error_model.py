@@ -61,7 +61,7 @@ def magnetometer_row(mag: MagConfig, r: Matrix9) -> Vector:
 
 
 def _heading_variance(mag: MagConfig) -> float:
-    """Of the white error of one heading (rad2)."""
+    """Variance (rad2) of the white error of one heading measurement."""
     return mag.white_gauss**2 / (mag.field_north_gauss**2 + mag.field_east_gauss**2)
 
 

@@ -145,7 +145,7 @@ class Estimator:
 
     @property
     def now(self) -> NavState:
-        """The state at the last update."""
+        """State estimate at the delayed horizon."""
         return NavState.of(self.t_ns, self.to_now)
 
     @property
@@ -179,7 +179,7 @@ class Estimator:
         self.due_ns = here + max(1, steps) * step_ns + self._delay_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
-        """The state after a few samples more."""
+        """State estimate carried forward by a few samples."""
         few = self._few
         few.drop(few.count)
         ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
@@ -225,7 +225,7 @@ class Estimator:
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
 
     def _model(self, steps: int) -> _Model:
-        """The model of so many steps at once."""
+        """Transition and noise of so many filter steps in one."""
         step_s = steps * self._step_s
         F = transition(self._config, step_s=step_s)
         made = self._models[steps] = _Model(
@@ -255,7 +255,7 @@ class Estimator:
 
     @property
     def _unaided_ns(self) -> int:
-        """How long no velocity of GNSS has been believed."""
+        """Time (ns) since a GNSS velocity was last accepted."""
         return self.horizon.t_ns - self.fused_ns["gnss velocity"]
 
     def _fuse(self, kinds: Sequence[Kind], extra: Sequence[int]) -> bool:

@@ -18,6 +18,9 @@ from flightdyn.state import GnssFix, Innovation, Kinematics
 
 FILTER_STEP_S = 0.1
 _GNSS_LOST_NS = 1_500_000_000
+# Parts of the filter's error state, and the standard deviations that take-off requires.
+_HORIZONTAL, _TILT, _HEADING = slice(0, 2), slice(6, 8), slice(8, 9)
+_POSITION_STD_M, _TILT_STD_RAD, _HEADING_STD_RAD = 5.0, math.radians(5), math.radians(15)
 
 
 class InertialNavigation:
@@ -179,15 +182,15 @@ class InertialNavigation:
         return (p - b[0], q - b[1], r - b[2])
 
     def why_not_ready(self) -> str:
-        """Empty once the filter may be flown on."""
+        """Why the estimate is not good enough to fly on; empty if it is."""
         estimator = self.estimator
         # The receiver's positions count where they are believed.
         if self._clock.t_ns - estimator.fused_ns["gnss position"] >= _GNSS_LOST_NS:
             return "no GNSS"
-        if float(max(estimator.std(slice(0, 2)))) > 5.0:
+        if float(max(estimator.std(_HORIZONTAL))) > _POSITION_STD_M:
             return "position uncertain"
-        if float(max(estimator.std(slice(6, 8)))) > math.radians(5):
+        if float(max(estimator.std(_TILT))) > _TILT_STD_RAD:
             return "attitude uncertain"
-        if float(estimator.std(slice(8, 9))[0]) > math.radians(15):
+        if float(max(estimator.std(_HEADING))) > _HEADING_STD_RAD:
             return "heading uncertain"
         return ""

@@ -23,7 +23,7 @@ from flightdyn.state import GnssFix
 
 
 class Biases(NamedTuple):
-    """What the filter takes off the sensors."""
+    """Estimated biases of gyroscope, accelerometer, GNSS, magnetometer and barometer."""
 
     gyro: Triple = (0.0, 0.0, 0.0)
     accel: Triple = (0.0, 0.0, 0.0)
@@ -33,7 +33,7 @@ class Biases(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What is believed or not as one."""
+    """A kind of measurement, accepted or rejected as one."""
 
     name: str
     number: int  # in C

@@ -19,7 +19,7 @@ from flightdyn.state import GnssFix, Innovation, Kinematics
 
 
 class Navigation(Protocol):
-    """What the aircraft flies on."""
+    """State estimate that the aircraft flies on."""
 
     gnss: GnssFix | None
     carried: Strapdown  # state and mean specific force of the last guidance interval
@@ -83,13 +83,13 @@ class TrueNavigation:
         )
 
     def update(self) -> None:
-        """The truth."""
+        """Nothing: the state is the true one."""
         v = self._vehicle
         self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
         self.carried.feel(v.specific_force())
 
     def state(self) -> NavState:
-        """The truth."""
+        """True state of this tick."""
         v = self._vehicle
         return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
 
@@ -98,15 +98,15 @@ class TrueNavigation:
         return self._vehicle.position_ned()
 
     def belief(self) -> Kinematics:
-        """The truth."""
+        """True state of this tick: a perfect estimate."""
         return self._vehicle.kinematics(self._clock.t_ns)
 
     def innovations_after(self, _t_ns: int) -> tuple[Innovation, ...]:
-        """None: nothing is estimated."""
+        """No innovations: there is no filter."""
         return ()
 
     def readings(self) -> Readings:
-        """The truth."""
+        """True values in place of sensor readings."""
         v = self._vehicle
         return Readings(v.rates(), v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
 

@@ -107,7 +107,7 @@ class Multirotor:
         )
 
     def _rebind(self) -> None:
-        """Have the gauges read what is read here."""
+        """Point the gauges of the native loop at this model's properties."""
         self.imu.bind((*self._rates, *self._accel))
         place = (self._north, self._east, self._up)
         self.all.bind((*place, *self._vel, *self._euler, *self._rates, *self._wind))

@@ -45,7 +45,7 @@ class Blame:
 def explain(
     error: ValidationError, model: type[BaseModel], blame: Blame, *, notation: Notation = "TOML"
 ) -> list[str]:
-    """A line for each wrong key."""
+    """One line for each wrong key: source, key, value, what is allowed."""
     items = error.errors()
     # Pydantic counts the elements of a list without those that it refuses.
     counted = [item["loc"] for item in items if item["type"] == "too_short"]
@@ -69,7 +69,7 @@ def _is_within(key: tuple[str | int, ...], whole: tuple[str | int, ...]) -> bool
 
 
 def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
-    """The line about one key and its value."""
+    """Error line about one key and its value."""
     if option := blame.given.get(name):
         return _of_option(option, value, reason)
     return f"{blame.on(name)}: {name} = {shown(value)}: {reason}"
@@ -134,7 +134,7 @@ def _hint(name: str, key: Key, root: Key, *, in_file: bool) -> str:
 
 
 def _choice(value: object, key: Key) -> str:
-    """The closest of a key's choices."""
+    """Suggestion of the closest choice, for a misspelt one."""
     if get_origin(key.annotation) is not Literal or not isinstance(value, str):
         return ""
     texts = [choice for choice in get_args(key.annotation) if isinstance(choice, str)]

@@ -29,7 +29,7 @@ _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
 
 @dataclass(frozen=True)
 class Place:
-    """A point of a file."""
+    """A named point read from a CSV or GeoJSON file."""
 
     where: str  # file and row, for messages
     at: Pair  # x, y in metres; of a `geodetic` one latitude, longitude in degrees
@@ -150,7 +150,7 @@ def _table_places(path: Path, text: str) -> Iterator[Place]:
 
 
 def _columns(path: Path, head: list[str]) -> tuple[int, int, bool]:
-    """Where x and y stand, or latitude and longitude."""
+    """Indices of the two coordinate columns: x and y, or latitude and longitude."""
     if twice := next((name for name in head if name and head.count(name) > 1), None):
         raise InputError(f"{path}: row 1: the column {twice} is there twice")
     found = []

@@ -120,7 +120,7 @@ class _Teller:
         self._interrupted = False
 
     def tell(self) -> None:
-        """From the thread that hears signals."""
+        """Interrupt the flight; called from the thread that hears signals."""
         with self._lock:
             self._interrupted = True
             if self._interrupt is not None:
@@ -128,7 +128,7 @@ class _Teller:
                     self._interrupt()
 
     def hear(self, interrupt: Callable[[], object]) -> None:
-        """From the thread of the flight, as it begins."""
+        """Register the flight's interruption; called from its own thread."""
         with self._lock:
             self._interrupt = interrupt
             if self._interrupted:

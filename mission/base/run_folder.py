@@ -39,7 +39,7 @@ class _Inside:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where a run leaves what it flew and learnt."""
+    """Folder of one run: its files by name, its lock and its status."""
 
     path: Path
 

@@ -99,7 +99,7 @@ def title(key: str) -> str:
 
 
 def top(model: type[BaseModel]) -> Key:
-    """The configuration as a whole."""
+    """Root key: the configuration as a whole."""
     return Key((), model)
 
 

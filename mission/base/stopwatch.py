@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Adds up wall seconds under names."""
+    """Wall time (s) summed by phase."""
 
     def __init__(self) -> None:
         self._started = time.perf_counter()

@@ -28,7 +28,7 @@ class Terminal(Console):
         return console if console.width >= TABLE_WIDTH else cls(width=TABLE_WIDTH, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, or drop it."""
+        """Print as rich does; nothing once the reader is gone."""
         try:
             super().print(*objects, **options)
         except OSError as error:

@@ -156,7 +156,7 @@ def export(
 
 
 def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
-    """Only what one form needs is imported."""
+    """Write the export in one form; imports only what that form needs."""
     folder = out or log.with_name(f"{log.stem}-{to}")
     file = out or log.with_suffix(f".{to}")
     if to == "kml":

@@ -93,7 +93,7 @@ def plain(value: Any) -> Any:
 
 
 def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:
-    """Who looks on, on this terminal and in Foxglove.
+    """Console of a command: terminal, quiet, live view.
 
     Raises:
         InputError: the port is none.

@@ -23,7 +23,7 @@ BAD_OVERHEAD_PER = 0.5
 
 @dataclass(frozen=True)
 class Planned:
-    """What came of a list of problems."""
+    """Plans of a list of problems, and why others have none."""
 
     plans: tuple[NamedPlan, ...]
     sorties: tuple[Sortie, ...]  # of these plans

@@ -62,7 +62,7 @@ def override(
 
 
 class _NoPlaceError(Exception):
-    """Why nothing can be set there."""
+    """A dotted path that leads to no key."""
 
 
 def _place(node: object, part: str, key: Key) -> str | int:

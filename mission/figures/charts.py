@@ -96,7 +96,7 @@ def line_chart(
 
 
 def _gate(name: str) -> list[alt.Chart]:
-    """A line at 1 that is named."""
+    """Rule at 1, the limit of an innovation test, with its name."""
     at = alt.Chart(table(y=[1.0], name=[name]))
     text = at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11)
     return [

@@ -70,12 +70,12 @@ class Frame:
         self._low, self._high, self._chosen = low, high, chosen
 
     def x(self, field: str = "x:Q") -> alt.X:
-        """East."""
+        """Encoding of the east axis."""
         domain = [float(self._low[0]), float(self._high[0])]
         return alt.X(field, title="east (m)", scale=alt.Scale(domain=domain, nice=False))
 
     def y(self, field: str = "y:Q") -> alt.Y:
-        """North."""
+        """Encoding of the north axis."""
         domain = [float(self._low[1]), float(self._high[1])]
         scale = alt.Scale(domain=domain, nice=False)
         return alt.Y(field, title="north (m)", scale=scale, axis=alt.Axis(grid=False))
@@ -213,7 +213,7 @@ class Frame:
         ]
 
     def finished(self, layers: Sequence[alt.Chart]) -> alt.LayerChart:
-        """The map."""
+        """Layered chart of the map."""
         made = alt.LayerChart(layer=list(layers)).properties(width=self.width, height=self.height)
         if self._chosen is None:
             return made

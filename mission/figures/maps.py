@@ -203,7 +203,7 @@ def _arrows(
 
 
 def _ends(lines: list[tuple[str, int, Floats]]) -> list[Word]:
-    """Which rounds ended at a place."""
+    """Rounds that ended at each place."""
     ends: list[tuple[Floats, list[int]]] = []
     for _, number, points in lines:
         known = (numbers for at, numbers in ends if np.linalg.norm(at - points[-1]) < _SAME_END_M)

@@ -56,7 +56,7 @@ def places(frame: Frame, run: FlightData) -> list[alt.Chart]:
 
 
 def _labels(plan: PlanFileRecord) -> list[tuple[Floats, list[str]]]:
-    """Where numbers stand, and which."""
+    """Positions and texts of item numbers."""
     labels: list[tuple[Floats, list[str]]] = []
     for seq, place in plan.places_m.items():
         for at, numbers in labels:

@@ -80,7 +80,7 @@ def plan_picture(
 
 
 def _served(plan: RoundPlan) -> tuple[Ints, Ints]:
-    """Slots and the devices that they serve."""
+    """Links from slots to the devices scheduled in them."""
     slots, devices = np.nonzero(plan.schedule)
     return slots, devices
 

@@ -157,7 +157,7 @@ def begin_libraries() -> None:
 
 
 def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
-    """See `engine.py`."""
+    """Rendered bytes of a chart; see `engine.py`."""
     if not jobs:
         return []
     command = [sys.executable, "-P", str(_ENGINE), _VERSION]
@@ -177,7 +177,7 @@ def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
 
 
 def _described(picture: Chart) -> str:
-    """As Vega-Lite in JSON, in light colours."""
+    """Vega-Lite JSON of a chart in the light theme."""
     text = json.dumps({**_spec(picture), "config": CONFIG})
     return re.sub(r"var\(--(\w+)\)", lambda found: LIGHT[found[1]], text)
 

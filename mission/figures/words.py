@@ -44,7 +44,7 @@ NAME = Look(12.0, 10.0, SOFT)  # of start and home
 
 @dataclass(frozen=True)
 class Drawn:
-    """What words must not cover."""
+    """Obstacles of label placement: dots and lines."""
 
     dots: Floats  # (n, 3) x and y on the map, radius in pixels
     lines: Sequence[tuple[int, Floats]]  # round (0: of all), and points (n, 2) on the map

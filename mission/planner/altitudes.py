@@ -122,7 +122,7 @@ class _Proof:
 
     @property
     def enough(self) -> float:
-        """A bound that reaches the goal."""
+        """Bound that meets the gap asked for."""
         return self.best.value / (1.0 - self.goal.gap)
 
     def lower(self) -> float:

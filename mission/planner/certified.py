@@ -117,7 +117,7 @@ def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
 
 @dataclass(frozen=True)
 class Goal:
-    """How far a search goes."""
+    """Gap at which a search stops, and its cap of nodes."""
 
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int

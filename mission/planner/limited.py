@@ -115,7 +115,7 @@ def _value(plan: RoundPlan) -> float:
 
 
 def _best(plans: list[RoundPlan], most: int) -> list[RoundPlan]:
-    """The best of plans that are not worth the same."""
+    """Best plans first, at most so many, without those of nearly equal value."""
     some: list[RoundPlan] = []
     for plan in sorted(plans, key=_value, reverse=True):
         if not some or some[-1].value > plan.value * (1.0 + _ALIKE):

@@ -42,7 +42,7 @@ class RunTotals:
         return self.rounds_done + 1
 
     def add(self, record: RoundRecord) -> None:
-        """One more round is over."""
+        """Add a finished round's record."""
         self.rounds_done += 1
         self.used = Amount(
             record.budget_used_m,
@@ -83,7 +83,7 @@ class RunTotals:
         return f"of the {what} of {total:g} {unit} ({key}) {rest}, {ending}"
 
     def left(self, budget: Budget) -> Amount:
-        """What is not spent."""
+        """Remaining budgets: metres, seconds, joules."""
         return Amount(*(total - used for total, used in zip(budget.total, self.used, strict=True)))
 
     def used_with(self, cost: Amount, budget: Budget) -> Amount:

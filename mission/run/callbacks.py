@@ -70,7 +70,7 @@ class Callbacks:
                 raise
 
     def round_finished(self, report: RoundReport) -> None:
-        """Tell all of them.
+        """Report a finished round to every callback.
 
         Raises:
             UsersCodeError: one of them failed; a resumed run goes on after this round.

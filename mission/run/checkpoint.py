@@ -36,7 +36,7 @@ class RoundMemory:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A run after its last finished round."""
+    """Finished rounds and the state of learning after them."""
 
     rounds: tuple[RoundMemory, ...]
     state: FederationState

@@ -64,7 +64,7 @@ class Experiment(ABC):
             summary.add(ended_by=why)
 
     def show(self, console: RunConsole) -> None:
-        """What the rounds came to."""
+        """Print the totals of the run."""
         shares = ", ".join(
             f"{name} {wall_s:.1f} s" for name, wall_s in self.stopwatch.wall_s.items()
         )
@@ -91,7 +91,7 @@ class Experiment(ABC):
 
     @abstractmethod
     def flown(self) -> str:
-        """How much was flown, in words."""
+        """Distance flown, in words."""
 
     def _recalled(self) -> RoundMemory | None:
         """The next round as it was before the run was interrupted."""

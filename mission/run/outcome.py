@@ -100,20 +100,20 @@ class Summary:
     """
 
     def __init__(self, folder: RunFolder, **about: object) -> None:
-        """`about`: what the run is."""
+        """Summary of a run; `about` holds its name, seed and the like."""
         self.folder = folder
         self._about = {**about, **environment()}
 
     def add(self, **about: object) -> None:
-        """Say more of the run the next time."""
+        """Add facts to the summary, written with the next status."""
         self._about |= about
 
     def started(self) -> None:
-        """Nothing has happened yet."""
+        """Write the summary with status "running"."""
         self.folder.write_summary({"status": "running", **self._about})
 
     def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
-        """How, and how far it came."""
+        """Write the summary with status, error and totals."""
         self.folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
 

@@ -129,7 +129,7 @@ class _PlanFlight:
     ended: bool = False  # by itself: neither failed nor interrupted
 
     async def run(self) -> None:
-        """Fly it."""
+        """Fly the plan from take-off to landing."""
         flyer: Flyer | None = None
         self.progress.phase(f"flying {self.order.plan.path.name}")
         try:
@@ -190,7 +190,7 @@ class _PlanFlight:
             raise FlightError(f"item {last} was never reached")
 
     def show(self, console: RunConsole) -> None:
-        """The comparison."""
+        """Print the comparison of planned and flown."""
         for table in tables(self.comparison) if self.comparison else ():
             console.show(table)
 

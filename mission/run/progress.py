@@ -17,13 +17,13 @@ class Progress:
     """Shows a run as it goes; this one shows nothing."""
 
     def phase(self, name: str) -> None:
-        """What is going on now."""
+        """Show the phase under way."""
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
-        """A round is over."""
+        """Show a finished round."""
 
     def notice(self, text: str) -> None:
-        """Something that a person should know."""
+        """Show a message in a line of its own."""
 
     def close(self) -> None:
         """Leave the terminal as it should stay."""

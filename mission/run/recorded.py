@@ -24,7 +24,7 @@ class Recorded(Protocol):
     totals: RunTotals
 
     async def run(self) -> None:
-        """Fly it.
+        """Fly everything, from start to end.
 
         Raises:
             AerofedError: what ends it before that.
@@ -34,7 +34,7 @@ class Recorded(Protocol):
         """Tabulate what was flown, from the finished log."""
 
     def show(self, console: RunConsole) -> None:
-        """What it came to, for people."""
+        """Print what was flown."""
 
 
 def fly_recorded(

@@ -36,7 +36,7 @@ _SETTING_UP = "setting up"
 
 @dataclass(frozen=True)
 class _Ready:
-    """A run that nothing refuses any more."""
+    """A run set up: scenario, flyers, folder, checkpoint, callbacks."""
 
     scenario: Scenario
     flyers: Flyers
@@ -195,7 +195,7 @@ def _fly(
 
 
 def _warnings(scenario: Scenario) -> Iterator[str]:
-    """What may be meant, but mostly is not."""
+    """Warnings about settings that are valid but unusual."""
     area, mission = scenario.config.area, scenario.config.mission
     # A sign, a digit or the order of lat and lon is wrong.
     away_m = float(np.linalg.norm(scenario.devices_m - area.home_m, axis=1).min())

@@ -34,7 +34,7 @@ def file_name(text: str) -> str:
 
 @dataclass(frozen=True)
 class Point:
-    """What tells one run of a sweep from the others."""
+    """Strategy, seed and settings of one run."""
 
     strategy: str
     seed: int
@@ -139,7 +139,7 @@ def make_grid(
 def points(
     strategies: Sequence[str], seeds: Sequence[int], axes: Sequence[Axis]
 ) -> tuple[Point, ...]:
-    """All combinations, seed by seed.
+    """Cartesian product of strategies, seeds and settings, seed by seed.
 
     A sweep that is looked at before it is over then compares strategies on equal terms.
     """

@@ -22,11 +22,11 @@ class Lines:
         self._console = console
 
     def say(self, line: str) -> None:
-        """Something worth a line."""
+        """Print a line."""
         self._console.print(line, **PLAIN)
 
     def update(self, *, done: int, running: Sequence[SweepRun]) -> None:
-        """How many runs are done, and which are at work."""
+        """Update the counts of rounds and runs."""
 
     def close(self) -> None:
         """Leave the terminal as it should stay."""

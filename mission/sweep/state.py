@@ -14,7 +14,7 @@ _NAMED = 6  # runs that are missing, in one line
 
 @dataclass(frozen=True)
 class Missing:
-    """A run that is not done."""
+    """A run that is not finished, and why."""
 
     run: str
     label: str  # the group that it belongs to: strategy and settings
@@ -31,7 +31,7 @@ class SweepState:
 
     @property
     def planned(self) -> int:
-        """How many runs it consists of."""
+        """Number of runs that the sweep consists of."""
         return len(self.results) + len(self.missing)
 
     def seeds(self, label: str) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """One multirotor."""
+    """Physical constants of a multirotor: mass, rotors, motors."""
 
     name: str  # folder and file of JSBSim
     mass_kg: float

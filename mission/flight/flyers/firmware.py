@@ -98,7 +98,7 @@ class RelayedMessages:
     _asked: dict[str, list[asyncio.Queue[Fields]]] = field(default_factory=dict)
 
     def hear(self, name: str, fields: Fields) -> None:
-        """Hand a message on."""
+        """Hand a relayed message to those who subscribed to it."""
         for queue in self._asked.get(name, ()):
             queue.put_nowait(fields)
 

@@ -38,7 +38,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Attached:
-    """What else has to do with a flight."""
+    """Observers, folder and messages of a flight."""
 
     observers: Sequence[VehicleObserver]
     folder: Path  # of the run
@@ -47,7 +47,7 @@ class Attached:
 
 @dataclass(frozen=True)
 class Flyers(ABC):
-    """Opens the flyer of one run."""
+    """Factory of a run's flyer, and its checks before anything flies."""
 
     task: Task
 

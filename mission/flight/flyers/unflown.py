@@ -41,7 +41,7 @@ class UnflownFlyer(Flyer):
         return self._t_ns
 
     def here(self) -> Passage:
-        """Where it is, which is where it believes to be."""
+        """Position on the plan, true and estimated alike."""
         return Passage(self._t_ns, self._ned_m, self._ned_m)
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:

@@ -77,7 +77,7 @@ class Devices:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a plan may use."""
+    """Constraints of a plan: steps, devices a step, path length."""
 
     steps: int  # N
     per_step: int  # K_bar
@@ -163,7 +163,7 @@ def explore(
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a search goes."""
+    """Gap at which a search stops, and its caps of nodes."""
 
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int  # nodes that are looked into at most

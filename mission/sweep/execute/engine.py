@@ -17,7 +17,7 @@ EngineName = Literal["joblib", "ray"]
 
 
 class Engine(Protocol):
-    """Executes runs in processes of their own."""
+    """Executor of runs in processes of their own, here or on a cluster."""
 
     @property
     def slots(self) -> int:

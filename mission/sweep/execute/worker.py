@@ -19,7 +19,7 @@ ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THR
 
 @dataclass(frozen=True)
 class RunOrder:
-    """Everything that a worker must know of a run."""
+    """Configuration, folder and data of a run, as a worker takes them."""
 
     name: str
     config: RunConfig
@@ -31,7 +31,7 @@ class RunOrder:
 
 @dataclass(frozen=True)
 class RunEnd:
-    """How a run ended."""
+    """Exit code and message of a run."""
 
     exit_code: int
     message: str = ""

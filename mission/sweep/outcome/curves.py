@@ -233,7 +233,7 @@ class Picture:
 
 
 def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
-    """Everything that is worth a look.
+    """Pictures of a sweep: accuracy, packet error rate, participation, fairness.
 
     Strategies that fly nothing are left out where distance, time or packet error rates matter.
     Of more groups than can be told apart there are no curves.

@@ -62,7 +62,7 @@ class Gain:
 
     @property
     def better(self) -> int:
-        """Seeds in which the method is ahead."""
+        """Number of seeds in which the method is ahead."""
         return sum(difference > 0.0 for difference in self.differences)
 
 

@@ -25,7 +25,7 @@ class Column:
     unit: float = 1.0
 
     def cell(self, runs: Sequence[RunResult], community: str) -> str:
-        """What stands in the row of a group."""
+        """Text of the column's cell for a group of runs."""
         value = over_seeds(runs, self.name.format(community))
         return percent(value) if self.digits is None else number(value, self.digits, unit=self.unit)
 
