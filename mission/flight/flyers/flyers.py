@@ -3,6 +3,7 @@
 Each kind stands beside its flyer: `simulated`, `firmware`, `external`, `unflown`.
 """
 
+import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
@@ -12,11 +13,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.config.models import RunConfig
+from mission.base.errors import LinkLostError
+from mission.config.models import LinkConfig, RunConfig
 from mission.flight.fence_zones import airspace_zones
 from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.ports import check_link
 from mission.log.values import Zone
 from sitl.observer import VehicleObserver
 
@@ -87,3 +88,32 @@ class Flyers(ABC):
     @abstractmethod
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """The flyer, for the length of a block."""
+
+
+def check_link(link: LinkConfig) -> None:
+    """Refuse UDP ports that are taken, before anything is written.
+
+    Raises:
+        LinkLostError: names the key and the port.
+    """
+    if link.kind == "udp":
+        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+    elif link.kind == "external":
+        _check_url(link.url, "link.url")
+    for url in link.gcs:
+        _check_url(url, "link.gcs")
+
+
+def _check_url(url: str, key: str) -> None:
+    host, _, port = url.removeprefix("udpin://").rpartition(":")
+    if url.startswith("udpin://") and port.isdecimal():
+        _check_port(host, int(port), f"{key} = {url}")
+
+
+def _check_port(host: str, port: int, what: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None

@@ -15,8 +15,6 @@ import numpy as np
 from flightdyn.frames import frozen
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
-from mission.flight.pilot.battery import BatteryWatch
-from mission.flight.pilot.clock import VehicleClock
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
@@ -38,6 +36,8 @@ STREAMS_HZ = {
 ESTIMATOR_HZ = 2.0
 _UNKNOWN_PERCENT = -1
 _NOTICE = 5  # MAV_SEVERITY
+_REBOOT_MS = 5_000  # no message is that late
+FLOWN_S = 120.0  # in which any battery loses more than a reading's 1 %
 _INFO = 6
 
 
@@ -236,3 +236,56 @@ class TelemetryFeed:
                 seq = fields["seq"] - self._pilot.dialect.first_item
                 self.reached_ns.setdefault(seq, self._moment[0].t_ns)
                 self._happened("status", f"item {seq}: reported", _INFO)
+
+
+class VehicleClock:
+    """A vehicle's clock by the stamps of its messages: nanoseconds since one, the first if no
+    other. A vehicle that starts anew goes on where it was.
+    """
+
+    def __init__(self, zero_ms: int | None = None) -> None:
+        self._zero_ms = zero_ms
+        self._last_ms = zero_ms or 0
+        self.restarts = 0
+
+    def t_ns(self, boot_ms: int) -> int:
+        """The instant of a stamp in milliseconds since the vehicle's start."""
+        if self._zero_ms is None:
+            self._zero_ms = self._last_ms = boot_ms
+        if boot_ms < self._last_ms - _REBOOT_MS:
+            self._zero_ms -= self._last_ms - boot_ms
+            self._last_ms = boot_ms
+            self.restarts += 1
+        self._last_ms = max(boot_ms, self._last_ms)
+        return (boot_ms - self._zero_ms) * 1_000_000
+
+
+class BatteryWatch:
+    """Notices readings that are missing, or that no flight changes."""
+
+    def __init__(self) -> None:
+        self._remaining = math.nan
+        self._since_ns: int | None = None  # in the air, with this reading
+        self._unchanged_s = 0.0
+
+    def read(self, t_ns: int, remaining: float, *, flying: bool) -> None:
+        """A reading (0..1; NaN: none) at an instant."""
+        if not flying:
+            self._since_ns = None
+        elif self._since_ns is None or remaining != self._remaining:
+            self._since_ns, self._unchanged_s = t_ns, 0.0
+        else:
+            self._unchanged_s = (t_ns - self._since_ns) / 1e9
+        self._remaining = remaining
+
+    @property
+    def doubt(self) -> str:
+        """Why the readings say nothing, for people; empty where they do."""
+        if math.isnan(self._remaining):
+            return "the vehicle does not say how full its battery is"
+        if self._unchanged_s >= FLOWN_S:
+            return (
+                f"the vehicle's battery has read {100 * self._remaining:.0f} % through "
+                f"{self._unchanged_s:.0f} s of flight"
+            )
+        return ""

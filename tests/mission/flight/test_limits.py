@@ -7,8 +7,7 @@ import pytest
 
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import Demand
-from mission.flight.pilot.battery import BatteryWatch
-from mission.flight.pilot.clock import VehicleClock
+from mission.flight.pilot.feed import BatteryWatch, VehicleClock
 from mission.flight.pilot.limits import (
     ARDUPILOT_LIMITS,
     PX4_LIMITS,
