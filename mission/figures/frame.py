@@ -60,7 +60,7 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     return lines
 
 
-class Frame:
+class MapFrame:
     """Axes in metres, alike in both directions, between two corners (2,)."""
 
     def __init__(

@@ -11,7 +11,7 @@ from mission.analysis.load import extent
 from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
-from mission.figures.frame import Frame, line_table, run_lines, zones_of
+from mission.figures.frame import MapFrame, line_table, run_lines, zones_of
 from mission.figures.places import places
 from mission.figures.render import heading
 from mission.figures.style import (
@@ -53,7 +53,7 @@ Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
 def overview(run: FlightData, about: str) -> alt.LayerChart:
     """All rounds on one map: flown coloured by round, planned dashed over it."""
-    frame = Frame(*extent(run, margin=_MARGIN), _WIDTH)
+    frame = MapFrame(*extent(run, margin=_MARGIN), _WIDTH)
     lines = run_lines(run, run.plans)
     flights = [line for line in lines if line[0] == "flown"]
     planned = [line for line in lines if line[0] == "planned"]
@@ -98,7 +98,7 @@ def round_map(
     The parameter `everything` shows the flown paths of the others too.
     """
     chosen = plans[0].round if len(plans) > 1 else None
-    frame = Frame(*extent(run, margin=_MARGIN), width, chosen=chosen)
+    frame = MapFrame(*extent(run, margin=_MARGIN), width, chosen=chosen)
     served = {plan.round: _served(run, plan.round) for plan in plans}
     lines = [(plan.round, plan.route_m) for plan in plans]
     lines += [(number, link) for number, of in served.items() for link in _link_lines(run, of)]
@@ -151,7 +151,7 @@ def _served(run: FlightData, number: int) -> Served:
     return {item.device: item for item in run.uplinks if item.round == number}
 
 
-def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> list[alt.Chart]:
+def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt.Chart]:
     """Where rounds are few, later ones are thinner and lie on earlier ones, and arrows tell the
     direction."""
     numbers = sorted({number for _, number, _ in lines})
@@ -181,7 +181,7 @@ def _by_round(frame: Frame, lines: list[tuple[str, int, Floats]]) -> list[alt.Ch
 
 
 def _arrows(
-    frame: Frame, lines: list[tuple[str, int, Floats]], colour: alt.Color
+    frame: MapFrame, lines: list[tuple[str, int, Floats]], colour: alt.Color
 ) -> list[alt.Chart]:
     """One on each path that leads anywhere, not all at the same place of paths that are alike."""
     moved = [(number, points) for _, number, points in lines if polyline.length(points) > 0.0]
@@ -259,7 +259,7 @@ def _met(served: Served) -> list[UplinkRecord]:
     return [u for u in served.values() if math.isfinite(u.slot_t_s) and u.outcome != LATE]
 
 
-def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[alt.Chart]:
+def _links(run: FlightData, frame: MapFrame, served: Mapping[int, Served]) -> list[alt.Chart]:
     """From the slot, where each transmission was met, to its device; coloured by the true PER."""
     met = [uplink for of in served.values() for uplink in _met(of)]
     if not met:
@@ -285,7 +285,7 @@ def _links(run: FlightData, frame: Frame, served: Mapping[int, Served]) -> list[
 
 def _devices(
     run: FlightData,
-    frame: Frame,
+    frame: MapFrame,
     rounds: Sequence[tuple[int, Floats, Served]],
     sized_by: str = "importance",
 ) -> list[alt.Chart]:

@@ -5,7 +5,7 @@ import numpy as np
 
 from mission.analysis.load import reached
 from mission.base.arrays import Floats
-from mission.figures.frame import Frame
+from mission.figures.frame import MapFrame
 from mission.figures.style import FENCE, FLOWN, INK, PAPER, SOFT, keys, named, table
 from mission.log.values import FlightData, PlanFileRecord
 
@@ -17,7 +17,7 @@ _KINDS = {  # colour and shape of what is on the map
 }
 
 
-def places(frame: Frame, run: FlightData) -> list[alt.Chart]:
+def places(frame: MapFrame, run: FlightData) -> list[alt.Chart]:
     """Which were reached, which not, and where a return might have led."""
     plan, passed = run.plan_file, reached(run)
     if plan is None:

@@ -10,7 +10,7 @@ from mission.base.airspace import Airspace
 from mission.base.arrays import Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import LayerChart
-from mission.figures.frame import Frame, Lines, NoFly
+from mission.figures.frame import Lines, MapFrame, NoFly
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
@@ -66,7 +66,7 @@ def plan_picture(
             every = np.vstack((every, space.keep_in))
     low, high = every.min(axis=0), every.max(axis=0)
     air = _AIR * float((high - low).max() or 1.0)
-    frame = Frame(low - air, high + air, _WIDTH)
+    frame = MapFrame(low - air, high + air, _WIDTH)
     layers = [
         *([] if size_m is None else [frame.border(size_m)]),
         *frame.areas(space.keep_out, no_fly),
@@ -85,7 +85,7 @@ def _served(plan: RoundPlan) -> tuple[Ints, Ints]:
     return slots, devices
 
 
-def _path(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Chart]:
+def _path(problem: RoundProblem, plan: RoundPlan, frame: MapFrame) -> list[alt.Chart]:
     per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
     slots, devices = _served(plan)
     colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
@@ -111,7 +111,7 @@ def _path(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Char
 
 
 def _devices(
-    problem: RoundProblem, plan: RoundPlan, frame: Frame, communities: Sequence[str]
+    problem: RoundProblem, plan: RoundPlan, frame: MapFrame, communities: Sequence[str]
 ) -> list[alt.Chart]:
     count = len(problem.devices_m)
     dots = table(
@@ -134,7 +134,7 @@ def _devices(
     return [marks.encode(size=importance_size(most, count), shape=hollow)]
 
 
-def _words(problem: RoundProblem, plan: RoundPlan, frame: Frame) -> list[alt.Chart]:
+def _words(problem: RoundProblem, plan: RoundPlan, frame: MapFrame) -> list[alt.Chart]:
     """The devices' numbers, and where the path starts."""
     most = float(problem.importance.max(initial=0.0))
     radii = dot_radii(problem.importance, most)

@@ -8,7 +8,7 @@ import altair as alt
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.figures.frame import Frame
+from mission.figures.frame import MapFrame
 from mission.figures.style import INK, PAPER, SOFT, table
 
 # Towards where from the mark, the best first: dx and dy in pixels, of which down is more.
@@ -51,7 +51,7 @@ class Drawn:
 
 
 def words(
-    frame: Frame, each: Sequence[tuple[Look, Sequence[Word]]], drawn: Drawn
+    frame: MapFrame, each: Sequence[tuple[Look, Sequence[Word]]], drawn: Drawn
 ) -> list[alt.Chart]:
     """The words, of which the first choose their places first."""
     dots = np.column_stack((frame.pixels(drawn.dots[:, :2]), drawn.dots[:, 2]))
@@ -94,7 +94,13 @@ def _offset(side: tuple[int, int], gap_px: float) -> tuple[float, float]:
 
 
 def _best(
-    frame: Frame, look: Look, word: Word, at: Floats, dots: Floats, points: Floats, others: Floats
+    frame: MapFrame,
+    look: Look,
+    word: Word,
+    at: Floats,
+    dots: Floats,
+    points: Floats,
+    others: Floats,
 ) -> tuple[tuple[int, int], Floats]:
     wide, high = _WIDE * look.font_px * len(word.text), _HIGH * look.font_px
     # What no word beside the mark can reach is left out before eight sides are tried.
@@ -136,7 +142,7 @@ def _dotted(points: Floats) -> Floats:
 
 
 def _layers(
-    frame: Frame, look: Look, side: tuple[int, int], mine: Sequence[Word]
+    frame: MapFrame, look: Look, side: tuple[int, int], mine: Sequence[Word]
 ) -> tuple[alt.Chart, alt.Chart]:
     """Words on one side of their marks, under them a rim of paper where they must cover a line."""
     data = table(

@@ -18,7 +18,7 @@ from mission.planner.native.library import (
     Devices,
     Effort,
     Found,
-    Limits,
+    PathLimits,
     Relaxation,
     explore,
     match,
@@ -135,7 +135,7 @@ class Case:
     """A problem in which there is something to move for, as it is searched."""
 
     devices: Devices
-    limits: Limits
+    limits: PathLimits
     relaxation: Relaxation
 
     def explored(self, attempts: int | None = None) -> Found:
@@ -186,7 +186,7 @@ def tries(devices: int) -> int:
     return min(MIN_TRIES + devices, MAX_TRIES)
 
 
-def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, Limits]:
+def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, PathLimits]:
     """Devices relative to the start, without those worth nothing, and what a plan may use.
 
     `towards_m` as in `reward_table`.
@@ -195,7 +195,7 @@ def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devic
     u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
     delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
     table = reward_table(problem.channel, reach_of(problem), towards_m)
-    limits = Limits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
+    limits = PathLimits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
     return Devices(u, delta, table.rows), limits
 
 
@@ -220,7 +220,7 @@ def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ())
     )
 
 
-def root_bound(promise: Floats, limits: Limits) -> float:
+def root_bound(promise: Floats, limits: PathLimits) -> float:
     """What the best N K_bar devices promise, each by itself."""
     places = limits.steps * limits.per_step
     return float(np.sort(promise)[::-1][:places].sum())

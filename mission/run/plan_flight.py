@@ -29,7 +29,7 @@ from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.flyers.open import flyers_for
-from mission.flight.pilot.limits import Limits
+from mission.flight.pilot.limits import VehicleLimits
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_path import PlannedPath, placed, planned_path
 from mission.log.live import LiveView, live_views
@@ -254,7 +254,7 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
     )
 
 
-def _speeds(config: RunConfig, limits: Limits) -> dict[str, float]:
+def _speeds(config: RunConfig, limits: VehicleLimits) -> dict[str, float]:
     """Parameters of a simulated vehicle that is as fast as an external one."""
     known = {
         "MPC_XY_CRUISE": limits.value("cruise_mps", otherwise=math.nan),

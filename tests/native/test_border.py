@@ -95,7 +95,7 @@ def devices(count):
 
 def test_problems_that_the_search_cannot_take():
     unread: Any = None  # refused before the relaxation is looked at
-    limits = planner.Limits(3, 1, 100.0)
+    limits = planner.PathLimits(3, 1, 100.0)
     plan = planner.Found(1.0, np.zeros((3, 2)), np.zeros(41, np.int64), 2.0)
     effort = planner.Effort(0.1, 1, 1)
     with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
@@ -109,7 +109,11 @@ def test_problems_that_the_search_cannot_take():
     for bad_effort in ((1.0, 1, 1), (0.1, -1, 1), (0.1, 1, 0)):
         with pytest.raises(ValueError, match="nothing to search for"):
             planner.Effort(*bad_effort)
-    for bad in (planner.Limits(1, 1, 1.0), planner.Limits(2, 0, 1.0), planner.Limits(2, 1, 0.0)):
+    for bad in (
+        planner.PathLimits(1, 1, 1.0),
+        planner.PathLimits(2, 0, 1.0),
+        planner.PathLimits(2, 1, 0.0),
+    ):
         with pytest.raises(ValueError, match="nothing to move for"):
             planner.explore(devices(2), bad, starts=1, tries=1)
     with pytest.raises(ValueError, match="no device"):

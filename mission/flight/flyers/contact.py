@@ -15,7 +15,7 @@ from mission.config.models import LinkConfig
 from mission.flight.flyers.flyers import Say
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
-from mission.flight.pilot.limits import Limits, read_limits
+from mission.flight.pilot.limits import VehicleLimits, read_limits
 from mission.flight.pilot.pilot import Pilot
 from sitl.block import following
 from sitl.links import RawLink
@@ -99,7 +99,7 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         ) from None
 
 
-def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
+def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> VehicleLimits:
     """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
 
     Raises:
@@ -107,7 +107,7 @@ def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> Limits:
         KeyboardInterrupt: nobody wants to wait any longer.
     """
 
-    async def look() -> Limits:
+    async def look() -> VehicleLimits:
         async with located(link, area=area, observers=(), say=say) as (pilot, _):
             return await read_limits(pilot.parameters, pilot.dialect.limits)
 

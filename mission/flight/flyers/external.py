@@ -26,7 +26,7 @@ from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.mission_items import stop_items
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.limits import Limits, read_limits
+from mission.flight.pilot.limits import VehicleLimits, read_limits
 from mission.flight.pilot.parameters import adjusted
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
@@ -353,7 +353,7 @@ class ExternalFlyers(Flyers):
     def position_source(self) -> str:
         return telemetry_of(self.task.config.link)
 
-    def await_vehicle(self, *, say: Say) -> Limits:
+    def await_vehicle(self, *, say: Say) -> VehicleLimits:
         return await_vehicle(self.task.config.link, area=self.task.area, say=say)
 
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
@@ -375,7 +375,7 @@ def telemetry_of(link: LinkConfig) -> str:
 
 async def limits_of(
     pilot: Pilot, feed: TelemetryFeed, demand: Demand, *, adjusted: bool, say: Say
-) -> Limits:
+) -> VehicleLimits:
     """The limits that a vehicle's parameters set, logged; `say` hears which the demand exceeds."""
     limits = await read_limits(pilot.parameters, pilot.dialect.limits)
     feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())

@@ -22,7 +22,7 @@ from mission.log.values import Zone
 from sitl.observer import VehicleObserver
 
 if TYPE_CHECKING:  # who flies nothing needs no MAVSDK
-    from mission.flight.pilot.limits import Limits
+    from mission.flight.pilot.limits import VehicleLimits
 
 Say: TypeAlias = Callable[[str], None]
 
@@ -71,7 +71,7 @@ class Flyers(ABC):
         """
         check_link(self.task.config.link)
 
-    def await_vehicle(self, *, say: Say) -> "Limits | None":  # noqa: ARG002
+    def await_vehicle(self, *, say: Say) -> "VehicleLimits | None":  # noqa: ARG002
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
 
         Returns its own limits; None of one that keeps to the configuration's.

@@ -81,7 +81,7 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Limits:
+class VehicleLimits:
     """The limits that a vehicle told, by the fields of `LimitNames`; those it lacks are missing."""
 
     told: dict[str, Limit] = field(default_factory=dict)
@@ -161,7 +161,7 @@ class Limits:
         ]
 
 
-async def read_limits(parameters: Parameters, names: LimitNames) -> Limits:
+async def read_limits(parameters: Parameters, names: LimitNames) -> VehicleLimits:
     """Ask the vehicle for its limits.
 
     A name that it lacks costs seconds of waiting: the names of the version that has answered come
@@ -176,4 +176,4 @@ async def read_limits(parameters: Parameters, names: LimitNames) -> Limits:
                 told[what] = Limit(name, value * name.unit)
                 version = max(version, number)
                 break
-    return Limits(told)
+    return VehicleLimits(told)

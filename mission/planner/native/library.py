@@ -76,7 +76,7 @@ class Devices:
 
 
 @dataclass(frozen=True)
-class Limits:
+class PathLimits:
     """Constraints of a plan: steps, devices a step, path length."""
 
     steps: int  # N
@@ -138,7 +138,7 @@ _FUNCTIONS = functions(_LIBRARY, _Functions)
 
 
 def explore(
-    devices: Devices, limits: Limits, *, starts: int, tries: int
+    devices: Devices, limits: PathLimits, *, starts: int, tries: int
 ) -> tuple[float, Floats, Ints]:
     """The best of paths towards devices all over the area, after `tries` changes.
 
@@ -191,7 +191,7 @@ class Found:
 
 
 def search_orders(
-    devices: Devices, limits: Limits, relaxation: Relaxation, *, plan: Found, effort: Effort
+    devices: Devices, limits: PathLimits, relaxation: Relaxation, *, plan: Found, effort: Effort
 ) -> Found:
     """Improve on a plan by branching on the order of visits.
 
@@ -208,7 +208,7 @@ def search_orders(
     return _searched(_FUNCTIONS.search_orders, shared, limits, plan, effort)
 
 
-def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effort) -> Found:
+def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
     """Improve on a plan by branching on where its stops are: for few of them.
 
     For a plan that earns something.
@@ -224,7 +224,7 @@ def search_places(devices: Devices, limits: Limits, *, plan: Found, effort: Effo
 def _searched(
     function: Any,
     shared: tuple[ctypes.Structure, ...],
-    limits: Limits,
+    limits: PathLimits,
     plan: Found,
     effort: Effort,
 ) -> Found:
@@ -271,7 +271,7 @@ def assign(worth: Floats, per_step: int) -> Ints:
     return assigned
 
 
-def match(devices: Devices, limits: Limits, way: Floats) -> tuple[float, Ints]:
+def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Ints]:
     """The best assignment of devices to the steps of a path (N, 2), and what it earns."""
     assigned = np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
@@ -285,7 +285,7 @@ def match(devices: Devices, limits: Limits, way: Floats) -> tuple[float, Ints]:
 
 def order_bound(
     devices: Devices,
-    limits: Limits,
+    limits: PathLimits,
     relaxation: Relaxation,
     *,
     interval: Ints,
@@ -311,7 +311,7 @@ def order_bound(
     return bound
 
 
-def square_bound(devices: Devices, limits: Limits, x: float, y: float, half: float) -> float:
+def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
     return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))

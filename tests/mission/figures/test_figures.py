@@ -27,7 +27,7 @@ from mission.cli import call
 from mission.figures import render
 from mission.figures.charts import Series, line_chart, some
 from mission.figures.conditions import along_chart
-from mission.figures.frame import Frame, thin
+from mission.figures.frame import MapFrame, thin
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.plan import plan_picture
@@ -180,7 +180,7 @@ def test_rounds_that_are_many_are_coloured_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [2, 12, 24])
 def test_words_cover_neither_each_other_nor_dots_where_there_is_room(count: int) -> None:
     """By the boxes of their letters, as Vega places them."""
-    frame = Frame(np.zeros(2), np.full(2, 500.0), 500.0)
+    frame = MapFrame(np.zeros(2), np.full(2, 500.0), 500.0)
     rng = np.random.default_rng(count)
     grid = np.stack(np.meshgrid(np.arange(1.0, 9.0), np.arange(1.0, 9.0)), axis=-1).reshape(-1, 2)
     # Pairs that stand so near that the usual side would cover the other's dot.
@@ -208,7 +208,7 @@ def test_words_cover_neither_each_other_nor_dots_where_there_is_room(count: int)
 
 
 def test_a_word_leaves_the_line_that_runs_through_its_usual_side() -> None:
-    frame = Frame(np.zeros(2), np.full(2, 500.0), 500.0)
+    frame = MapFrame(np.zeros(2), np.full(2, 500.0), 500.0)
 
     def side(lines: list[tuple[int, Floats]], number: int = 0) -> tuple[float, float]:
         drawn = Drawn(np.empty((0, 3)), lines)

@@ -12,7 +12,7 @@ from mission.flight.pilot.limits import (
     ARDUPILOT_LIMITS,
     PX4_LIMITS,
     LimitNames,
-    Limits,
+    VehicleLimits,
     read_limits,
 )
 from mission.flight.pilot.parameters import Parameters, adjusted
@@ -40,7 +40,7 @@ class Table(Parameters):
         self.values[name] = value
 
 
-def told(names: LimitNames, **values: float) -> Limits:
+def told(names: LimitNames, **values: float) -> VehicleLimits:
     return asyncio.run(read_limits(Table(**values), names))
 
 

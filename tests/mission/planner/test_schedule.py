@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment, linprog
 
 from mission.planner.evaluate import assign
-from mission.planner.native.library import Devices, Limits, match
+from mission.planner.native.library import Devices, PathLimits, match
 
 
 def linear_program(success, importance, per_step):
@@ -65,7 +65,7 @@ def crowds():
         rows = np.stack([f, np.gradient(f), np.gradient(np.gradient(f))], axis=1)
         u = rng.normal(0.0, rng.choice([10.0, 150.0]), (count, 2))
         way = rng.choice([1.0, 0.0], (steps, 1)) * rng.normal(0.0, 100.0, (steps, 2))
-        yield Devices(u, rng.random(count), rows), Limits(int(steps), int(per_step), 1.0), way
+        yield Devices(u, rng.random(count), rows), PathLimits(int(steps), int(per_step), 1.0), way
 
 
 def optimum(worth, per_step):
