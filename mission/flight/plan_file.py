@@ -186,8 +186,9 @@ def _item(
     autocontinue: bool = True,
 ) -> MissionItem:
     """An item of seven parameters; places as exact as they travel, 1e-7 degrees."""
-    first, x, y, z = tuple(params[:4]), round(params[4], 7), round(params[5], 7), params[6]
-    return MissionItem(seq, command, frame, first, x, y, z, kind, autocontinue)  # type: ignore[arg-type]
+    one, two, three, four, x, y, z = params
+    first = one, two, three, four
+    return MissionItem(seq, command, frame, first, round(x, 7), round(y, 7), z, kind, autocontinue)
 
 
 def _fence_items(fence: _Fence) -> Iterable[MissionItem]:
