@@ -37,7 +37,8 @@ task = "npz"
 data_file = "table.npz"
 positions_file = "places.csv"
 partition = "owners"
-network = "own_rules.network:make"
+network = "convnet"
+convnet = {channels = []}
 [[communities]]
 name = "digits"
 task = "digits"
@@ -76,13 +77,6 @@ from pathlib import Path
 def weights(info):
     return info.p * float(Path("factor.txt").read_text()) * info.age_rounds
 """
-NETWORK = """
-from torch import nn
-
-
-def make():
-    return nn.Sequential(nn.Flatten(), nn.Linear(4, 3))
-"""
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +95,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "own.toml").write_text(CONFIG)
     (folder / "factor.txt").write_text("2.5\n")
     (folder / "own_rules").mkdir()
-    for name, text in (("strategy", RULES), ("weights", WEIGHTS), ("network", NETWORK)):
+    for name, text in (("strategy", RULES), ("weights", WEIGHTS)):
         (folder / "own_rules" / f"{name}.py").write_text(text)
     return folder
 
