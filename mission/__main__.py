@@ -21,7 +21,7 @@ def main() -> None:
         from mission.base.errors import INTERRUPTED
         from mission.base.interrupts import end_deaf
 
-        end_deaf()
+        end_deaf(INTERRUPTED)
         sys.stderr.write("aerofed: interrupted\n")
         sys.exit(INTERRUPTED)
 

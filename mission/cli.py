@@ -123,7 +123,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
     code = call(tokens)
-    end_deaf()
+    end_deaf(code)
     sys.exit(code)
 
 

@@ -1,23 +1,56 @@
 """Ctrl-C, and what stops a job politely: heard wherever the program happens to be."""
 
 import _thread
+import asyncio
+import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, TypeVar
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
+from typing import Any, ParamSpec, TypeVar
 
-if TYPE_CHECKING:
-    import asyncio
+from mission.base.errors import INTERRUPTED
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 # Long enough for the C code that called back to return to Python.
 _AGAIN_S = 0.1
+# Two signals within it are one: timeout(1) sends its own to us and to our process group.
+_SECOND_AFTER_S = 1.0
+_BACKGROUND = "aerofed-work"
 
-_one_only = False  # within `one_interruption`
+
+@dataclass(eq=False)
+class _Ending:
+    """What an interruption ends in order: the flights of a block of code."""
+
+    patient: bool  # one that comes before a flight ends it as it begins
+    flights: dict["asyncio.Task[Any]", asyncio.AbstractEventLoop] = field(default_factory=dict)
+    at_s: float | None = None  # of the first interruption, monotonic
+
+    def interrupt(self, *_: object) -> None:
+        """Handle a signal: end the flights; the second one in a program ends the process."""
+        now_s = time.monotonic()
+        if self.at_s is not None:
+            if _is_program and now_s - self.at_s > _SECOND_AFTER_S:
+                # What was written has been handed to the system: it is kept, as by a SIGKILL.
+                end_process("aerofed: interrupted again: ended at once")
+            return
+        self.at_s = now_s
+        for task, loop in list(self.flights.items()):
+            with suppress(RuntimeError):  # its loop is closed: it has ended
+                loop.call_soon_threadsafe(task.cancel)
+        if not (self.flights or self.patient):
+            raise KeyboardInterrupt
+
+
+_is_program = False  # ours are the signals of the process, and its end
+_endings: list[_Ending] = []  # the last one hears
 
 
 def hear_interruptions() -> None:
@@ -26,6 +59,8 @@ def hear_interruptions() -> None:
     An exception in such a callback has nobody to go to: Python prints it and goes on. An
     interruption is sent again instead.
     """
+    global _is_program
+    _is_program = True
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A script's background job stays deaf to the terminal's Ctrl-C, but not to SIGTERM.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -38,42 +73,54 @@ def hear_interruptions() -> None:
     sys.unraisablehook = _unraisable
 
 
-def run_flight(flight: Coroutine[Any, Any, T]) -> T:
-    """Run a flight as `asyncio.run` does; however often Ctrl-C is pressed, it is ended once.
+@contextmanager
+def ending_flights(*, patient: bool = False) -> Iterator[None]:
+    """An interruption ends the flights of the block, in order and once; the block goes on then.
 
-    asyncio raises KeyboardInterrupt in the midst of the ending at the second one, and MAVSDK taken
-    down under its own threads ends the process by SIGABRT.
+    In a program a second one ends the process. Before a flight it is a KeyboardInterrupt, or, in a
+    `patient` block, ends the flight as it begins. Without effect in threads but the main one, and
+    where somebody else has Ctrl-C: a sweep, say.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler or (patient and callable(before))
+    if not ours or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ending = _Ending(patient)
+    _endings.append(ending)
+    signal.signal(signal.SIGINT, ending.interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        _endings.remove(ending)
+
+
+def run_flight(flight: Coroutine[Any, Any, T]) -> T:
+    """Run a flight as `asyncio.run` does; an interruption cancels it, once.
+
+    asyncio's own handler raises KeyboardInterrupt in the midst of the ending at the second one, and
+    MAVSDK taken down under its own threads ends the process by SIGABRT.
 
     Raises:
-        KeyboardInterrupt: the flight was interrupted; when all of it has ended. Within
-            `one_interruption` no other one is heard from then on.
+        KeyboardInterrupt: the flight was interrupted; when all of it has ended.
     """
-    import asyncio  # not while the program is loading
 
-    here = threading.current_thread() is threading.main_thread()
-    if here and signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        return asyncio.run(flight)  # Ctrl-C is somebody else's: a sweep's, say
-    interrupted = False
-
-    def interrupt(task: "asyncio.Future[T]") -> None:
-        nonlocal interrupted
-        if not interrupted:
-            interrupted = True
-            task.cancel()
-
-    async def fly() -> "asyncio.Future[T]":
-        task, loop = asyncio.ensure_future(flight), asyncio.get_running_loop()
-        if here:
-            loop.add_signal_handler(signal.SIGINT, interrupt, task)
-        else:  # signals are the main thread's
-            _told.hear(lambda: loop.call_soon_threadsafe(interrupt, task))
-        await asyncio.wait((task,))
-        if here and interrupted and _one_only:
-            _go_deaf(loop)
+    async def fly() -> "asyncio.Task[T]":
+        task = asyncio.ensure_future(flight)
+        ending = _endings[-1] if _endings else _Ending(patient=True)
+        ending.flights[task] = asyncio.get_running_loop()
+        try:
+            if ending.at_s is not None:
+                task.cancel()
+            await asyncio.wait((task,))
+        finally:
+            del ending.flights[task]
         return task
 
-    ended = asyncio.run(fly())
-    if interrupted and ended.cancelled():
+    with nullcontext() if _endings else ending_flights():
+        ended = asyncio.run(fly())
+    if ended.cancelled():
         raise KeyboardInterrupt
     return ended.result()
 
@@ -83,97 +130,48 @@ def in_a_thread(work: Callable[[], T]) -> T:
 
     An interruption here ends the flight in it as it would have ended one here, once.
     """
-    teller = _Teller()
-
-    def told() -> T:
-        _told.teller = teller
-        return work()
-
-    with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool, _heard(teller):
-        return pool.submit(told).result()
+    with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool, ending_flights(patient=True):
+        return pool.submit(work).result()
 
 
-@contextmanager
-def _heard(teller: "_Teller") -> Iterator[None]:
-    """Ctrl-C goes to the teller for as long as the block runs.
+async def in_background(work: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
+    """What `work` gives, done in a thread while the loop turns; one that is cancelled is left
+    alone, as nothing ends what a researcher's own code is at."""
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[T] = loop.create_future()
 
-    A loop that waits here has its own way with the signal, which comes to us too late: asyncio
-    cancels its main task, and that waits for us.
+    def tell(how: Callable[[Any], None], what: object) -> None:
+        with suppress(RuntimeError):  # the loop is closed: nobody waits any longer
+            loop.call_soon_threadsafe(lambda: None if future.done() else how(what))
+
+    def run() -> None:
+        try:
+            tell(future.set_result, work(*given, **named))
+        except BaseException as error:
+            tell(future.set_exception, error)
+
+    threading.Thread(target=run, name=_BACKGROUND, daemon=True).start()
+    return await future
+
+
+def end_process(line: str = "", code: int = INTERRUPTED) -> None:
+    """End the process now, whatever its threads are at; `line` goes to standard error."""
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        sys.stderr.write(f"{line}\n" if line else "")
+        sys.stderr.flush()
+    os._exit(code)
+
+
+def end_deaf(code: int) -> None:
+    """What there is to do is done: an interruption has nothing left to end.
+
+    Work that was left alone in a thread ends with the process, which does not wait for it.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
-    signal.signal(signal.SIGINT, lambda *_: teller.tell())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-class _Teller:
-    """Tells a flight in another thread of an interruption, also of one before it began."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._interrupt: Callable[[], object] | None = None
-        self._interrupted = False
-
-    def tell(self) -> None:
-        """Interrupt the flight; called from the thread that hears signals."""
-        with self._lock:
-            self._interrupted = True
-            if self._interrupt is not None:
-                with suppress(RuntimeError):  # the flight's loop is closed: it has ended
-                    self._interrupt()
-
-    def hear(self, interrupt: Callable[[], object]) -> None:
-        """Register the flight's interruption; called from its own thread."""
-        with self._lock:
-            self._interrupt = interrupt
-            if self._interrupted:
-                interrupt()
-
-
-class _Told(threading.local):
-    """Who tells the flight of this thread; nobody, where the thread is somebody else's."""
-
-    teller: _Teller | None = None
-
-    def hear(self, interrupt: Callable[[], object]) -> None:
-        if self.teller is not None:
-            self.teller.hear(interrupt)
-
-
-_told = _Told()
-
-
-def _go_deaf(loop: "asyncio.AbstractEventLoop") -> None:
-    """Without an instant in which an interruption is heard: the loop sets Python's handler."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    loop.remove_signal_handler(signal.SIGINT)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def one_interruption() -> Iterator[None]:
-    """Once a flight in the block was interrupted, the block completes what it writes."""
-    global _one_only
-    _one_only = True
-    try:
-        yield
-    finally:
-        _one_only = False
-        here = threading.current_thread() is threading.main_thread()
-        if here and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def end_deaf() -> None:
-    """What there is to do is done: an interruption has nothing left to end."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if any(thread.name == _BACKGROUND for thread in threading.enumerate()):
+        end_process(code=code)
     # `python -m` takes an interruption within an `exec` of text, as dataclasses are made, for one
     # that nobody catches, and ends by SIGINT in the place of our exit code. The next `exec` clears
     # that.

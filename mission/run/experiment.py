@@ -1,6 +1,5 @@
 """What every experiment does round by round: recall or learn, record, count."""
 
-import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,6 +8,7 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
+from mission.base.interrupts import in_background
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
 from mission.base.user_code import errors_of_learning
@@ -102,8 +102,8 @@ class Experiment(ABC):
         self._show("training")
         state, federation = self.state, self.scenario.federation
         with self.stopwatch("learn"), errors_of_learning():
-            # In a thread, so that heartbeats go on; simulated time stands still.
-            self.state, learnt = await asyncio.to_thread(
+            # Heartbeats go on; simulated time stands still.
+            self.state, learnt = await in_background(
                 learning.play_round, federation, state, who, workers=self.workers
             )
         return learnt

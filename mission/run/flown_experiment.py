@@ -1,6 +1,5 @@
 """The experiment in flight: plan, fly, gate, learn, record; round by round."""
 
-import asyncio
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from fl.federation import rounds as learning
 from fl.federation.device_work import DeviceWork
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
+from mission.base.interrupts import in_background
 from mission.base.user_code import errors_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
@@ -200,8 +200,8 @@ class FlownExperiment(Experiment):
         if recalled is not None and recalled.sortie is not None:
             return recalled.sortie
         with self.stopwatch("plan"):
-            # In a thread, so that heartbeats go on; simulated time stands still.
-            return await asyncio.to_thread(self.strategy.sortie, self.totals.rounds_done, problem)
+            # Heartbeats go on; simulated time stands still.
+            return await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
 
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie

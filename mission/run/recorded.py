@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.interrupts import one_interruption, run_flight
+from mission.base.interrupts import ending_flights, run_flight
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
 from mission.run.outcome import TRACEBACK, Outcome, Summary
@@ -59,8 +59,8 @@ def fly_recorded(
     flight: Recorded | None = None
     totals = RunTotals.before(0)
     summary.started()
-    # An interrupted flight is written down before another interruption is heard.
-    with one_interruption():
+    # An interrupted flight is written down, whatever else is pressed.
+    with ending_flights():
         try:
             with outcome.aside("log"), opening as flight:
                 totals = flight.totals
@@ -75,11 +75,12 @@ def fly_recorded(
     try:
         if flight is not None:
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
-                if page is not None:
+                if page is not None and outcome.status != "interrupted":
                     from mission.figures.render import begin_libraries  # with it Altair
 
                     begin_libraries()
-                if figures:
+                # Interrupted before its first round was over it has nothing to show.
+                if figures and (outcome.status != "interrupted" or totals.rounds_done):
                     from mission.figures.run import draw_run
 
                     draw_run(folder.path)

@@ -14,7 +14,7 @@ import pytest
 from patience import HANG_S, until
 from test_run import SMALL, begun
 
-from mission.base.interrupts import one_interruption, run_flight
+from mission.base.interrupts import ending_flights, run_flight
 from mission.cli import call
 
 AEROFED = [sys.executable, "-m", "mission"]
@@ -113,12 +113,97 @@ def test_ctrl_c_again_and_again_ends_a_run_once(tmp_path: Path) -> None:
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     until(lambda: process.poll() is not None or begun(out))
-    while process.poll() is None:
+    for _ in range(3):
         process.send_signal(signal.SIGINT)
-        time.sleep(0.02)
     _, errors = process.communicate(timeout=HANG_S)
     assert (process.returncode, "Traceback" in errors) == (130, False), errors
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+
+
+# In its second round it blocks for good: planning in a thread, or the event loop itself.
+BLOCKING = """
+import time
+from pathlib import Path
+from aerofed import Sortie
+
+class Own:
+    fairness, approach_m = False, None
+
+    def __init__(self, context):
+        self.planner, self.round = context.planner, 0
+
+    def importance(self, info):
+        self.round += 1
+        self._block("importance")
+        return info.p
+
+    def sortie(self, round_index, problem):
+        self._block("sortie")
+        return Sortie(self.planner.plan(problem))
+
+    def _block(self, where):
+        if self.round == 2 and Path(where).exists():
+            Path("blocked").touch()
+            while True:
+                time.sleep(0.05)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("where", "status"), [("sortie", "interrupted"), ("importance", "running")]
+)
+def test_code_that_blocks_is_ended_and_what_was_flown_goes_on(
+    tmp_path: Path, where: str, status: str
+) -> None:
+    """In a thread it is left alone; where it keeps the loop from turning, a second signal ends."""
+    (tmp_path / "own.py").write_text(BLOCKING)
+    (tmp_path / where).touch()
+    command = [
+        *AEROFED,
+        "run",
+        "--rounds",
+        "2",
+        "--out",
+        "run",
+        "--set",
+        "mission.strategy=own:Own",
+    ]
+    process = subprocess.Popen([*command, *SMALL], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until(lambda: process.poll() is not None or (tmp_path / "blocked").exists())
+    process.send_signal(signal.SIGTERM)
+    while status == "running" and process.poll() is None:
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert (process.returncode, "Traceback" in errors) == (130, False), errors
+    run = tmp_path / "run"
+    assert json.loads((run / "summary.json").read_text())["status"] == status
+    assert begun(run)
+    (tmp_path / where).unlink()
+    again = [*AEROFED, "run", "--resume", "run", "--quiet"]
+    assert subprocess.run(again, cwd=tmp_path, timeout=HANG_S, check=False).returncode == 0
+
+
+@pytest.mark.slow
+def test_ctrl_c_before_the_first_round_draws_nothing(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(BLOCKING.replace("self.round == 2", "self.round == 1"))
+    (tmp_path / "sortie").touch()
+    command = [
+        *AEROFED,
+        "run",
+        "--rounds",
+        "2",
+        "--out",
+        "run",
+        "--set",
+        "mission.strategy=own:Own",
+    ]
+    process = subprocess.Popen([*command, *SMALL], cwd=tmp_path)
+    until(lambda: process.poll() is not None or (tmp_path / "blocked").exists())
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=HANG_S) == 130
+    assert not (tmp_path / "run" / "figures").exists()
 
 
 def test_run_flight_ends_in_order_however_often_it_is_interrupted() -> None:
@@ -147,7 +232,7 @@ def test_an_interrupted_flight_is_written_down_undisturbed() -> None:
         await asyncio.sleep(HANG_S)
 
     written = False
-    with one_interruption():
+    with ending_flights():
         with pytest.raises(KeyboardInterrupt):
             run_flight(flight())
         signal.raise_signal(signal.SIGINT)
