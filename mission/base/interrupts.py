@@ -1,7 +1,6 @@
 """Ctrl-C, and what stops a job politely: heard wherever the program happens to be."""
 
 import _thread
-import asyncio
 import os
 import signal
 import sys
@@ -11,9 +10,12 @@ from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from mission.base.errors import INTERRUPTED
+
+if TYPE_CHECKING:
+    import asyncio
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -30,7 +32,7 @@ class _Ending:
     """What an interruption ends in order: the flights of a block of code."""
 
     patient: bool  # one that comes before a flight ends it as it begins
-    flights: dict["asyncio.Task[Any]", asyncio.AbstractEventLoop] = field(default_factory=dict)
+    flights: dict["asyncio.Task[Any]", "asyncio.AbstractEventLoop"] = field(default_factory=dict)
     at_s: float | None = None  # of the first interruption, monotonic
 
     def interrupt(self, *_: object) -> None:
@@ -105,6 +107,7 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
     Raises:
         KeyboardInterrupt: the flight was interrupted; when all of it has ended.
     """
+    import asyncio  # not while the program is loading
 
     async def fly() -> "asyncio.Task[T]":
         task = asyncio.ensure_future(flight)
@@ -137,6 +140,8 @@ def in_a_thread(work: Callable[[], T]) -> T:
 async def in_background(work: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
     """What `work` gives, done in a thread while the loop turns; one that is cancelled is left
     alone, as nothing ends what a researcher's own code is at."""
+    import asyncio
+
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 

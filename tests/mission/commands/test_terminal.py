@@ -44,8 +44,10 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", [[], ["sh", "-c", "trap '' INT; exec \"$@\"", "sh"]])
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("launcher", "number"),
+    [([], signal.SIGTERM), (["sh", "-c", "trap '' INT; exec \"$@\"", "sh"], signal.SIGHUP)],
+)
 def test_a_polite_kill_is_an_interruption(
     tmp_path: Path, launcher: list[str], number: signal.Signals
 ) -> None:
