@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from mission.base.tables import told
 from mission.log import topics
-from mission.log.records import OPTIONAL, DeviceRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.records import DeviceRecord, TimedUplinkRecord, UplinkRecord
 
 HEAD = """# What a run leaves
 
@@ -89,8 +89,6 @@ def _body() -> list[str]:
     lines = [
         *("", "## rounds.csv", "", "One row for each round.", "", *_round_columns()),
         *("", "`COMMUNITY` is the name of one: there is a column for each."),
-        *("", "Columns more, in runs where they mean something:"),
-        *("", *_table(OPTIONAL.items())),
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
         *(
@@ -120,8 +118,7 @@ def _round_columns() -> list[str]:
     """Those that every run has; the log's topic holds several in one."""
     several = {"accuracy": "accuracy_COMMUNITY", "cov": "cov_COMMUNITY"}
     described = topics.fields(topics.ROUNDS.schema).items()
-    rows = [(several.get(name, name), item["description"]) for name, item in described]
-    return _table(row for row in rows if row[0] != "optional")
+    return _table((several.get(name, name), item["description"]) for name, item in described)
 
 
 def _fields(topic: topics.Topic) -> list[str]:

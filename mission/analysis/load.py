@@ -165,6 +165,7 @@ def _with_its_flight(data: FlightData) -> FlightData:
         plan_path_m=plan.path_m,
         flown_path_m=flown_m,
         budget_used_m=flown_m,
+        time_used_s=(end_ns - plan.t_ns) / NS_PER_S,
         battery_remaining=float(battery[-1]) if len(battery) else math.nan,
     )
     return replace(data, plans=(plan,), rounds=(record,))

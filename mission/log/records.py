@@ -7,7 +7,7 @@ area coordinates: x east, y north. NaN stands where there is no value.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
 
 import numpy as np
@@ -142,20 +142,6 @@ class TimedUplinkRecord(UplinkRecord):
         return LATE if self.late else "delivered" if self.delivered else "lost"
 
 
-# Of a round's table where time or energy is limited: the columns, and what people read of them.
-SPENT = {
-    "plan_duration_s": "planned seconds from start to end; nan where nothing is planned",
-    "plan_energy_j": "planned joules of the battery",
-    "energy_j": "joules that the flight took of the battery; nan where nobody knows",
-    "time_used_s": "seconds of mission.total_deadline_s spent so far",
-    "energy_used_j": "joules of mission.total_energy_j spent so far",
-}
-
-# All that a round's table has only in some runs.
-ALTITUDE = "plan_altitude_m"
-OPTIONAL = {ALTITUDE: "height above home that was chosen; nan where nothing is planned"} | SPENT
-
-
 @dataclass(frozen=True, slots=True)
 class RoundRecord:
     """One round: what was planned, what was flown and what was learnt."""
@@ -175,12 +161,16 @@ class RoundRecord:
     battery_remaining: Annotated[float, "0..1 of the capacity at the end"]
     accuracy: Annotated[ByCommunity, "accuracy 0..1 after the round, on the images to report on"]
     cov: Annotated[ByCommunity, "fairness CoV psi in force for the next round"]
-    # A column each of OPTIONAL that the run has.
-    optional: Annotated[
-        dict[str, float],
-        BY_COMMUNITY,
-        f"columns that a run has only where it is so configured: {', '.join(OPTIONAL)}",
-    ] = field(default_factory=dict)
+    plan_altitude_m: Annotated[Maybe, "height above home that was chosen; nan where it is given"]
+    plan_duration_s: Annotated[Maybe, "planned seconds from start to end"]
+    plan_energy_j: Annotated[Maybe, "planned joules of the battery"]
+    energy_j: Annotated[Maybe, "joules that the flight took of the battery; nan where nobody knows"]
+    time_used_s: Annotated[
+        Maybe, "seconds of the rounds so far, which mission.total_deadline_s limits"
+    ]
+    energy_used_j: Annotated[
+        Maybe, "joules of the rounds so far, which mission.total_energy_j limits"
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,9 +195,7 @@ def flat(record: object) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)
-        if column.name == "optional":
-            row |= value
-        elif is_by_community(column):
+        if is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
         else:
             row[column.name] = value

@@ -13,7 +13,6 @@ from typing import IO, Any, Generic, NamedTuple, Self, TypeVar
 from mission.base.errors import InputError
 from mission.base.tables import columns, csv_lines
 from mission.log.records import (
-    OPTIONAL,
     DeviceRecord,
     RoundRecord,
     TimedUplinkRecord,
@@ -41,17 +40,16 @@ class Table(Generic[Record]):
         record: type[Record],
         *,
         communities: Sequence[str] = (),
-        optional: Sequence[str] = (),
     ) -> None:
         """Start the table, replacing a file that is there.
 
-        `communities`: those that the records have numbers of; `optional`: columns of `OPTIONAL`.
+        `communities`: those that the records have numbers of.
 
         Raises:
             TableError: the file cannot be written.
         """
         self.path = path
-        self._header = [cell.name for cell in _cells(record, communities, optional)]
+        self._header = [cell.name for cell in _cells(record, communities)]
         try:
             self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
         except OSError as error:
@@ -89,11 +87,10 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
-    optional = [name for name in OPTIONAL if name in header]
     wider: Any = _WIDER.get(record, record)
-    if header == [cell.name for cell in _cells(wider, communities, optional)]:
+    if header == [cell.name for cell in _cells(wider, communities)]:
         record = wider
-    cells = _cells(record, communities, optional)
+    cells = _cells(record, communities)
     _check_header(path, header, [cell.name for cell in cells])
     return tuple(record(**_values(path, record, cells, *row)) for row in rows)
 
@@ -107,13 +104,11 @@ class _Cell(NamedTuple):
     kind: object  # type of the value
 
 
-def _cells(record: type, communities: Sequence[str], optional: Sequence[str]) -> list[_Cell]:
+def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
     cells: list[_Cell] = []
     for column in columns(record):
         field = column.name
-        if field == "optional":
-            cells += [_Cell(name, field, name, float) for name in optional]
-        elif is_by_community(column):
+        if is_by_community(column):
             cells += [_Cell(f"{field}_{name}", field, name, float) for name in communities]
         else:
             cells.append(_Cell(field, field, None, column.holds))

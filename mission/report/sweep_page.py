@@ -13,10 +13,10 @@ from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
 from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.view import (
     ACCURACY,
+    AT_THE_END,
     FAIRNESS,
     REST,
     Cells,
-    final_rounds,
     outcome,
     over_seeds,
     percent,
@@ -37,6 +37,7 @@ _UNFINISHED = (
     "runs are done, and everything below is about those. Rows that rest on different seeds are "
     "not comparable; seed by seed they are."
 )
+_EQUAL = "at equal rounds, metres or energy: where the run that spent least of it ends"
 _ARRIVED = (
     "arrived: devices whose update arrived, of the community's, and of those scheduled; mean over "
     "seeds, from three on ± 95 % interval (Student's t)"
@@ -82,8 +83,8 @@ def sweep_html(state: SweepState) -> str:
         tiles=_headline(results),
         missing=[(item.run, item.why) for item in state.missing],
         unfinished=f"{done} of {planned} {_UNFINISHED}",
-        outcome=outcome(results, (ACCURACY, *FAIRNESS, *REST), seeds=state.seeds),
-        outcome_note=f"accuracy, CoV and Jain index: {final_rounds(results)}; {_ARRIVED}",
+        outcome=outcome(results, (*ACCURACY, *FAIRNESS, *REST), seeds=state.seeds),
+        outcome_note=f"{AT_THE_END}; {_EQUAL}; {_ARRIVED}",
         finals=[card(final_chart(results, name)) for name in communities],
         method=METHOD,
         points=POINTS,

@@ -7,11 +7,9 @@ from typing import Self
 import numpy as np
 
 from mission.base.arrays import Ints
-from mission.config.models import MissionConfig
-from mission.log.records import ALTITUDE, SPENT, RoundRecord
-from mission.planner.performance import Foreseen
+from mission.log.records import RoundRecord
 from mission.planner.problem import relative_gap
-from mission.scenario.limits import ENOUGH, KEYS, NOTHING, Amount, Budget, is_limited
+from mission.scenario.limits import ENOUGH, KEYS, NOTHING, Amount, Budget
 
 
 @dataclass
@@ -21,7 +19,6 @@ class RunTotals:
     last_heard: Ints  # (K,) round of each device's last update; 0: none yet
     rounds_done: int = 0
     used: Amount = NOTHING  # of the budgets
-    limited: dict[str, float] = field(default_factory=dict)  # the same, where more than metres is
     flown_m: float = 0.0
     sim_s: float = 0.0  # since power-up
     scheduled: int = 0
@@ -44,13 +41,7 @@ class RunTotals:
     def add(self, record: RoundRecord) -> None:
         """Add a finished round's record."""
         self.rounds_done += 1
-        self.used = Amount(
-            record.budget_used_m,
-            record.optional.get("time_used_s", 0.0),
-            record.optional.get("energy_used_j", 0.0),
-        )
-        keys = ("time_used_s", "energy_used_j")
-        self.limited = {key: record.optional[key] for key in keys if key in record.optional}
+        self.used = Amount(record.budget_used_m, record.time_used_s, record.energy_used_j)
         self.flown_m += record.flown_path_m
         self.scheduled += record.scheduled
         self.delivered += record.delivered
@@ -99,33 +90,6 @@ class RunTotals:
             if math.isfinite(left) and (left < cost * share or left <= 0.0):
                 return index
         return None
-
-
-def optional_columns(
-    mission: MissionConfig,
-    used: Amount,
-    foreseen: Foreseen | None = None,
-    energy_j: float = math.nan,
-    *,
-    altitude_m: float | None = None,
-) -> dict[str, float]:
-    """A round's `OPTIONAL` columns: the altitude that was chosen, time and energy where limited.
-
-    `energy_j`: of the flight, NaN where it is not known; without a flight nothing is foreseen.
-    """
-    chosen: dict[str, float] = {}
-    if mission.altitudes_m is not None:
-        chosen[ALTITUDE] = math.nan if altitude_m is None else altitude_m
-    if not is_limited(mission):
-        return chosen
-    values = (
-        math.nan if foreseen is None else foreseen.duration_s,
-        math.nan if foreseen is None else foreseen.energy_j,
-        energy_j,
-        used.seconds,
-        used.joules,
-    )
-    return chosen | dict(zip(SPENT, values, strict=True))
 
 
 def rounds_paid_for(budget: Budget) -> int:

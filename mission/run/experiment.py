@@ -13,7 +13,7 @@ from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
 from mission.base.user_code import errors_of_learning
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
-from mission.run.budget import RunTotals, optional_columns
+from mission.run.budget import RunTotals
 from mission.run.checkpoint import RoundMemory
 from mission.run.outcome import Summary
 from mission.run.recorder import FolderRecorder, RoundResult
@@ -137,7 +137,7 @@ class IdealExperiment(Experiment):
         return "nothing flown"
 
     async def _round(self) -> None:
-        mission, recalled = self.scenario.config.mission, self._recalled()
+        recalled = self._recalled()
         everyone = np.ones(len(self.scenario.devices_m), dtype=bool)
         if recalled is not None:
             importance, learnt = recalled.importance, recalled.learnt
@@ -164,6 +164,7 @@ class IdealExperiment(Experiment):
             battery_remaining=1.0,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
-            optional=optional_columns(mission, used),
+            time_used_s=used.seconds,
+            energy_used_j=used.joules,
         )
         self._finish(record, RoundMemory(importance, None, learnt, total))

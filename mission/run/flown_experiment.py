@@ -21,7 +21,6 @@ from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
-from mission.run.budget import optional_columns
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import UplinkGate, slots, turns
@@ -129,13 +128,12 @@ class FlownExperiment(Experiment):
             battery_remaining=flight.battery_remaining,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
-            optional=optional_columns(
-                self.scenario.config.mission,
-                used,
-                foreseen,
-                flight.energy_j,
-                altitude_m=sortie.plan.altitude_m,
-            ),
+            plan_altitude_m=math.nan if sortie.plan.altitude_m is None else sortie.plan.altitude_m,
+            plan_duration_s=foreseen.duration_s,
+            plan_energy_j=foreseen.energy_j,
+            energy_j=flight.energy_j,
+            time_used_s=used.seconds,
+            energy_used_j=used.joules,
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
         self._finish(record, memory, served)

@@ -1,5 +1,6 @@
 """How a flight ended, and the summary that says so: the first thing that went wrong counts."""
 
+import math
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -123,7 +124,8 @@ def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:
         "rounds": totals.rounds_done,
         "flown_in_rounds_m": totals.flown_m,
         "budget_used_m": totals.used.metres,
-        **totals.limited,
+        "time_used_s": totals.used.seconds,
+        "energy_used_j": None if math.isnan(totals.used.joules) else totals.used.joules,
         "simulated_s": totals.sim_s,
         "real_time_factor": totals.sim_s / flight_s if flight_s > 0.0 else 0.0,
         "battery_changes": totals.battery_changes,

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mission.base.terminal import PLAIN
-from mission.log.records import ALTITUDE, RoundRecord
+from mission.log.records import RoundRecord
 
 
 class Progress:
@@ -129,8 +129,7 @@ class LiveTable(Progress):
 
 def _chosen_height_m(record: RoundRecord) -> float | None:
     """Where rounds choose their height above home: the one that was chosen."""
-    height_m = record.optional.get(ALTITUDE, math.nan)
-    return height_m if math.isfinite(height_m) else None
+    return record.plan_altitude_m if math.isfinite(record.plan_altitude_m) else None
 
 
 def _takes_time(record: RoundRecord) -> bool:

@@ -12,9 +12,6 @@ from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.plan_file import write_round_plan
 from mission.log.records import (
-    ALTITUDE,
-    OPTIONAL,
-    SPENT,
     DeviceRecord,
     RoundRecord,
     TimedUplinkRecord,
@@ -29,7 +26,6 @@ from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.callbacks import Callbacks, RoundReport
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.progress import Progress, make_progress
-from mission.scenario.limits import is_limited
 from mission.scenario.scenario import Scenario
 
 
@@ -169,12 +165,7 @@ def recording(
             )
         )
         names = scenario.federation.names
-        absent = set() if mission.altitudes_m else {ALTITUDE}
-        absent |= set() if is_limited(mission) else set(SPENT)
-        optional = tuple(name for name in OPTIONAL if name not in absent)
-        rounds = stack.enter_context(
-            Table(folder.rounds, RoundRecord, communities=names, optional=optional)
-        )
+        rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
         uplink = TimedUplinkRecord if scenario.device_times else UplinkRecord
         uplinks = stack.enter_context(Table(folder.uplinks, uplink))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))

@@ -9,13 +9,14 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from fl.errors import first_line
+from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically
 from mission.base.tables import csv_lines, parquet
@@ -26,7 +27,8 @@ from mission.sweep.grid import Key, Point
 Cell: TypeAlias = str | int | float | bool
 Row: TypeAlias = dict[str, Cell]
 
-FINAL_ROUNDS = 10  # the last ones, whose mean is the final accuracy: one round swings by points
+# Runs that end apart are compared where the one that spent least ends: columns of `rounds.csv`.
+EQUAL = {"rounds": "round", "metres": "budget_used_m", "energy": "energy_j"}
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class RunResult:
     summary: Row  # its row in `runs.csv`, the keys among them
     rounds: tuple[Row, ...]  # its rows in `rounds.csv`
     wall_s: dict[str, float]  # by phase
+    # Accuracies at equal rounds, metres and energy, which rest on the other runs: no table's.
+    equal: Row = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -74,7 +78,7 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
         "flown_m": float(summary["flown_in_rounds_m"]),
         "budget_used_m": float(summary["budget_used_m"]),
         "simulated_s": float(summary["simulated_s"]),
-        **_energy(records),
+        "energy_j": math.fsum(record.energy_j for record in records),
         "scheduled": scheduled,
         "delivered": delivered,
         "delivered_share": _ratio(delivered, scheduled),
@@ -85,15 +89,60 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
     for name in records[-1].accuracy if records else ():
         mine = [item for item in learnt if item.community == name and item.round > 0]
         row[f"participation_{name}"] = _mean([math.isfinite(item.loss) for item in mine])
-        last = records[-FINAL_ROUNDS:]
         if name in summary.get("untrained_accuracy", {}):  # not of runs before 0.2
             row[f"untrained_accuracy_{name}"] = float(summary["untrained_accuracy"][name])
-        row[f"final_accuracy_{name}"] = _mean([record.accuracy[name] for record in last])
-        row[f"final_cov_{name}"] = _mean([record.cov[name] for record in last])
-    row["final_jain_communities"] = _mean(
-        [float(r["jain_communities"]) for r in rounds[-FINAL_ROUNDS:]]
-    )
+        row[f"final_accuracy_{name}"] = records[-1].accuracy[name]
+        row[f"final_cov_{name}"] = records[-1].cov[name]
+    row["final_jain_communities"] = rounds[-1]["jain_communities"] if rounds else math.nan
     return RunResult(point, row, rounds, dict(summary["wall_s"]))
+
+
+def at_equal(runs: Sequence[RunResult], what: str, column: str) -> list[float]:
+    """A column of `rounds.csv` where the run that spent least of `what` ends, one of `EQUAL`.
+
+    On a straight line between two rounds, from the untrained model on. NaN of a run that spends
+    none of it, as `ideal` no energy, or that has no such column.
+    """
+    clocks = [
+        run.curve(EQUAL[what])
+        if run.rounds and {EQUAL[what], column} <= run.rounds[0].keys()
+        else np.zeros(1)
+        for run in runs
+    ]
+    if what == "energy":  # the others are sums already
+        clocks = [np.cumsum(clock) for clock in clocks]
+    least = min((clock[-1] for clock in clocks if clock[-1] > 0.0), default=math.nan)
+    return [
+        float(np.interp(least, *_with_start(run, clock, column))) if clock[-1] > 0.0 else math.nan
+        for run, clock in zip(runs, clocks, strict=True)
+    ]
+
+
+def _with_start(run: RunResult, clock: Floats, column: str) -> tuple[Floats, Floats]:
+    """What was spent and a column of the rounds, and before them the untrained model's if known."""
+    values, start = run.curve(column), run.summary.get(f"untrained_{column}")
+    if start is None:
+        return clock, values
+    return np.concatenate(([0.0], clock)), np.concatenate(([float(start)], values))
+
+
+def differ(values: Sequence[float], others: Sequence[float]) -> bool:
+    """Whether a value that is known differs from the other."""
+    return any(abs(a - b) > 0.0 for a, b in zip(values, others, strict=True))
+
+
+def with_equals(results: Sequence[RunResult]) -> tuple[RunResult, ...]:
+    """The results with their accuracies at equal rounds, metres and energy, where these differ
+    from the final ones in any run."""
+    rows: list[Row] = [{} for _ in results]
+    names = dict.fromkeys(k for r in results for k in r.summary if k.startswith("final_accuracy_"))
+    for what, final in itertools.product(EQUAL, names):
+        column = final.removeprefix("final_")
+        values = at_equal(results, what, column)
+        if differ(values, [float(run.summary.get(final, math.nan)) for run in results]):
+            for value, row in zip(values, rows, strict=True):
+                row[f"equal_{what}_{column}"] = value
+    return tuple(replace(r, equal=row) for r, row in zip(results, rows, strict=True))
 
 
 def write_results(folder: Path, results: Sequence[RunResult]) -> None:
@@ -208,12 +257,6 @@ def _round_rows(
         }
         rows.append(row)
     return tuple(rows)
-
-
-def _energy(records: Sequence[RoundRecord]) -> Row:
-    """Joules of the flights, of runs that limit time or energy and know what was flown."""
-    used = math.fsum(record.optional.get("energy_j", math.nan) for record in records)
-    return {"energy_j": used} if math.isfinite(used) else {}
 
 
 def _mean(values: Sequence[float]) -> float:

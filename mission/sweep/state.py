@@ -7,7 +7,7 @@ from pathlib import Path
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
-from mission.sweep.results import RunResult, read_results, read_run
+from mission.sweep.results import RunResult, read_results, read_run, with_equals
 
 _NAMED = 6  # runs that are missing, in one line
 
@@ -70,7 +70,7 @@ def read_sweep(path: Path) -> SweepState:
             missing.append(Missing(point.name, point.label, _why(folder.run(point))))
     if not results:
         raise InputError(f"{path}: none of the {len(missing)} runs of this sweep is done")
-    return SweepState(manifest["config"], tuple(results), tuple(missing))
+    return SweepState(manifest["config"], with_equals(results), tuple(missing))
 
 
 def _why(run: RunFolder) -> str:

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 from mission.base.arrays import Floats
 from mission.base.palette import COLOURS
-from mission.sweep.results import FINAL_ROUNDS, RunResult
+from mission.sweep.results import RunResult
 
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
@@ -89,16 +89,16 @@ class Curve:
     flown: bool
 
 
-Sampling: TypeAlias = Callable[[Sequence[RunResult], str, int], tuple[Floats, Floats]]
+Sampling: TypeAlias = Callable[[Sequence[RunResult], str], tuple[Floats, Floats]]
 
 
-def by_round(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
-    """Round numbers that every run has, and (runs, rounds) means of `window` rounds.
+def by_round(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
+    """Round numbers that every run has, and a column of them, (runs, rounds).
 
     Accuracy begins with round 0, the untrained model, where all the runs know it.
     """
     shortest = min(len(run.rounds) for run in runs)
-    values = np.array([running_mean(run.curve(column), window)[:shortest] for run in runs])
+    values = np.array([run.curve(column)[:shortest] for run in runs])
     before = [run.summary.get(f"untrained_{column}") for run in runs]
     if None in before:
         return np.arange(1.0, shortest + 1.0), values
@@ -106,33 +106,24 @@ def by_round(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[F
     return np.arange(shortest + 1.0), np.hstack((start, values))
 
 
-def by_distance(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
+def by_distance(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
     """As `by_round`, at the kilometres of path budget that a round had cost by its end."""
-    return _by_clock(runs, column, window, "budget_used_m", 1000.0)
+    return _by_clock(runs, column, "budget_used_m", 1000.0)
 
 
-def by_time(runs: Sequence[RunResult], column: str, window: int = 1) -> tuple[Floats, Floats]:
+def by_time(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
     """As `by_round`, at the simulated minutes at which a round ended."""
-    return _by_clock(runs, column, window, "end_t_s", 60.0)
-
-
-def running_mean(values: Floats, window: int) -> Floats:
-    """Mean of every value and the `window` - 1 before it, of fewer at the start; skips NaN."""
-    padded = np.concatenate((np.full(window - 1, math.nan), values))
-    known = np.lib.stride_tricks.sliding_window_view(np.isfinite(padded), window).sum(axis=1)
-    sums = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(padded), window).sum(axis=1)
-    mean: Floats = np.divide(sums, known, out=np.full(len(values), math.nan), where=known > 0)
-    return mean
+    return _by_clock(runs, column, "end_t_s", 60.0)
 
 
 def _by_clock(
-    runs: Sequence[RunResult], column: str, window: int, clock: str, unit: float
+    runs: Sequence[RunResult], column: str, clock: str, unit: float
 ) -> tuple[Floats, Floats]:
     """Every round at the mean of its ends, the untrained model at zero.
 
     A grid of its own would show rounds where it happens to meet them, and the last one not at all.
     """
-    rounds, values = by_round(runs, column, window)
+    rounds, values = by_round(runs, column)
     ends = np.array([run.curve(clock)[: int(rounds[-1])] for run in runs]).mean(axis=0) / unit
     return np.concatenate(([0.0] * (len(rounds) - len(ends)), ends)), values
 
@@ -168,15 +159,6 @@ class Picture:
     apart: tuple[str, ...] = ()  # settings that have charts of their own; there are many groups
 
     @property
-    def window(self) -> int:
-        """Rounds that every point is a mean of: itself and those before; 1 for short runs.
-
-        One round swings by points, and so the last point is the final accuracy of the tables.
-        """
-        rounds = min(len(run.rounds) for runs in self.groups.values() for run in runs)
-        return FINAL_ROUNDS if rounds >= 3 * FINAL_ROUNDS else 1
-
-    @property
     def about(self) -> str:
         """What the lines and areas are, in words."""
         counts = sorted({len(runs) for runs in self.groups.values()})
@@ -185,8 +167,6 @@ class Picture:
             parts.append(f"mean over {'/'.join(map(str, counts))} seeds")
         if counts[-1] >= ENOUGH:
             parts.append("95 % interval")
-        if self.window > 1:
-            parts.append(f"running mean of {self.window} rounds")
         return ", ".join(parts)
 
     @property
@@ -222,7 +202,7 @@ class Picture:
             having = [run for run in runs if run.rounds and panel.column in run.rounds[0]]
             if not having:
                 continue
-            x, values = self.sampling(having, panel.column, self.window)
+            x, values = self.sampling(having, panel.column)
             if self.end is not None:
                 values = values[:, x <= self.end]
                 x = x[x <= self.end]

@@ -20,7 +20,6 @@ from mission.sweep.outcome.curves import (
     pictures_of,
 )
 from mission.sweep.outcome.gains import METHOD, paired_gains
-from mission.sweep.outcome.view import final_rounds
 from mission.sweep.results import RunResult
 
 
@@ -48,7 +47,7 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
         for item in pictures_of(results)
     }
     ends = [final_chart(results, community) for community in communities_of(results)]
-    title = f"Final accuracy: {final_rounds(results)}"
+    title = "Final accuracy: after the last round"
     pictures["final.png"] = stacked(ends, title=title, about=about, together=len(ends))
     gains = gain_charts(results)
     if gains:

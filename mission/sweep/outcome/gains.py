@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from mission.sweep.outcome.curves import Interval, communities_of, interval
 from mission.sweep.outcome.view import percent, points
-from mission.sweep.results import FINAL_ROUNDS, RunResult
+from mission.sweep.results import EQUAL, RunResult, at_equal, differ
 
 METHOD = "cov"
 POINTS = (
@@ -44,10 +44,11 @@ class Gain:
         """Final accuracy, one difference a seed."""
         return tuple(mine - other for mine, other in self.finals)
 
-    @property
-    def after_equal_rounds(self) -> tuple[float, ...]:
-        """The differences where the shorter run of the two ends."""
-        return tuple(_after_equal_rounds(*pair, self.community) for pair in self.pairs)
+    def at_equal(self, what: str) -> tuple[float, ...]:
+        """The differences where the run of the two that spent less of it ends: see `EQUAL`."""
+        column = f"accuracy_{self.community}"
+        ends = (at_equal(pair, what, column) for pair in self.pairs)
+        return tuple(mine - other for mine, other in ends)
 
     @property
     def relative(self) -> float:
@@ -69,7 +70,7 @@ class Gain:
 def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
     """Heads and a row for each gain; settings have a column where there are any."""
     where = any(gain.settings for gain in gains)
-    rounds_differ = any(gain.differences != gain.after_equal_rounds for gain in gains)
+    equals = [what for what in EQUAL if any(differ(g.at_equal(what), g.differences) for g in gains)]
     heads = [f"{METHOD} against", *(["settings"] if where else []), "community"]
     rows = [
         [
@@ -79,12 +80,12 @@ def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
             percent(gain.interval, signed=True),
             "-" if math.isnan(gain.relative) else f"{points(gain.relative, signed=True)} %",
             f"{gain.better} of {len(gain.differences)}",
-            *([percent(interval(gain.after_equal_rounds), signed=True)] if rounds_differ else []),
+            *(percent(interval(gain.at_equal(what)), signed=True) for what in equals),
         ]
         for gain in gains
     ]
     heads += ["points", "relative", "seeds better"]
-    return [*heads, *(["points after equal rounds"] if rounds_differ else [])], rows
+    return [*heads, *(f"points at equal {what}" for what in equals)], rows
 
 
 def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
@@ -103,21 +104,3 @@ def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
             if other != METHOD and pairs:
                 gains.append(Gain(other, where, community, tuple(pairs)))
     return tuple(gains)
-
-
-def _final(run: RunResult, community: str) -> float:
-    return float(run.summary[f"final_accuracy_{community}"])
-
-
-def _after_equal_rounds(mine: RunResult, other: RunResult, community: str) -> float:
-    """The difference over the last rounds that both runs have.
-
-    Rounds cost what they fly, so that a budget of metres may pay for more rounds of one strategy.
-    """
-    rounds = min(len(mine.rounds), len(other.rounds))
-    if rounds == max(len(mine.rounds), len(other.rounds)):
-        return _final(mine, community) - _final(other, community)
-    a, b = (
-        run.curve(f"accuracy_{community}")[:rounds][-FINAL_ROUNDS:].mean() for run in (mine, other)
-    )
-    return float(a - b)

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from mission.base import tables
 from mission.sweep.outcome.curves import Interval, communities_of, groups_of, interval
-from mission.sweep.results import FINAL_ROUNDS, RunResult
+from mission.sweep.results import EQUAL, RunResult
 
 Cells: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows
 
@@ -30,7 +30,10 @@ class Column:
         return percent(value) if self.digits is None else number(value, self.digits, unit=self.unit)
 
 
-ACCURACY = Column("final_accuracy_{}", "{} %")
+ACCURACY = (
+    Column("final_accuracy_{}", "{} %"),
+    *(Column(f"equal_{what}_accuracy_{{}}", f"{{}} % at equal {what}") for what in EQUAL),
+)
 FAIRNESS = (
     Column("final_cov_{}", "CoV {}", 2),
     Column("final_jain_communities", "Jain", 3),
@@ -44,6 +47,7 @@ REST = (
     Column("flown_m", "km of path", 1, unit=1000.0),
     Column("energy_j", "kJ flown", 0, unit=1000.0),
 )
+AT_THE_END = "accuracy: after the last round"
 _TERMINAL = (
     Column("final_accuracy_{}", "{}\n%"),
     Column("delivered_share", "delivered\n%", 1, unit=0.01),
@@ -64,7 +68,7 @@ def outcome(
         (column, name)
         for column in columns
         for name in (communities_of(results) if "{}" in column.name else ("",))
-        if any(column.name.format(name) in run.summary for run in results)
+        if any(column.name.format(name) in run.summary | run.equal for run in results)
     ]
     heads = ["strategy", "seeds", *(column.head.format(name) for column, name in each)]
     rows = [
@@ -81,7 +85,7 @@ def final_table(results: Sequence[RunResult]) -> Table:
     table = Table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
-        caption=f"accuracy: {final_rounds(results)}; mean over seeds ± 95 % interval",
+        caption=f"{AT_THE_END}; mean over seeds ± 95 % interval",
         caption_justify="left",
     )
     # Where room is short the names are broken: a number that is cut is another number.
@@ -93,21 +97,10 @@ def final_table(results: Sequence[RunResult]) -> Table:
     return table
 
 
-def final_rounds(results: Sequence[RunResult]) -> str:
-    """The rounds of which a final value is the mean, in words."""
-    lengths = {len(run.rounds) for run in results}
-    if min(lengths) >= FINAL_ROUNDS:
-        return f"mean of the last {FINAL_ROUNDS} rounds"
-    if lengths == {1}:
-        return "after the only round"
-    if len(lengths) == 1:
-        return f"mean of all {min(lengths)} rounds"
-    return f"mean of the last {FINAL_ROUNDS} rounds, or of all where a run has fewer"
-
-
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
-    """Mean and interval of a column of `runs.csv`, over the runs that have it."""
-    return interval([float(run.summary[column]) for run in runs if column in run.summary])
+    """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy."""
+    rows = (run.summary | run.equal for run in runs)
+    return interval([float(row[column]) for row in rows if column in row])
 
 
 def number(value: Interval, digits: int, *, unit: float = 1.0) -> str:

@@ -21,6 +21,8 @@ def round_record(number: int = 0, **changes: Any) -> RoundRecord:
         "est_objective": 0.44, "true_objective": 0.43, "upper_bound": math.inf,
         "plan_path_m": 687.25, "flown_path_m": 685.5, "budget_used_m": 685.5, "scheduled": 3,
         "delivered": 2, "battery_remaining": 0.949,
+        "plan_altitude_m": 60.0, "plan_duration_s": 45.0, "plan_energy_j": 9e3,
+        "energy_j": 9.1e3, "time_used_s": 45.8, "energy_used_j": 9.1e3,
         "accuracy": {"digits": 0.5, 'a "b", c': 1 / 3}, "cov": {"digits": 1.0, 'a "b", c': 0.1},
     }  # fmt: skip
     return dataclasses.replace(UNKNOWN_ROUND, **{**values, **changes})
@@ -71,7 +73,8 @@ def test_columns_are_the_records_fields_with_communities_spread(tmp_path: Path) 
     assert header == (
         "round,start_t_s,duration_s,plan_objective,est_objective,true_objective,upper_bound,"
         "plan_path_m,flown_path_m,budget_used_m,scheduled,delivered,battery_remaining,"
-        'accuracy_digits,"accuracy_a ""b"", c",cov_digits,"cov_a ""b"", c"\n'
+        'accuracy_digits,"accuracy_a ""b"", c",cov_digits,"cov_a ""b"", c",'
+        "plan_altitude_m,plan_duration_s,plan_energy_j,energy_j,time_used_s,energy_used_j\n"
     )
 
 
@@ -91,8 +94,8 @@ def test_a_row_is_in_the_file_as_soon_as_it_is_appended(tmp_path: Path) -> None:
         (lambda t: t[:-1], "line 3: the last row is cut short"),
         (lambda t: t.replace("45.8", "fast"), r"line 2: duration_s = 'fast': must be a number"),
         (lambda t: t.replace("\n1,", "\n1.5,"), "line 3: round = '1.5': must be a whole number"),
-        (lambda t: t.replace(",0.949", ""), "line 2: 16 values for 17 columns"),
-        (lambda t: t.replace("duration_s", "length_s"), "missing duration_s; unknown length_s"),
+        (lambda t: t.replace(",0.949", ""), "line 2: 22 values for 23 columns"),
+        (lambda t: t.replace(",duration_s", ",length_s"), "missing duration_s; unknown length_s"),
         (lambda t: t.replace("scheduled,delivered", "delivered,scheduled"), "their order"),
     ],
 )

@@ -47,7 +47,7 @@ def test_every_round_is_flown_at_its_planned_altitude(run: Path) -> None:
         assert uplink.est_alt_m == pytest.approx(planned[uplink.round], abs=1.5)
         assert uplink.true_alt_m == pytest.approx(planned[uplink.round], abs=3.0)
     rounds = read_table(run / "rounds.csv", RoundRecord)
-    assert {r.round: r.optional["plan_altitude_m"] for r in rounds} == planned
+    assert {r.round: r.plan_altitude_m for r in rounds} == planned
 
 
 def test_the_climb_is_no_part_of_the_round(run: Path) -> None:

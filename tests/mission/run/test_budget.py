@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from mission.config.models import MissionConfig, RunConfig
+from mission.config.models import RunConfig
 from mission.log.records import UNKNOWN_ROUND
-from mission.run.budget import RunTotals, optional_columns, rounds_paid_for
+from mission.run.budget import RunTotals, rounds_paid_for
 from mission.scenario.limits import Amount, Budget, budget_of
 
 
@@ -110,11 +110,8 @@ def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None
     assert rounds_paid_for(hovering) == 2
 
 
-def test_columns_only_where_something_is_limited() -> None:
-    used = Amount(800.0, 40.0, 9000.0)
-    assert optional_columns(MissionConfig(), used) == {}
-    columns = optional_columns(MissionConfig(round_deadline_s=40), used)
-    assert columns["time_used_s"] == 40.0
+def test_what_a_round_has_used_is_what_the_run_has() -> None:
     totals = RunTotals.before(1)
-    totals.add(replace(UNKNOWN_ROUND, budget_used_m=800.0, optional=columns))
-    assert totals.used == used
+    round_1 = replace(UNKNOWN_ROUND, budget_used_m=800.0, time_used_s=40.0, energy_used_j=9000.0)
+    totals.add(round_1)
+    assert totals.used == Amount(800.0, 40.0, 9000.0)

@@ -69,7 +69,7 @@ def test_log_and_comparison_know_the_durations(run: Path) -> None:
     assert len(table) == 2
     for plan, record, row in zip(loaded.data.plans, loaded.data.rounds, table, strict=True):
         assert plan.duration_s == float(row["plan_duration_s"])
-        assert record.optional["energy_j"] == float(row["energy_j"])
+        assert record.energy_j == float(row["energy_j"])
     total = compare_run(loaded).total
     assert total.duration_s == pytest.approx(total.plan_duration_s, rel=0.05)
     assert abs(total.slot_late_mean_s) < 0.5

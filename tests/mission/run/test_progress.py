@@ -39,8 +39,8 @@ def shown(
     progress: Progress = make_progress(console, rounds=50, flown=flies, quiet=False)
     assert isinstance(progress, LiveTable if terminal else PlainLines)
     progress.phase("round 1/50: flying")
-    chosen = {} if altitude_m is None else {"plan_altitude_m": altitude_m}
-    done = replace(record(1, flown=flown, planned=planned), optional=chosen)
+    height_m = math.nan if altitude_m is None else altitude_m
+    done = replace(record(1, flown=flown, planned=planned), plan_altitude_m=height_m)
     progress.round_done(done, real_time_factor=42.0)
     progress.notice("by the way")
     progress.close()

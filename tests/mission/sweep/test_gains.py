@@ -129,7 +129,7 @@ def test_curves_that_nobody_could_tell_apart_are_left_out() -> None:
 
 def test_rounds_that_only_one_run_could_pay_for_are_told_apart() -> None:
     heads, rows = gain_table(paired_gains(results(longer=20)))
-    assert heads[-1] == "points after equal rounds"
+    assert heads[-2:] == ["points at equal rounds", "points at equal metres"]
     sure, open_ = ("+50.0 ± 0.0", "+4.0 ± 2.5"), ("+50.0 ± 0.0", "+1.0 ± 5.0")
     assert [(row[3], row[-1]) for row in rows] == [sure, sure, open_, open_]
     heads, _ = gain_table(paired_gains(results()))
@@ -223,7 +223,7 @@ def test_how_often_a_gain_is_read_off_by_luck() -> None:
     assert seen_in_one_round(sure, 0.09) == pytest.approx(2 / 3)
     assert seen_with_seeds(wide, 0.05, 1) == pytest.approx(1 / 3)
     assert math.isnan(seen_with_seeds(sure, 0.09, 4))
-    heads, rows = luck_rows([sure], 0.09)
+    heads, rows = luck_rows([(sure, sure)], 0.09)
     assert heads[0] == "against"
     assert rows == [["no_cov, steps = 2, extra_gain_db = -7.0", "a", "67 %", "67 %", "100 %"]]
 

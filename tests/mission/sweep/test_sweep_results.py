@@ -14,10 +14,10 @@ from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
-from mission.sweep.outcome.curves import band, by_distance, by_round, interval, running_mean
-from mission.sweep.outcome.view import final_rounds, final_table, percent
+from mission.sweep.outcome.curves import band, by_distance, by_round, interval
+from mission.sweep.outcome.view import final_table, percent
 from mission.sweep.progress import Bar, duration
-from mission.sweep.results import Row, RunResult, jain, write_results
+from mission.sweep.results import Row, RunResult, at_equal, jain, with_equals, write_results
 
 
 @pytest.mark.parametrize("count", [3, 4, 10])
@@ -93,24 +93,26 @@ def test_tables_hold_settings_of_several_kinds(tmp_path: Path) -> None:
     assert table == {"k": [1.0, 0.5], "mixed": ["a", "2.0"]}
 
 
-def test_a_running_mean_skips_what_is_not_there() -> None:
-    values = np.array([1.0, 3.0, np.nan, 5.0, 7.0])
-    np.testing.assert_allclose(running_mean(values, 3), [1.0, 2.0, 2.0, 4.0, 6.0])
-    np.testing.assert_array_equal(running_mean(values, 1), values)
-
-
-@pytest.mark.parametrize(
-    ("rounds", "words"),
-    [
-        ((50, 400), "mean of the last 10 rounds"),
-        ((10,), "mean of the last 10 rounds"),
-        ((2, 2), "mean of all 2 rounds"),
-        ((1,), "after the only round"),
-        ((3, 50), "mean of the last 10 rounds, or of all where a run has fewer"),
-    ],
-)
-def test_final_rounds_in_words(rounds: tuple[int, ...], words: str) -> None:
-    assert final_rounds([result(1, [0.0] * n, [0.0] * n) for n in rounds]) == words
+def test_runs_that_end_apart_are_compared_where_the_thriftiest_ends() -> None:
+    """The first takes 1 km a round, the second half: the last round names the wrong winner."""
+    far, near = (
+        replace(result(1, budget_m, accuracy), summary={"final_accuracy_a": accuracy[-1]})
+        for budget_m, accuracy in (
+            ([1000.0, 2000.0], [0.3, 0.6]),
+            ([500.0, 1000.0, 1500.0, 2500.0], [0.2, 0.4, 0.5, 0.7]),
+        )
+    )
+    assert at_equal((far, near), "rounds", "accuracy_a") == [0.6, 0.4]
+    assert at_equal((far, near), "metres", "accuracy_a") == [0.6, 0.6]
+    assert all(map(math.isnan, at_equal((far, near), "energy", "accuracy_a")))
+    one, other = (run.equal for run in with_equals((far, near)))
+    assert one == {
+        "equal_rounds_accuracy_a": 0.6, "equal_metres_accuracy_a": 0.6,
+    }  # fmt: skip
+    assert other == {
+        "equal_rounds_accuracy_a": 0.4, "equal_metres_accuracy_a": 0.6,
+    }  # fmt: skip
+    assert with_equals((far, far)) == (far, far)
 
 
 @pytest.mark.parametrize("strategy", ["rectangular", "my_package.my_module:weighed_by_age"])
