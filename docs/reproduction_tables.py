@@ -15,8 +15,8 @@ from pathlib import Path
 
 import altair as alt
 import numpy as np
+from pages import keys
 
-from mission.base import schema
 from mission.figures.charts import LayerChart, finished
 from mission.figures.render import Chart, save_all, stacked
 from mission.figures.style import BAD, COOL, GRID, INK, SOFT, table
@@ -207,7 +207,7 @@ def _places(results: Sequence[RunResult]) -> dict[str, tuple[str, str]]:
 
 def _axes(results: Sequence[RunResult]) -> tuple[str, str]:
     (down, _), (across, _) = results[0].point.settings
-    return schema.title(down), schema.title(across)
+    return keys.title(down), keys.title(across)
 
 
 def _sure(gain: Gain) -> bool:

@@ -6,9 +6,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from mission.base.schema import Key, tag, top
 from mission.config.models import RunConfig
 from pages.examples import EXAMPLES
+from pages.keys import Key, tag, top
 
 HEAD = """# Configuration
 

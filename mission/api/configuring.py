@@ -72,11 +72,13 @@ def channel(
     from fl.errors import SettingError
     from mission.base.explain import Blame, explain
 
+    given = {"preset": preset, **constants}
     try:
-        found = ChannelConfig.model_validate({"preset": preset, **constants})
-        return found.channel(altitude_m=altitude_m)
+        return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
     except ValidationError as error:
-        raise InputError("\n".join(explain(error, ChannelConfig, Blame("channel")))) from None
+        raise InputError(
+            "\n".join(explain(error, ChannelConfig, given, Blame("channel")))
+        ) from None
     except SettingError as error:
         raise InputError(f"channel: {error}") from None
 

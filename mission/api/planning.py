@@ -36,10 +36,12 @@ def plan(
 
     check_problem(problem)
     if isinstance(planner, str):
+        given = {"kind": planner, **options}
         try:
-            chosen = PlannerConfig.model_validate({"kind": planner, **options})
+            chosen = PlannerConfig.model_validate(given)
         except ValidationError as error:
-            raise InputError("\n".join(explain(error, PlannerConfig, Blame("planner")))) from None
+            lines = explain(error, PlannerConfig, given, Blame("planner"))
+            raise InputError("\n".join(lines)) from None
         method = make_planner(chosen)
     elif options:
         raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")

@@ -1,22 +1,26 @@
 """What is wrong with a configuration, a line a key: where it stands, its value, what it may be."""
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Literal, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
 from fl.errors import did_you_mean
-from mission.base.schema import Key, every, locate, tag, top
 
 _LONG = 60  # characters of a value that are shown
-_TABLE = "a table"
+_WORDS = (  # of pydantic, and those that users of files know
+    ("a valid (array|tuple|list)", "a list"),
+    ("a valid integer", "a whole number"),
+    (r"a valid dictionary or instance of \w+", "an object"),
+    ("a valid ", "a "),
+)
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
-_OTHER_KIND = ("float_type", "int_type", "literal_error")  # a value where a list is one, too
+Path: TypeAlias = tuple[str | int, ...]  # of a key, with the indices of lists
 
 
 @dataclass(frozen=True)
@@ -43,42 +47,43 @@ class Blame:
 
 
 def explain(
-    error: ValidationError, model: type[BaseModel], blame: Blame, *, notation: Notation = "TOML"
+    error: ValidationError,
+    model: type[BaseModel],
+    data: object,
+    blame: Blame,
+    *,
+    notation: Notation = "TOML",
 ) -> list[str]:
-    """One line for each wrong key: source, key, value, what is allowed."""
-    items = error.errors()
-    # Pydantic counts the elements of a list without those that it refuses.
-    counted = [item["loc"] for item in items if item["type"] == "too_short"]
-    within = {loc for loc in counted for item in items if item["loc"][: len(loc) + 1] > loc}
-    keys = [locate(top(model), item["loc"]).path for item in items]
-    lines = (
-        _line(item, top(model), notation, blame)
-        for item, key in zip(items, keys, strict=True)
-        if not (item["type"] == "too_short" and item["loc"] in within)
-        # One branch of a union is refused as a whole, where another knows which part is wrong.
-        and not (item["type"] in _OTHER_KIND and any(_is_within(other, key) for other in keys))
-        # A default that could not be made, as what it is made from is wrong.
-        and item["input"] is not PydanticUndefined
-    )
-    # The branches of a union all complain about the same key.
-    return list(dict.fromkeys(lines))
+    """One line for each wrong key of `data`: source, key, value, what is allowed."""
+    found: dict[Path, list[ErrorDetails]] = {}
+    for item in error.errors():
+        # Undefined: a default that could not be made, as what it is made from is wrong.
+        if item["input"] is not PydanticUndefined:
+            found.setdefault(_key(item, data), []).append(item)
+    # A list is counted without the elements that are refused, and one branch of a union is refused
+    # as a whole where another knows which part is wrong.
+    deepest = [key for key in found if not any(_is_within(other, key) for other in found)]
+    return [_line(key, found[key], model, blame, notation) for key in deepest]
 
 
-def _is_within(key: tuple[str | int, ...], whole: tuple[str | int, ...]) -> bool:
-    return len(key) > len(whole) and key[: len(whole)] == whole
+def tables(kind: object, path: Path = ()) -> Iterator[tuple[Path, type[BaseModel]]]:
+    """The models of all tables in a type, by their path; of the elements of a list, the first."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield path, kind
+        for name, item in kind.model_fields.items():
+            yield from tables(item.annotation, (*path, name))
+    within = (*path, 0) if get_origin(kind) is tuple else path
+    for inner in get_args(kind):
+        yield from tables(inner, within)
 
 
 def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
     """Error line about one key and its value."""
     if option := blame.given.get(name):
-        return _of_option(option, value, reason)
+        # Of an option that may be given several times, the reason says which one is meant.
+        several = isinstance(value, list | tuple)
+        return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
     return f"{blame.on(name)}: {name} = {shown(value)}: {reason}"
-
-
-def _of_option(option: str, value: object, reason: str) -> str:
-    """Of an option that may be given several times, the reason says which one is meant."""
-    several = isinstance(value, list | tuple)
-    return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
 
 
 def shown(value: object) -> str:
@@ -89,64 +94,70 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
 
 
-def _line(item: ErrorDetails, root: Key, notation: Notation, blame: Blame) -> str:
-    kind, key, value = item["type"], locate(root, item["loc"]), item["input"]
-    if kind == "missing" and isinstance(item["loc"][-1], int):
-        # A list that is too short; its input is what the element is missing from.
-        kind, key = "too_short", locate(root, item["loc"][:-1])
-    name = key.name
-    equals = "" if key.models and isinstance(value, dict) else f" = {shown(value)}"
-    words = "an object" if notation == "JSON" and key.words == _TABLE else key.words
-    match kind:
-        case "extra_forbidden":
-            last = str(item["loc"][-1])
-            name = ".".join(map(str, (*key.path, last)))
-            in_file = notation == "TOML" and not blame.sets(name)
-            equals, reason = "", f"unknown key{_hint(last, key, root, in_file=in_file)}"
-        case "missing":
-            equals, reason = "", f"missing, and it has no default; it is {words}"
-        case "union_tag_not_found" | "union_tag_invalid":
-            name, tagged = f"{name}.kind", item["input"].get("kind")
-            equals = "" if tagged is None else f" = {shown(tagged)}"
-            reason = f"must be one of {', '.join(repr(tag(model)) for model in key.models)}"
+def _key(item: ErrorDetails, data: object) -> Path:
+    """The key of an error; pydantic puts names of its own between those of keys, for branches."""
+    path: Path = ()
+    for part in item["loc"]:
+        is_key = isinstance(data, Mapping) and part in data
+        if is_key or (isinstance(data, list | tuple) and part in range(len(data))):
+            path, data = (*path, part), data[part]  # type: ignore[index]
+    if item["type"] == "missing":
+        return (*path, item["loc"][-1])
+    return (*path, "kind") if item["type"].startswith("union_tag") else path
+
+
+def _is_within(key: Path, whole: Path) -> bool:
+    return len(key) > len(whole) and key[: len(whole)] == whole
+
+
+def _line(
+    key: Path, items: list[ErrorDetails], model: type[BaseModel], blame: Blame, notation: Notation
+) -> str:
+    kind, value, name = items[0]["type"], items[0]["input"], ".".join(map(str, key))
+    if kind == "extra_forbidden":
+        reason = f"unknown key{_hint(key, model, sets=blame.sets(name), notation=notation)}"
+        return f"{blame.on(name)}: {name}: {reason}"
+    if kind.startswith("union_tag"):
+        value = value.get("kind", PydanticUndefined)
+    reasons = [_reason(item, notation) for item in items]
+    reason = " or ".join([reasons[0], *(one.removeprefix("must ") for one in reasons[1:])])
+    if kind == "missing" or value is PydanticUndefined:
+        return f"{blame.on(name)}: {name}: {reason}"
+    if isinstance(value, dict) and kind == "value_error":
+        # Rules of a table as a whole say themselves which of its keys they are about.
+        return f"{blame.on(name)}: {f'{name}: ' if name else ''}{reason}"
+    return refusal(name or "configuration", value, reason, blame)
+
+
+def _reason(item: ErrorDetails, notation: Notation) -> str:
+    """What is wrong, in pydantic's words made ours."""
+    context = item.get("ctx", {})
+    match item["type"]:
         case "value_error":
-            reason = str(item["ctx"]["error"])
-        case _:
-            reason = f"must be {words}{_choice(value, key)}"
-            if notation == "TOML":
-                reason += _heading(value, key)
-    if option := blame.given.get(name):
-        return _of_option(option, value, reason)
-    # Rules of a table as a whole say themselves which of its keys they are about.
-    about = f"{name or 'configuration'}{equals}: " if name or equals else ""
-    return f"{blame.on(name)}: {about}{reason}"
+            return str(context["error"])
+        case "missing":
+            return "missing, and it has no default"
+        case "union_tag_not_found":
+            return "missing; it says which kind of table this is"
+        case "union_tag_invalid":
+            return f"must be one of {context['expected_tags']}"
+    text = re.sub(r"^\w+ should ", "must ", item["msg"].replace(" after validation", ""))
+    for theirs, ours in _WORDS:
+        text = re.sub(theirs, ours, text)
+    if notation == "TOML":
+        text = text.replace("an object", "a table")
+    choices = re.findall(r"'([^']*)'", str(context.get("expected", "")))
+    return text + (did_you_mean(item["input"], choices) if isinstance(item["input"], str) else "")
 
 
-def _hint(name: str, key: Key, root: Key, *, in_file: bool) -> str:
-    """What may have been meant by an unknown key in the table `key`, and what is known there."""
-    elsewhere = [found.name for found in every(root) if found.path[-1] == name]
-    if in_file and name in elsewhere:
+def _hint(key: Path, model: type[BaseModel], *, sets: bool, notation: Notation) -> str:
+    """What may have been meant by an unknown key, and what is known in its table."""
+    *way, name = (0 if isinstance(part, int) else part for part in key)
+    every = [(path, set(kind.model_fields)) for path, kind in tables(model)]
+    elsewhere = [".".join(map(str, (*path, name))) for path, known in every if name in known]
+    if name in elsewhere and notation == "TOML" and not sets:
         return f"; {name} belongs to the top level, before the first table"
     if elsewhere:  # the right name in the wrong table
         return f"; did you mean {' or '.join(elsewhere[:3])}?"
-    known = key.known()
-    return f"{did_you_mean(name, known)} (known: {', '.join(known)})"
-
-
-def _choice(value: object, key: Key) -> str:
-    """Suggestion of the closest choice, for a misspelt one."""
-    if get_origin(key.annotation) is not Literal or not isinstance(value, str):
-        return ""
-    texts = [choice for choice in get_args(key.annotation) if isinstance(choice, str)]
-    close = get_close_matches(value, texts, n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
-
-
-def _heading(value: object, key: Key) -> str:
-    """How TOML writes a key that is a table or a list of them."""
-    if key.path and all(isinstance(part, str) for part in key.path):
-        if key.words == _TABLE:
-            return f", written [{key.name}]"
-        if key.words.endswith("tables") and not isinstance(value, list):
-            return f", each written [[{key.name}]]"
-    return ""
+    known = sorted({one for path, names in every if path == tuple(way) for one in names})
+    return f"{did_you_mean(str(name), known)} (known: {', '.join(known)})"

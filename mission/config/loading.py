@@ -79,14 +79,14 @@ def load_config(
         data = _read(path)
     name = str(path)
     for dotted, value in (overrides or {}).items():
-        override(data, dotted, value, source=name, giver=giver)
+        override(data, dotted, value, giver=giver)
     named = options or {}
     blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
     try:
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(json.dumps(data, default=_plain), strict=True)
     except ValidationError as error:
-        raise InputError("\n".join(explain(error, RunConfig, blame))) from None
+        raise InputError("\n".join(explain(error, RunConfig, data, blame))) from None
     config = with_world(config, blame).read_from(blame)
     lines = [refusal(*problem, blame) for problem in problems(config)]
     if lines:

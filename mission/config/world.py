@@ -137,13 +137,12 @@ def _read(read: Callable[[Path], _Found], key: str, name: str, blame: Blame) -> 
 def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
     known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
     values = {key: value for key, value in known.items() if value is not None}
+    values |= {"polygon_m": _corners(area, ring, blame)}
     try:
-        return NoFlyConfig.model_validate(
-            {**values, "polygon_m": _corners(area, ring, blame)}, strict=True
-        )
+        return NoFlyConfig.model_validate(values, strict=True)
     except ValidationError as error:
         place = Blame(f"{blame.source}: {ring.where}")
-        raise InputError("\n".join(explain(error, NoFlyConfig, place))) from None
+        raise InputError("\n".join(explain(error, NoFlyConfig, values, place))) from None
 
 
 def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:

@@ -151,7 +151,7 @@ def _entries(path: Path, data: list[object]) -> list[ProblemEntry]:
         try:
             entries.append(ProblemEntry.model_validate(values))
         except ValidationError as error:
-            wrong += explain(error, ProblemEntry, Blame(place), notation="JSON")
+            wrong += explain(error, ProblemEntry, values, Blame(place), notation="JSON")
     if len(wrong) > MOST_SHOWN:
         wrong[MOST_SHOWN:] = [f"{path}: and {len(wrong) - MOST_SHOWN} more"]
     if wrong:

@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 
 from mission.base.errors import InputError
-from mission.base.schema import every, top
+from mission.base.explain import tables
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
 from mission.config.overrides import parse_override
@@ -70,26 +70,25 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
     [
         (
             "[mission]\nsteps = 'many'",
-            "mission.steps = 'many': must be a whole number from 1 to 500",
+            "mission.steps = 'many': must be a whole number",
         ),
-        ("[mission]\nsteps = '8'", "mission.steps = '8': must be a whole number from 1 to 500"),
-        ("[mission]\nsteps = true", "mission.steps = true: must be a whole number from 1 to 500"),
+        ("[mission]\nsteps = '8'", "mission.steps = '8': must be a whole number"),
+        ("[mission]\nsteps = true", "mission.steps = true: must be a whole number"),
         (
             "[mission]\naltitude_m = nan",
-            "mission.altitude_m = nan: must be a number from 10 to 500 or a list of 2 numbers from "
-            "10 to 500, in m",
+            "mission.altitude_m = nan: must be less than or equal to 500 or be a list",
         ),
         (
             "[mission]\naltitude_m = [60]",
-            "mission.altitude_m = [60]: must be a number from 10 to 500 or a list of 2 numbers",
+            "mission.altitude_m.1: missing, and it has no default",
         ),
         (
             "[mission]\naltitude_m = [5, 120]",
-            "mission.altitude_m.0 = 5: must be a number from 10 to",
+            "mission.altitude_m.0 = 5: must be greater than or equal to 10",
         ),
         (
             "[mission]\naltitude_m = [40, 900]",
-            "mission.altitude_m.1 = 900: must be a number from 10",
+            "mission.altitude_m.1 = 900: must be less than or equal to 500",
         ),
         (
             "[mission]\naltitude_m = [120.0, 40.0]",
@@ -100,34 +99,32 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
             "[mission]\naltitude_m = [60, 60]",
             "mission.altitude_m = [60, 60]: the lowest altitude must be below the highest, not 60",
         ),
-        ("mission = 3", "mission = 3: must be a table, written [mission]"),
+        ("mission = 3", "mission = 3: must be a table"),
         (
             "[area]\nsize_m = [800.0, 0.0]",
-            "area.size_m.1 = 0.0: must be a number above 0 and at most 100000, in m",
+            "area.size_m.1 = 0.0: must be greater than 0",
         ),
         (
             "[area]\nsize_m = [800.0]",
-            "area.size_m = [800.0]: must be a list of 2 numbers above 0 and at most 100000, in m",
+            "area.size_m.1: missing, and it has no default",
         ),
         (
             "[area]\nhome_m = [inf, 0.0]",
-            "area.home_m.0 = inf: must be a number from -100000 to 100000, in m",
+            "area.home_m.0 = inf: must be less than or equal to 100000",
         ),
-        ("[link]\nspeed = 0", "link.speed = 0: must be 'max' or a number above 0 and at most 1000"),
+        ("[link]\nspeed = 0", "link.speed = 0: must be 'max' or be greater than 0"),
         (
             "[planner]\nkind = 'certifed'",
-            "planner.kind = 'certifed': must be one of 'certified', 'sqp', 'paper', "
-            "'paper_literal', 'import'; did you mean 'certified'?",
+            "planner.kind = 'certifed': must be 'certified', 'sqp', 'paper', "
+            "'paper_literal' or 'import'; did you mean certified?",
         ),
         (
             "[vehicle.aircraft.faults]\nkind = 'gnss_off'",
-            "vehicle.aircraft.faults = {'kind': 'gnss_off'}: must be a list of tables, "
-            "each written [[vehicle.aircraft.faults]]",
+            "vehicle.aircraft.faults = {'kind': 'gnss_off'}: must be a list",
         ),
         (
             "[[vehicle.aircraft.faults]]\nat_s = 3",
-            "vehicle.aircraft.faults.0.kind: must be one of 'gnss_off', 'gnss_jump', "
-            "'motor_loss', 'imu_bias', 'wind_burst'",
+            "vehicle.aircraft.faults.0.kind: missing; it says which kind of table this is",
         ),
         (
             "[[vehicle.aircraft.faults]]\nkind = 'wind'",
@@ -136,19 +133,17 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         ),
         (
             "[[vehicle.aircraft.faults]]\nkind = 'gnss_jump'\nnorth_m = 'far'",
-            "vehicle.aircraft.faults.0.north_m = 'far': "
-            "must be a number from -100000 to 100000, in m",
+            "vehicle.aircraft.faults.0.north_m = 'far': must be a number",
         ),
         (
             "[[vehicle.aircraft.wind.gusts]]\neast_mps = 3",
-            "vehicle.aircraft.wind.gusts.0.start_s: missing, and it has no default; "
-            "it is a number from 0 to 1000000, in s",
+            "vehicle.aircraft.wind.gusts.0.start_s: missing, and it has no default",
         ),
         (
             "[vehicle.parameters]\nRTL_RETURN_ALT = 'high'",
             "vehicle.parameters.RTL_RETURN_ALT = 'high': must be a number",
         ),
-        ("name = 'a b'", "name = 'a b': must be text such as 'paper-2', matching ^[A-Za-z0-9._-]"),
+        ("name = 'a b'", "name = 'a b': must match pattern '^[A-Za-z0-9._-]{1,64}$'"),
     ],
 )
 def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
@@ -169,7 +164,7 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
             ["c.toml: mission.seed: unknown key; seed belongs to the top level, before the first"],
         ),
         ("[mission]\nstrategy = 'best'" + BASE, ["mission.strategy", "'best'", "'no_cov'"]),
-        ("seed = 1", ["communities", "missing", "a list of 1 to 100 tables"]),
+        ("seed = 1", ["communities", "missing, and it has no default"]),
         (BASE + BASE, ["community names must differ", "'a'"]),
         ("seed = = 1", ["not valid TOML", "line 1", "'seed = = 1'"]),
         (
@@ -233,7 +228,9 @@ STRANGE: tuple[Any, ...] = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", [key.path for key in every(top(RunConfig))])
+@pytest.mark.parametrize(
+    "key", [(*path, name) for path, kind in tables(RunConfig) for name in kind.model_fields]
+)
 def test_no_key_is_refused_in_the_words_of_a_library(write, key: tuple[str | int, ...]) -> None:
     for value in STRANGE:
         data: dict[str, Any] = {"communities": [{"name": "a", "task": "digits", "devices": 3}]}
@@ -287,14 +284,11 @@ def test_an_override_without_key_or_value_is_refused(text: str) -> None:
         parse_override(text)
 
 
-FAULTS = "vehicle.aircraft.faults"
-
-
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("area.size_m.0=true", "must be a number above 0 and at most 100000, in m"),
-        ("area.size_m.1=[]", "must be a number above 0 and at most 100000, in m"),
+        ("area.size_m.0=true", "must be a number"),
+        ("area.size_m.1=[]", "must be a number"),
         (
             "area.size_m.2=5",
             "area.size_m is a list of 2, so an index from 0 to 1 must follow, not '2'",
@@ -309,7 +303,7 @@ FAULTS = "vehicle.aircraft.faults"
         ),
         (
             "area.size_m.0.x=5",
-            "area.size_m.0 is a number above 0 and at most 100000, in m, and has nothing in it",
+            "area.size_m.0 is 9, and has nothing in it",
         ),
         (
             "communities.3.devices=1",
@@ -319,20 +313,17 @@ FAULTS = "vehicle.aircraft.faults"
             "communities.devices=1",
             "communities is a list of 1, so an index from 0 to 0 must follow, not 'devices'",
         ),
-        ("communities.0.devices=true", "must be a whole number from 1 to 1000"),
+        ("communities.0.devices=true", "must be a whole number"),
         ("communities.0=3", "must be a table"),
-        (f"{FAULTS}.0.at_s=true", f"{FAULTS} is a list of tables, and empty; give it as a whole"),
-        ("seed.x=1", "seed is a whole number from 0 to 9223372036854775807, and has nothing in it"),
-        ("mission.steps.x=1", "mission.steps is a whole number from 1 to 500, and has nothing in"),
-        ("planner.kind.x=3", "planner.kind is one of 'certified', 'sqp', 'paper', 'paper_lite"),
-        ("vehicle.parameters.GF_ACTION.x=1", "vehicle.parameters.GF_ACTION is a number, and has"),
+        ("seed.x=1", "seed is 1, and has nothing in it"),
+        ("mission.steps.x=1", "mission.steps is 3, and has nothing in it"),
         ("vehicle.parameters.GF_ACTION=true", "must be a number"),
-        ("link.speed=true", "must be 'max' or a number above 0 and at most 1000"),
-        ("mission=3", "must be a table, written [mission]"),
+        ("link.speed=true", "must be 'max' or be a number"),
+        ("mission=3", "must be a table"),
     ],
 )
-@pytest.mark.parametrize("text", ["", "seed = 1\n[mission]\nsteps = 3\n[area]\nsize_m = [9, 9]"])
-def test_an_override_of_another_type_is_refused(write, text: str, override: str, said: str) -> None:
+def test_an_override_of_another_type_is_refused(write, override: str, said: str) -> None:
+    text = "seed = 1\n[mission]\nsteps = 3\n[area]\nsize_m = [9, 9]"
     key, _, value = override.partition("=")
     with pytest.raises(InputError) as caught:
         load_config(write(text + BASE), dict([parse_override(override)]))
@@ -340,16 +331,23 @@ def test_an_override_of_another_type_is_refused(write, text: str, override: str,
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "[area]\nsize_m = [800.0, 800.0]"])
-def test_one_element_of_a_list_is_overridden(write, text: str) -> None:
-    assert load_config(write(text + BASE), {"area.size_m.1": 500}).area.size_m == (800.0, 500.0)
+def test_one_element_of_a_list_is_overridden(write) -> None:
+    path = write("[area]\nsize_m = [800.0, 800.0]" + BASE)
+    assert load_config(path, {"area.size_m.1": 500}).area.size_m == (800.0, 500.0)
 
 
-def test_a_file_s_own_fault_is_not_the_command_line_s(write) -> None:
-    path = write("[area]\nsize_m = 800" + BASE)
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("area.home_m.1=5", "area.home_m = {'1': 5}: must be a list"),
+        ("planner.kind.x=3", "planner.kind = {'x': 3}: must be 'certified', 'sqp', 'paper', 'p"),
+        ("vehicle.aircraft.faults.0.at_s=3", "vehicle.aircraft.faults = {'0': {'at_s': 3}}: must"),
+    ],
+)
+def test_what_has_no_parts_in_the_file_is_given_as_a_whole(write, override: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_config(path, {"area.size_m.1": 500})
-    assert str(caught.value).startswith(f"{path}: area.size_m = 800: must be a list of 2 numbers")
+        load_config(write(BASE), dict([parse_override(override)]))
+    assert str(caught.value).startswith(f"command line: {said}")
 
 
 def test_missing_file(tmp_path: Path) -> None:

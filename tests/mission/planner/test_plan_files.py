@@ -10,7 +10,7 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.base.errors import InputError
-from mission.base.schema import every, top
+from mission.base.explain import tables
 from mission.commands.planning import budget_report, plan_problems, served_radius
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
@@ -33,7 +33,6 @@ GOOD: dict[str, Any] = {
     "path_budget_m": 500,
     "channel": CHANNEL,
 }
-PLACE = "numbers from -10000000 to 10000000"
 
 
 def write(tmp_path, content):
@@ -64,28 +63,28 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ("{}", "holds {}: must be a list of problems"),
         ("[17]", "[0] = 17: must be an object"),
         ("[null]", "[0] = null: must be an object"),
-        ([{**GOOD, "steps": 0}], "steps = 0: must be a whole number from 1 to 1000"),
-        ([{**GOOD, "steps": 2.5}], "steps = 2.5: must be a whole number from 1 to 1000"),
-        ([{**GOOD, "steps": True}], "steps = true: must be a whole number from 1 to 1000"),
-        ([{**GOOD, "steps": None}], "steps = null: must be a whole number from 1 to 1000"),
-        ([{**GOOD, "per_step": "3"}], "per_step = '3': must be a whole number at least 1"),
+        ([{**GOOD, "steps": 0}], "steps = 0: must be greater than or equal to 1"),
+        ([{**GOOD, "steps": 2.5}], "steps = 2.5: must be a whole number"),
+        ([{**GOOD, "steps": True}], "steps = true: must be a whole number"),
+        ([{**GOOD, "steps": None}], "steps = null: must be a whole number"),
+        ([{**GOOD, "per_step": "3"}], "per_step = '3': must be a whole number"),
         (
             [{**GOOD, "start": ["0", 0]}],
-            "start.0 = '0': must be a number from -10000000 to 10000000",
+            "start.0 = '0': must be a number",
         ),
-        ([{**GOOD, "start": [1]}], f"start = [1]: must be a list of 2 {PLACE}"),
-        ([{**GOOD, "start": 3}], f"start = 3: must be a list of 2 {PLACE}"),
+        ([{**GOOD, "start": [1]}], "start.1: missing"),
+        ([{**GOOD, "start": 3}], "start = 3: must be a list"),
         (
             [{**GOOD, "path_budget_m": -1}],
-            "path_budget_m = -1: must be a number from 0 to 1000000, in m",
+            "path_budget_m = -1: must be greater than or equal to 0",
         ),
-        ([{**GOOD, "importance": [1, -2, 1]}], "importance.1 = -2: must be a number at least 0"),
+        ([{**GOOD, "importance": [1, -2, 1]}], "importance.1 = -2: must be greater than or"),
         ([{**GOOD, "importance": [1, 2]}], "importance has 2 values for 3 devices: must be one"),
         (
             [{**GOOD, "devices": [[1, 2, 3]]}],
-            f"devices.0 = [1, 2, 3]: must be a list of 2 {PLACE}",
+            "devices.0 = [1, 2, 3]: must have at most 2 items",
         ),
-        ([{**GOOD, "devices": 5}], f"devices = 5: must be a list of lists of 2 {PLACE}"),
+        ([{**GOOD, "devices": 5}], "devices = 5: must be a list"),
         (
             [{**GOOD, "stepz": 3}],
             "stepz: unknown key; did you mean steps? (known: altitudes_m, ch",
@@ -96,26 +95,29 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ),
         (
             [{k: v for k, v in GOOD.items() if k != "start"}],
-            f"start: missing, and it has no default; it is a list of 2 {PLACE}",
+            "start: missing, and it has no default",
         ),
         (
             [{k: v for k, v in GOOD.items() if k != "channel"}],
-            "channel: missing, and it has no default; it is an object",
+            "channel: missing, and it has no default",
         ),
         ([{**GOOD, "channel": 3}], "channel = 3: must be an object"),
         (
             [{**GOOD, "channel": {**CHANNEL, "sigma_los": 0}}],
-            "channel.sigma_los = 0: must be a number above 0 and at most 10",
+            "channel.sigma_los = 0: must be greater than 0",
         ),
         (
             [{**GOOD, "channel": {**CHANNEL, "gain": 0}}],
             "channel.gain: unknown key (known: a1_per_rad",
         ),
         ([GOOD, GOOD], "[1].id = 'a': already used by [0]"),
-        ([{**GOOD, "id": ""}], "id = '': must be text of 1 to 200 characters or a whole number"),
-        ([{**GOOD, "id": True}], "id = true: must be text of 1 to 200 characters or a whole"),
+        ([{**GOOD, "id": ""}], "id = '': must have at least 1 character or be a whole number"),
+        ([{**GOOD, "id": True}], "id = true: must be a string or be a whole number"),
         (json.dumps([GOOD]).replace("[500.0, 700", "[NaN, 700"), "devices.2.0 = nan: must be a"),
-        (json.dumps([GOOD]).replace("2.5", "Infinity"), "importance.2 = inf: must be a number at"),
+        (
+            json.dumps([GOOD]).replace("2.5", "Infinity"),
+            "importance.2 = inf: must be a finite number",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, content, message):
@@ -148,7 +150,9 @@ STRANGE: tuple[Any, ...] = (
 )
 
 
-@pytest.mark.parametrize("key", [key.path for key in every(top(ProblemEntry))])
+@pytest.mark.parametrize(
+    "key", [(*path, name) for path, kind in tables(ProblemEntry) for name in kind.model_fields]
+)
 def test_no_key_is_refused_in_the_words_of_a_library(tmp_path, monkeypatch, key):
     monkeypatch.setattr("mission.planner.files.MOST_SHOWN", 99)
     for value in STRANGE:

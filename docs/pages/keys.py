@@ -1,9 +1,5 @@
-"""The keys of a configuration in words: what each may be, and where a dotted path leads.
+"""The keys of a configuration in words: what each may be, made from the models."""
 
-What is refused and the documentation say it in these same words, both made from the models.
-"""
-
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -85,10 +81,6 @@ class Key:
         examples = self.bound("examples")
         return examples[0] if examples else None
 
-    def known(self) -> list[str]:
-        """Names of the keys within a table."""
-        return sorted({name for model in self.models for name in model.model_fields})
-
 
 def title(key: str) -> str:
     """A dotted key as a picture has it: `channel.extra_gain_db` is `extra gain (dB)`."""
@@ -101,31 +93,6 @@ def title(key: str) -> str:
 def top(model: type[BaseModel]) -> Key:
     """Root key: the configuration as a whole."""
     return Key((), model)
-
-
-def every(key: Key) -> Iterator[Key]:
-    """All keys within a key, tables before what is in them; lists and tables of any names once."""
-    for model in key.models:
-        for name, field in model.model_fields.items():
-            one = _key((*key.path, name), field.annotation, _bounds(field))
-            yield one
-            yield from every(one.inner(0) or one)
-
-
-def locate(key: Key, parts: Sequence[str | int]) -> Key:
-    """The innermost key on the way along `parts`, as pydantic names the place of an error.
-
-    Pydantic puts names of its own between those of keys, for the branches of a union; they lead
-    to the same key, or, where `kind` tells tables apart, to one of them.
-    """
-    for part in parts:
-        branch = [m for m in key.models if tag(m) == part]
-        found = key.inner(part)
-        if len(key.models) > 1 and branch:
-            key = Key(key.path, branch[0])
-        elif found is not None:
-            key = found
-    return key
 
 
 def _key(path: tuple[str | int, ...], annotation: object, bounds: tuple[object, ...]) -> Key:
