@@ -45,7 +45,9 @@ def _read(kind: Any, tokens: Sequence[Token]) -> Any:
 
 def _default(value: object) -> str | None:
     """A default as the help says it; not that of a flag, or of what may be given several times."""
-    return None if value in (None, False, ()) else str(value)
+    if isinstance(value, tuple):
+        value = ", ".join(value)
+    return str(value) if value else None
 
 
 class _Help(DefaultFormatter):
@@ -66,7 +68,7 @@ app = App(
     name="aerofed",
     version=_version,
     console=Terminal(),
-    help="UAV missions that collect federated learning updates: planned, flown, gated, learnt.",
+    help="Drone missions that collect federated-learning updates from ground devices.",
     help_epilogue=f"Exit codes:\n{_CODES}",
     help_format="plaintext",
     help_formatter=_Help(),

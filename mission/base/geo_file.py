@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mission.base.errors import InputError
 from mission.base.explain import shown
+from mission.base.tables import count
 
 Pair = tuple[float, float]
 
@@ -262,7 +263,8 @@ def _rings(
         if not isinstance(rings, list) or not rings or not isinstance(rings[0], list):
             raise InputError(f"{where}: coordinates = {shown(rings)}: must be a list of rings")
         if len(rings) > 1:
-            raise InputError(f"{where}: has {len(rings) - 1} holes: an area must be without any")
+            holes = count(len(rings) - 1, "hole")
+            raise InputError(f"{where}: has {holes}: an area must have none")
         if len(rings[0]) > MOST_CORNERS + 1:
             raise InputError(
                 f"{where}: a ring of {len(rings[0])} positions: an area has {MOST_CORNERS} corners "

@@ -40,7 +40,7 @@ def in_words(error: CycloptsError) -> str:
         return f"{name} {error.token.value}: must be {_words(error.target_type)}"
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         command = _command(error)
-        return f"{command}: {error.unused_tokens[0]!r} is one too many; see {command} --help"
+        return f"{command}: did not expect {error.unused_tokens[0]!r}; see {command} --help"
     return str(error)
 
 

@@ -123,7 +123,7 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
         steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
         way = np.linspace(here, place, steps)
         if breach := breach_of(fence, way, home_ned_m=np.zeros(3), parameters=p):
-            refuse(item, f"the way there leads {breach}")
+            refuse(item, f"the way there is partly {breach}")
         here = place
     for item in plan.rally:
         refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))

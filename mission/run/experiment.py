@@ -65,14 +65,13 @@ class Experiment(ABC):
 
     def show(self, console: RunConsole) -> None:
         """Print the totals of the run."""
-        shares = ", ".join(
-            f"{name} {wall_s:.1f} s" for name, wall_s in self.stopwatch.wall_s.items()
-        )
+        phases = ", ".join(f"{name} {wall_s:.1f}" for name, wall_s in self.stopwatch.wall_s.items())
+        took = f"{self.stopwatch.total_s:.1f} s: {phases}"
         totals, done = self.totals, self.totals.rounds_done
         if done < len(self.memory):
             console.say(
                 f"{count(len(self.memory), 'round')} of the run before are kept, {done} of them "
-                f"flown again by now; {self.stopwatch.total_s:.1f} s ({shares})"
+                f"flown again by now\n{took}"
             )
             return
         if why := totals.why_over(self.budget):
@@ -81,8 +80,7 @@ class Experiment(ABC):
             console.say(loose)
         console.say(
             f"{count(done, 'round')}, {self.flown()}, "
-            f"{totals.delivered}/{totals.scheduled} updates delivered; "
-            f"{self.stopwatch.total_s:.1f} s ({shares})"
+            f"{totals.delivered}/{totals.scheduled} updates delivered\n{took}"
         )
 
     @abstractmethod

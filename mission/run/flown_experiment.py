@@ -64,7 +64,7 @@ class FlownExperiment(Experiment):
         if self.scenario.config.mission.strategy == "barycenter":
             return f"hovering, {self.totals.used.metres:.0f} m of the path budget spent"
         none = self.scenario.config.mission.flight == "none"
-        return f"{self.totals.flown_m:.0f} m {'planned' if none else 'flown'} in them"
+        return f"{self.totals.flown_m:.0f} m {'planned' if none else 'flown'}"
 
     async def _rounds(self, flyer: Flyer) -> None:
         self._stage = "take-off"

@@ -82,7 +82,7 @@ class Outcome:
         """
         if self.error is None:
             return
-        left = "what was flown is in" if flown else "nothing was flown; what there is, is in"
+        left = "what was flown is in" if flown else "nothing was flown; its files are in"
         left = f"; {left} {folder}"
         if isinstance(self.error, UsersCodeError):
             path = folder / TRACEBACK

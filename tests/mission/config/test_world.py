@@ -330,6 +330,15 @@ def test_areas_out_of_a_file_lie_where_they_are_on_the_globe(load, tmp_path: Pat
     assert load(config.to_toml()) == config
 
 
+def test_an_area_with_a_hole_is_refused(load, tmp_path: Path) -> None:
+    document = json.loads(zones(({}, SCHOOL)))
+    document["features"][0]["geometry"]["coordinates"] *= 2
+    (tmp_path / "z.geojson").write_text(json.dumps(document))
+    text = from_file(tmp_path, "d.geojson", points(*TOWN)) + AREA
+    with pytest.raises(InputError, match="has 1 hole: an area must have none"):
+        load(text + 'no_fly_file = "z.geojson"\n')
+
+
 @pytest.mark.parametrize(
     ("low", "high", "counts"),
     [(0, None, True), (0, 54, False), (0, 56, True), (64, None, True), (66, None, False)],

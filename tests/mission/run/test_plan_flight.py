@@ -229,10 +229,10 @@ def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
     [
         (
             (True, 47.4, 100.0),
-            "item 1, NAV_WAYPOINT (16): the way there leads outside",
+            "item 1, NAV_WAYPOINT (16): the way there is partly outside",
         ),
         # Between two places, neither of which lies in it.
-        ((False, (47.4 + NORTH) / 2, 10.0), "the way there leads inside an excluded area"),
+        ((False, (47.4 + NORTH) / 2, 10.0), "the way there is partly inside an excluded area"),
     ],
 )
 def test_a_way_against_the_plans_own_fence_is_refused_before_anything_is_written(

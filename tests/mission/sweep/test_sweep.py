@@ -199,11 +199,17 @@ def test_a_sweep_that_is_not_over_tells_what_is_missing(
     assert "uplinks.csv" in capsys.readouterr().err
 
 
-def test_the_ideal_has_the_rounds_that_the_budget_pays_for(tmp_path: Path) -> None:
-    more = ("mission.strategy=ideal", "mission.total_budget_m=250", "--rounds", "9", "--quiet")
+def test_the_ideal_has_the_rounds_that_the_budget_pays_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = ("mission.strategy=ideal", "mission.total_budget_m=250", "--rounds", "9")
     assert call(["run", "--out", str(tmp_path / "ideal"), *TINY, *more]) == 0
     used = [float(row["budget_used_m"]) for row in rows(tmp_path / "ideal" / "rounds.csv")]
     assert used == [100.0, 200.0]
+    *_, totals, times, _ = capsys.readouterr().out.splitlines()
+    assert totals == "2 rounds, nothing flown, 8/8 updates delivered"
+    assert " s: setup " in times
+    assert len(times) <= 80, "one line of a terminal"
 
 
 def test_runs_without_figures_of_their_own_have_the_same_results(
