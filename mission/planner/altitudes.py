@@ -176,11 +176,13 @@ class _Proof:
         """Keep the best plan so far, where a path makes a better one."""
         way = self.problem.start_m + found.way
         waypoints = fit_budget(way, self.problem.path_budget_m)
-        _, value = scheduled(self.problem.at(altitude_m), waypoints)
+        value = scheduled(self.problem.at(altitude_m), waypoints).value
         if value > PROMISING * self.best.value:
-            schedule, higher, best_m = climbed(self.problem, waypoints, altitude_m)
-            if higher > self.best.value:
-                self.best = RoundPlan(waypoints, schedule, higher, altitude_m=best_m)
+            self.best = max(
+                self.best,
+                climbed(self.problem, waypoints, altitude_m),
+                key=lambda plan: plan.value,
+            )
 
     def _split(self, part: _Part) -> bool:
         low_m, high_m = part.ends_m

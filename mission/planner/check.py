@@ -3,7 +3,7 @@
 import numpy as np
 
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import LENGTH_TOLERANCE_M, objective
+from mission.planner.evaluate import LENGTH_TOLERANCE_M, in_time, objective
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundPlan, RoundProblem
 
@@ -53,7 +53,8 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         raise InfeasiblePlanError(
             f"device {times.argmax()} is scheduled {times.max()} times: at most once"
         )
-    real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, plan.schedule)
+    in_turn = plan.schedule & in_time(problem, plan, hold_s=hold_s)
+    real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, in_turn)
     if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=1e-12):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
     if plan.upper_bound < real * (1.0 - VALUE_TOLERANCE):  # NaN: none is claimed

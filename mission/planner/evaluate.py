@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fl.radio.channel import Channel, average_per
+from mission.base import polyline
 from mission.base.airspace import cut
 from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native import library
 from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
+from mission.planner.stops import stops_of
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
@@ -24,6 +26,8 @@ CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
+AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # by which a flight may be ahead of what was foreseen
+TURNS = 3  # a schedule whose hovers let more devices get ready is made anew at most so often
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
 ROUNDING_M = 1e-9  # a path that is over its budget by less is not
 
@@ -72,6 +76,48 @@ def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
     return schedule & (worth > 0.0)
 
 
+def begins_s(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Floats:
+    """(N,) seconds into the round at which each step begins, at the earliest.
+
+    As foreseen with the widest corners, less what a flight may be ahead of that; `hold_s` as in
+    `stops_of`.
+    """
+    assert problem.limits is not None
+    performance = problem.limits.performance
+    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
+    points, holds_s = np.array([stop.xy_m for stop in stops]), [stop.hold_s for stop in stops]
+    arrived_s = performance.foresee(points, holds_s, performance.widest_m).arrived_s
+    found = np.zeros(problem.steps)
+    for stop, at_s in zip(stops, arrived_s.tolist(), strict=True):
+        for step, begin_s in zip(stop.steps, stop.slots_s, strict=True):
+            found[step] = at_s + begin_s
+    if performance.guidance is None:  # what is not flown is never ahead
+        return found
+    return np.maximum(0.0, found * (1.0 - AHEAD_SHARE) - AHEAD_S)
+
+
+def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:
+    """(N, K) which devices have an update to send as each step begins."""
+    if problem.ready_in_s is None:
+        return np.ones(plan.schedule.shape, dtype=np.bool_)
+    begin_s = begins_s(problem, plan, hold_s=hold_s)
+    return np.asarray(begin_s[:, None] >= problem.ready_in_s[None, :])
+
+
+def without_late(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> RoundPlan:
+    """The plan without devices whose step begins before they are ready, and what it is worth.
+
+    Who is left out sends nothing, so that those after it may have their turn too early as well.
+    """
+    schedule = plan.schedule
+    while (late := schedule & ~in_time(problem, plan, hold_s=hold_s)).any():
+        schedule = schedule & ~late
+        plan = replace(plan, schedule=schedule)
+    schedule.flags.writeable = False
+    value = objective(problem.at(plan.altitude_m), plan.waypoints_m, schedule)
+    return replace(plan, schedule=schedule, value=value)
+
+
 def path_length(waypoints_m: Floats) -> float:
     """Length in metres of the polyline through (N, 2) waypoints."""
     step = np.diff(waypoints_m, axis=0)
@@ -104,12 +150,14 @@ def finish(
     *,
     upper_bound: float = float("nan"),
     nodes: int = 0,
+    hold_s: float = 0.0,
 ) -> RoundPlan:
     """The plan along the given waypoints with its optimal schedule and true objective, and from
     the best altitude, where it has a choice (`best_altitude`).
 
     Where not everywhere may be flown, waypoints are moved out of where they may not be, and the
-    path leads around; what the budget does not pay for of that is left out.
+    path leads around; what the budget does not pay for of that is left out. `hold_s` is the hover
+    at every stop (`stops_of`), in which devices get ready.
 
     Raises:
         PlanInputError: the waypoints are no array (steps, 2) of finite numbers, begin elsewhere
@@ -117,23 +165,22 @@ def finish(
     """
     given = _finite(as_waypoints(waypoints_m, problem.steps))
     _check_path(problem, given)
-    return replace(plan_along(problem, given), upper_bound=upper_bound, nodes=nodes)
+    plan = plan_along(problem, given, hold_s=hold_s)
+    return replace(plan, upper_bound=upper_bound, nodes=nodes)
 
 
-def plan_along(problem: RoundProblem, waypoints_m: Floats) -> RoundPlan:
+def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
     """What `finish` gives for finite waypoints, also where it refuses them."""
     waypoints, via = allowed_path(problem, waypoints_m)
     if problem.altitudes_m is None:
-        schedule, value = scheduled(problem, waypoints)
-        altitude_m = None
+        best = scheduled(problem, waypoints, via, hold_s=hold_s)
     else:
         low_m, high_m = problem.altitudes_m
         starts = (low_m, (low_m + high_m) / 2.0, high_m)
-        tried = [climbed(problem, waypoints, from_m) for from_m in starts]
-        schedule, value, altitude_m = max(tried, key=lambda found: found[1])
+        tried = [climbed(problem, waypoints, from_m, via, hold_s=hold_s) for from_m in starts]
+        best = max(tried, key=lambda plan: plan.value)
     waypoints.flags.writeable = False
-    schedule.flags.writeable = False
-    return RoundPlan(waypoints, schedule, value, via_m=via, altitude_m=altitude_m)
+    return best
 
 
 def _finite(waypoints_m: Floats) -> Floats:
@@ -173,35 +220,68 @@ def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) ->
     return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
 
 
-def scheduled(problem: RoundProblem, waypoints_m: Floats) -> tuple[Bools, float]:
-    """The best schedule (N, K) from waypoints, and its objective."""
-    schedule = assign(success(problem, waypoints_m), problem.importance, problem.per_step)
-    return schedule, objective(problem, waypoints_m, schedule)
+def scheduled(
+    problem: RoundProblem,
+    waypoints_m: Floats,
+    via_m: tuple[Floats, ...] = (),
+    *,
+    hold_s: float = 0.0,
+) -> RoundPlan:
+    """The plan along waypoints and the corners between them, at one altitude, with the best
+    schedule; where devices have to get ready, with one that waits for nobody but by hovers."""
+    chances = success(problem, waypoints_m)
+    schedule = assign(chances, problem.importance, problem.per_step)
+    if problem.ready_in_s is None:
+        schedule.flags.writeable = False
+        value = objective(problem, waypoints_m, schedule)
+        return RoundPlan(waypoints_m, schedule, value, via_m=via_m)
+    plan = RoundPlan(waypoints_m, np.zeros_like(schedule), 0.0, via_m=via_m)
+    for _ in range(1 if problem.upload_s is None else TURNS):
+        # While those of the plan send, others get ready.
+        ready = chances * in_time(problem, plan, hold_s=hold_s)
+        schedule = assign(ready, problem.importance, problem.per_step)
+        other = without_late(problem, replace(plan, schedule=schedule), hold_s=hold_s)
+        if not other.value > plan.value:
+            break
+        plan = other
+    return plan
 
 
 def worth_of(problem: RoundProblem, waypoints_m: Floats) -> float:
-    """What the best schedule from waypoints is worth."""
+    """What the best schedule from waypoints is worth; of devices that are ready by the time that
+    the straight way takes at full speed."""
     worth = success(problem, waypoints_m) * problem.importance
+    if problem.ready_in_s is not None and problem.limits is not None:
+        begin_s = polyline.along(waypoints_m) / problem.limits.performance.speed_mps
+        worth = worth * (begin_s[:, None] >= problem.ready_in_s[None, :])
     return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
 
 
 def climbed(
-    problem: RoundProblem, waypoints_m: Floats, from_m: float
-) -> tuple[Bools, float, float]:
-    """The best schedule from waypoints, its objective, and the altitude of that, in metres.
+    problem: RoundProblem,
+    waypoints_m: Floats,
+    from_m: float,
+    via_m: tuple[Floats, ...] = (),
+    *,
+    hold_s: float = 0.0,
+) -> RoundPlan:
+    """The plan along waypoints with the best schedule from the best altitude.
 
     From a first altitude, by turns the best schedule at an altitude and the best altitude of a
     schedule, of `ALTITUDES` spread evenly between the limits, then as many about the best one,
     ever nearer to it.
     """
-    altitude_m = from_m
-    schedule, value = scheduled(problem.at(altitude_m), waypoints_m)
+
+    def at(altitude_m: float) -> RoundPlan:
+        plan = scheduled(problem.at(altitude_m), waypoints_m, via_m, hold_s=hold_s)
+        return replace(plan, altitude_m=altitude_m)
+
+    best = at(from_m)
     while True:
-        other_m = _best_altitude(problem, waypoints_m, schedule)
-        other = scheduled(problem.at(other_m), waypoints_m)
-        if not other[1] > value * (1.0 + CLIMB_GAIN):
-            return schedule, value, altitude_m
-        (schedule, value), altitude_m = other, other_m
+        other = at(_best_altitude(problem, waypoints_m, best.schedule))
+        if not other.value > best.value * (1.0 + CLIMB_GAIN):
+            return best
+        best = other
 
 
 def _best_altitude(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> float:
@@ -305,11 +385,17 @@ def check_problem(problem: RoundProblem) -> None:
             f"importance has shape {problem.importance.shape}: must be ({len(devices)},), "
             "one value a device"
         )
-    upload_s = np.zeros(len(devices)) if problem.upload_s is None else problem.upload_s
-    if upload_s.shape != (len(devices),):
-        raise PlanInputError(
-            f"upload_s has shape {upload_s.shape}: must be ({len(devices)},), one value a device"
-        )
+    times_s = {
+        name: np.zeros(len(devices)) if values is None else values
+        for name, values in (("upload_s", problem.upload_s), ("ready_in_s", problem.ready_in_s))
+    }
+    for name, values in times_s.items():
+        if values.shape != (len(devices),):
+            raise PlanInputError(
+                f"{name} has shape {values.shape}: must be ({len(devices)},), one value a device"
+            )
+    if problem.ready_in_s is not None and problem.limits is None:
+        raise PlanInputError("ready_in_s needs limits, whose performance says how fast is flown")
     if problem.start_m.shape != (2,):
         raise PlanInputError(f"start has shape {problem.start_m.shape}: must be (2,), x and y")
     for name, values in (
@@ -318,14 +404,14 @@ def check_problem(problem: RoundProblem) -> None:
         ("start", problem.start_m),
         ("path_budget_m", np.asarray(problem.path_budget_m)),
         ("altitudes_m", np.asarray(problem.altitudes_m or ())),
-        ("upload_s", upload_s),
+        *times_s.items(),
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             where = "".join(f"[{i}]" for i in bad[0])
             value = values[tuple(bad[0])]
             raise PlanInputError(f"{name}{where} = {value}: must be a finite number")
-    for name, values in (("importance", problem.importance), ("upload_s", upload_s)):
+    for name, values in (("importance", problem.importance), *times_s.items()):
         negative = np.flatnonzero(values < 0.0)
         if len(negative):
             k = int(negative[0])

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.evaluate import fit_budget, objective, plan_along, success
+from mission.planner.evaluate import fit_budget, plan_along, success, without_late
 from mission.planner.flyable import share_of
 from mission.planner.problem import RoundPlan, RoundProblem
 
@@ -38,9 +38,7 @@ def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
     def serving(chosen: Sequence[int]) -> RoundPlan:
         schedule = np.zeros_like(plan.schedule)
         schedule[steps[chosen], devices[chosen]] = True
-        schedule.flags.writeable = False
-        value = objective(at_altitude, plan.waypoints_m, schedule)
-        return replace(plan, schedule=schedule, value=value)
+        return without_late(problem, replace(plan, schedule=schedule), hold_s=hold_s)
 
     best = serving([])
     taken = share_of(problem, best, hold_s=hold_s)

@@ -37,6 +37,7 @@ _FREE_M = 20.0  # of a way that one more device takes: less counts as this
 _ROUNDS, _WORTH = 3, 5e-4  # of programs and detours; the gain for which there is another
 _NEAR_M = 15.0  # waypoints of one turn
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
+_SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 _GAIN = 1e-6  # of the value: less is no improvement
 
 
@@ -59,8 +60,8 @@ class LimitedPlanner:
         """
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
-        problem = replace(problem, path_budget_m=problem.most_m)
-        ideal = self.inner.plan(replace(problem, airspace=OPEN, limits=None))
+        problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
+        ideal = self.inner.plan(_free(problem))
         best = self._best(problem, ideal)
         bound = ideal.upper_bound  # NaN stays, where none is proven
         # A way out of an area leads nearer to devices than anybody is allowed to be.
@@ -88,13 +89,15 @@ class LimitedPlanner:
 
     def _paths(self, problem: RoundProblem) -> list[Floats]:
         """Paths (N, 2) to begin with: of a planner that is given fewer metres, and grown ones."""
-        free = replace(problem, airspace=OPEN, limits=None)
+        free = _free(problem)
         paths: list[Floats] = []
         for importance, shares in _weighed(problem):
             for part in shares:
                 most_m = part * problem.path_budget_m
                 shorter = replace(free, importance=importance, path_budget_m=most_m)
                 paths.append(self.drawing.plan(shorter).waypoints_m)
+                if problem.ready_in_s is not None:  # who was first may be last
+                    paths.append(np.vstack((paths[-1][:1], paths[-1][:0:-1])))
         if not problem.airspace.is_open:
             paths += grown(problem)
         return paths
@@ -108,6 +111,24 @@ def _weighed(problem: RoundProblem) -> list[tuple[Floats, Sequence[float]]]:
     rates = problem.importance / np.maximum(problem.upload_s, 1e-9)
     priced = [problem.importance - np.quantile(rates, q) * problem.upload_s for q in _PRICES]
     return [(np.maximum(0.0, left), _UPLOAD_SHARES) for left in (problem.importance, *priced)]
+
+
+def _free(problem: RoundProblem) -> RoundProblem:
+    """The problem without areas, limits and devices that have to get ready."""
+    return replace(problem, airspace=OPEN, limits=None, ready_in_s=None)
+
+
+def servable(problem: RoundProblem) -> Floats:
+    """(K,) the importance, without devices that are not ready before the longest round ends."""
+    limits, ready_in_s = problem.limits, problem.ready_in_s
+    if limits is None or ready_in_s is None:
+        return problem.importance
+    longest_s, legs = limits.duration_s, problem.steps - 1
+    if problem.airspace.is_open:  # without corners between waypoints
+        flown_s = legs * limits.performance.least_s(problem.most_m / legs) if legs else 0.0
+        sent_s = 0.0 if problem.upload_s is None else float(problem.upload_s.sum())
+        longest_s = min(longest_s, _SLOWER * flown_s + sent_s)
+    return np.where(ready_in_s <= longest_s, problem.importance, 0.0)
 
 
 def _value(plan: RoundPlan) -> float:

@@ -42,11 +42,15 @@ class RoundProblem:
     altitudes_m: tuple[float, float] | None = None
     # (K,) how long the aircraft hovers for each device that it serves; None: it does not
     upload_s: Floats | None = None
+    # (K,) seconds into the round from which each has an update to send: served before, it is worth
+    # nothing. None: all have one from the start. It needs `limits`, which know how fast is flown.
+    ready_in_s: Floats | None = None
 
     def __post_init__(self) -> None:
         _make_arrays(self, "devices_m", "importance", "start_m")
-        if self.upload_s is not None:
-            _make_arrays(self, "upload_s")
+        for name in ("upload_s", "ready_in_s"):
+            if getattr(self, name) is not None:
+                _make_arrays(self, name)
 
     @property
     def most_m(self) -> float:

@@ -24,7 +24,7 @@ from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
 from mission.run.gate import UplinkGate, slots, turns
-from mission.scenario.limits import Amount, round_limits
+from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
 
@@ -166,20 +166,14 @@ class FlownExperiment(Experiment):
         )
 
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
-        scenario, mission, start = self.scenario, self.scenario.config.mission, flyer.here()
-        left = self.totals.left(self.budget)
-        return RoundProblem(
-            devices_m=scenario.devices_m,
-            importance=self._importance(start.t_ns) if recalled is None else recalled.importance,
-            start_m=scenario.area.from_ned(start.est_ned_m),
-            steps=mission.steps,
-            per_step=mission.devices_per_step,
-            path_budget_m=min(mission.path_budget_m, left.metres),
-            channel=scenario.channel,
-            airspace=scenario.area.airspace,
-            altitudes_m=mission.altitudes_m,
-            limits=round_limits(mission, flyer.performance, left=left),
-            upload_s=scenario.upload_s,
+        start = flyer.here()
+        return self.scenario.problem(
+            self._importance(start.t_ns) if recalled is None else recalled.importance,
+            self.scenario.area.from_ned(start.est_ned_m),
+            performance=flyer.performance,
+            left=self.totals.left(self.budget),
+            work=self.work.round_begins(self.totals.next_round, start.t_ns),
+            t_ns=start.t_ns,
         )
 
     def _importance(self, t_ns: int) -> Floats:

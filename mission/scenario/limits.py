@@ -129,10 +129,13 @@ def budget_of(config: RunConfig) -> Budget:
 
 
 def round_limits(
-    mission: MissionConfig, performance: Performance, *, left: Amount
+    mission: MissionConfig, performance: Performance, *, left: Amount, timed: bool = False
 ) -> RoundLimits | None:
-    """What the next round may take where a run has that much left; None: metres alone count."""
-    if not is_limited(mission):
+    """What the next round may take where a run has that much left; None: metres alone count.
+
+    `timed`: devices take time, so that it matters how fast is flown.
+    """
+    if not (timed or is_limited(mission)):
         return None
     return RoundLimits(
         performance,

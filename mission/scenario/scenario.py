@@ -28,6 +28,7 @@ from mission.config import STRATEGIES
 from mission.config.models import RunConfig
 from mission.config.world import check_start
 from mission.planner.factory import make_planner
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
 from mission.scenario.custom_strategies import (
     CustomStrategy,
@@ -36,6 +37,7 @@ from mission.scenario.custom_strategies import (
     StrategyContext,
 )
 from mission.scenario.limits import (
+    Amount,
     budget_of,
     check_limits,
     foreseen_performance,
@@ -82,19 +84,45 @@ class Scenario:
 
     def first_problem(self) -> RoundProblem:
         """The planning problem of the first round, from where the strategy begins."""
-        mission, budget = self.config.mission, budget_of(self.config)
+        return self.problem(
+            self._first_importance(),
+            self._first_start_m(),
+            performance=foreseen_performance(self.config),
+            left=budget_of(self.config).total,
+            work=self.work_before().round_begins(1, 0),
+            t_ns=0,
+        )
+
+    def problem(
+        self,
+        importance: Floats,
+        start_m: Floats,
+        *,
+        performance: Performance,
+        left: Amount,
+        work: DeviceWork,
+        t_ns: int,
+    ) -> RoundProblem:
+        """The planning problem of a round that begins at `t_ns` at a place (2,).
+
+        `left` of the run's budgets, `work` of the devices as the round begins.
+        """
+        mission = self.config.mission
+        ready_in_s = np.maximum(work.ready_ns - t_ns, 0) / 1e9
+        timed = bool(ready_in_s.any())
         return RoundProblem(
             devices_m=self.devices_m,
-            importance=self._first_importance(),
-            start_m=self._first_start_m(),
+            importance=importance,
+            start_m=start_m,
             steps=mission.steps,
             per_step=mission.devices_per_step,
-            path_budget_m=min(mission.path_budget_m, mission.total_budget_m),
+            path_budget_m=min(mission.path_budget_m, left.metres),
             channel=self.channel,
             airspace=self.area.airspace,
             altitudes_m=mission.altitudes_m,
-            limits=round_limits(mission, foreseen_performance(self.config), left=budget.total),
+            limits=round_limits(mission, performance, left=left, timed=timed),
             upload_s=self.upload_s,
+            ready_in_s=ready_in_s if timed else None,
         )
 
     def importance(

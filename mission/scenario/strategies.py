@@ -79,7 +79,9 @@ class Barycenter:
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
         """All N steps at the hovering point, with the best schedule there."""
         path = np.tile(problem.start_m, (problem.steps, 1))
-        plan = serving_fewer(problem, finish(problem, path), hold_s=self.hover_s)
+        plan = serving_fewer(
+            problem, finish(problem, path, hold_s=self.hover_s), hold_s=self.hover_s
+        )
         return Sortie(plan, hold_s=self.hover_s, cost_m=self.cost_m)
 
 
@@ -154,7 +156,7 @@ class HoveringTour:
         path = self.path(round_index, problem.steps)
         tour = np.pad(path, ((0, problem.steps - len(path)), (0, 0)), mode="edge")
         tour[0] = problem.start_m
-        plan = finish(problem, fit_budget(tour, problem.path_budget_m))
+        plan = finish(problem, fit_budget(tour, problem.path_budget_m), hold_s=self.hover_s)
         return Sortie(serving_fewer(problem, plan, hold_s=self.hover_s), hold_s=self.hover_s)
 
 
