@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from mission.flight.flyers.flyer import CHARGED, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers
 from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
+from mission.planner.flyable import share_of
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
@@ -193,7 +194,8 @@ class FlownExperiment(Experiment):
             return recalled.sortie
         with self.stopwatch("plan"):
             # Heartbeats go on; simulated time stands still.
-            return await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
+            sortie = await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
+        return sortie if sortie.plan.schedule.any() else _waiting(problem, sortie)
 
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
@@ -235,6 +237,19 @@ class FlownExperiment(Experiment):
         mask = np.zeros(len(self.scenario.devices_m), dtype=bool)
         mask[list(devices)] = True
         return mask
+
+
+def _waiting(problem: RoundProblem, sortie: Sortie) -> Sortie:
+    """A round that serves nobody, hovering until the first device is ready, if limits allow that.
+
+    Where time stood still, nobody would ever be ready.
+    """
+    counting = problem.importance > 0.0
+    if problem.ready_in_s is None or not counting.any():
+        return sortie
+    hold_s = max(sortie.hold_s, float(problem.ready_in_s[counting].min()))
+    fits = share_of(problem, sortie.plan, hold_s=hold_s) <= 1.0
+    return replace(sortie, hold_s=hold_s) if fits else sortie
 
 
 def _check_same(objective: float, before: float) -> None:

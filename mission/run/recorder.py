@@ -85,8 +85,8 @@ class FolderRecorder:
         record, learnt = result.record, result.memory.learnt
         if record.scheduled == 0:
             self.progress.notice(
-                f"round {record.round}: no device is within reach of the path; "
-                "area.home_m, mission.path_budget_m and the channel decide who is"
+                f"round {record.round}: no device is within reach of the path, and ready in time; "
+                "area.home_m, mission.path_budget_m, the channel and compute times decide who is"
             )
         self.log.uplinks(result.uplinks)
         self.learnt(record.round, learnt)

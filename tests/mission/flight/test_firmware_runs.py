@@ -59,7 +59,7 @@ def stand_in(folder: Path, text: str) -> Path:
             ("vehicle.autopilot=px4", "vehicle.firmware.path=px4", "link.kind=external"),
             "flies another vehicle than vehicle.autopilot = 'px4' does: leave one of them out",
         ),
-        (("vehicle.autopilot=betaflight",), "must be one of 'built-in', 'px4', 'ardupilot'"),
+        (("vehicle.autopilot=betaflight",), "must be 'built-in', 'px4' or 'ardupilot'"),
     ],
 )  # fmt: skip
 def test_settings_that_do_not_fit_are_refused(

@@ -39,6 +39,7 @@ SLOW = {
     "communities.1.upload_bits": 500_000,
 }
 UNFLOWN = {"mission.flight": "none"}
+GAMBLE = {"mission.strategy": "gambling:make"}  # the planner itself makes nobody late
 
 
 def fly(out: Path, *more: Mapping[str, object], rounds: int = 6) -> aerofed.Run:
@@ -88,16 +89,17 @@ def check_times(folder: Path, *, stale: bool) -> set[str]:
                 assert second - first == pytest.approx(1e9 * upload_s[k], abs=2)
         sent = [k for served in turns.values() for _, k in served]
         least_s = float(record["plan_path_m"]) / 20.0 + sum(upload_s[k] for k in sent)
-        assert float(record["duration_s"]) > least_s - 1e-6
+        rounding_s = 1e-4  # waypoints that are nearly the same are one stop
+        assert float(record["duration_s"]) > least_s - rounding_s
         if "flight.none" in str(folder):
-            assert float(record["duration_s"]) == pytest.approx(least_s, abs=1e-6)
+            assert float(record["duration_s"]) == pytest.approx(least_s, abs=rounding_s)
     return seen
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("late", ["missed", "stale"])
 def test_who_is_late_follows_from_the_tables(tmp_path: Path, late: str) -> None:
-    run = fly(tmp_path / "flight.none", UNFLOWN, {"learning.late": late})
+    run = fly(tmp_path / "flight.none", UNFLOWN, GAMBLE, {"learning.late": late})
     seen = check_times(run.path, stale=late == "stale")
     assert seen == ({"late", "fresh", "stale"} if late == "stale" else {"late", "fresh"})
     bits = 500_000 / 2e6
@@ -108,7 +110,7 @@ def test_who_is_late_follows_from_the_tables(tmp_path: Path, late: str) -> None:
 
 @pytest.mark.slow
 def test_the_aircraft_hovers_until_all_have_sent(tmp_path: Path) -> None:
-    run = fly(tmp_path / "flown", {"learning.late": "stale"}, rounds=2)
+    run = fly(tmp_path / "flown", GAMBLE, {"learning.late": "stale"}, rounds=2)
     assert check_times(run.path, stale=True) >= {"late", "fresh"}
     assert len(run.uplinks) == run.rounds["scheduled"].sum() > 0
     for row in run.uplinks.itertuples():  # wherever in a turn it is, it is where it was planned
@@ -134,24 +136,42 @@ def test_the_aircraft_hovers_until_all_have_sent(tmp_path: Path) -> None:
 def test_what_is_still_to_come_is_resumed_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: dict[str, object]
 ) -> None:
-    more = {**UNFLOWN, **own, "learning.late": "stale"}
+    more = {**UNFLOWN, **GAMBLE, **own, "learning.late": "stale"}
     whole = fly(tmp_path / "whole", more)
     with monkeypatch.context() as patch:
-        cut_after(patch, 2)
+        cut_after(patch, 3)
         with pytest.raises(FlightError, match="cut"):
             fly(tmp_path / "cut", more)
     resumed = aerofed.resume(tmp_path / "cut")
-    late = whole.uplinks[(whole.uplinks["round"] > 2) & whole.uplinks["delivered"]]
-    assert (late["round"] - late["staleness"] <= 2).any(), "nothing came across the cut"
+    late = whole.uplinks[(whole.uplinks["round"] > 3) & whole.uplinks["delivered"]]
+    assert (late["round"] - late["staleness"] <= 3).any(), "nothing came across the cut"
     for name in ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap"):
         assert (resumed.path / name).read_bytes() == (whole.path / name).read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flight", ["none", "flown"])
+def test_whom_the_planner_serves_is_ready(tmp_path: Path, flight: str) -> None:
+    run = fly(tmp_path / "run", {"mission.flight": flight}, rounds=4)
+    assert len(run.uplinks) > 10
+    assert not run.uplinks["late"].any()
+
+
+@pytest.mark.slow
+def test_a_round_without_anybody_ready_waits_for_the_first(tmp_path: Path) -> None:
+    slow = {"communities.0.compute_s": [50.0, 60.0], "communities.1.compute_s": 70.0}
+    run = fly(tmp_path / "run", UNFLOWN, slow, {"learning.late": "stale"}, rounds=2)
+    waited, flown = run.rounds.itertuples()
+    first_s = min(float(row["compute_s"]) for row in table(run.path, "devices.csv"))
+    assert (waited.scheduled, waited.duration_s) == (0, pytest.approx(first_s))
+    assert flown.delivered > 0
 
 
 @pytest.mark.slow
 def test_late_devices_are_told_wherever_a_run_is_shown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = fly(tmp_path / "run", UNFLOWN)
+    run = fly(tmp_path / "run", UNFLOWN, GAMBLE)
     late = int(run.uplinks["late"].sum())
     assert late > 0
     assert call(["compare", str(run.path), "--json"]) == 0
@@ -180,19 +200,19 @@ def test_nobody_is_slow_unless_it_is_configured(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"communities.0.compute_s": -1}, ["communities.0.compute_s = -1", "from 0 to 1000000"]),
+        ({"communities.0.compute_s": -1}, ["communities.0.compute_s = -1", "equal to 0"]),
         ({"communities.0.compute_s": [60, 5]}, ["[60, 5] is [from, to]", "not be above"]),
-        ({"communities.0.compute_s": [1, 2, 3]}, ["communities.0.compute_s", "list of 2 numbers"]),
-        ({"communities.0.compute_s_per_sample": -1}, ["compute_s_per_sample = -1", "from 0"]),
+        ({"communities.0.compute_s": [1, 2, 3]}, ["communities.0.compute_s", "at most 2 items"]),
+        ({"communities.0.compute_s_per_sample": -1}, ["compute_s_per_sample = -1", "equal to 0"]),
         ({"communities.0.compute_times_s": [1, 2]}, ["compute_times_s has 2", "6 devices"]),
         (
             {"communities.0.compute_s": 1, "communities.0.compute_times_s": [1] * 6},
             ["compute_s and compute_times_s", "one of them"],
         ),
-        ({"channel.upload_rate_bps": 0}, ["channel.upload_rate_bps = 0", "above 0"]),
-        ({"communities.0.upload_bits": 0}, ["upload_bits = 0", "from 1"]),
+        ({"channel.upload_rate_bps": 0}, ["channel.upload_rate_bps = 0", "greater than 0"]),
+        ({"communities.0.upload_bits": 0}, ["upload_bits = 0", "equal to 1"]),
         ({"communities.0.upload_bits": 7}, ["upload_bits = 7", "needs channel.upload_rate_bps"]),
-        ({"learning.late": "never"}, ["learning.late = 'never'", "'missed', 'stale'"]),
+        ({"learning.late": "never"}, ["learning.late = 'never'", "'missed' or 'stale'"]),
     ],
 )
 def test_times_that_make_no_sense_are_one_line(

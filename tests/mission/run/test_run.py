@@ -243,7 +243,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> None:
         (["--set", "mission.speed_mps=99"], ["mission.speed_mps = 99", "22"]),
         (["--set", "mission"], ["--set mission", "KEY=VALUE"]),
         (["--data-dir", "nowhere"], ["--data-dir nowhere", "no such folder"]),
-        (["--seed", "-1"], ["--seed -1", "from 0 to"]),
+        (["--seed", "-1"], ["--seed -1", "equal to 0"]),
         (["--sed", "1"], ["--sed"]),
     ],
 )
