@@ -14,12 +14,15 @@ if TYPE_CHECKING:
 
 
 def plan(
-    problem: "RoundProblem", planner: "str | Planner" = "certified", **options: float
+    problem: "RoundProblem | Mapping[str, object]",
+    planner: "str | Planner" = "certified",
+    **options: float,
 ) -> "RoundPlan":
     """Plan one round; the plan is checked against every constraint of the problem.
 
     Args:
-        problem: where devices stand and what they are worth; see `first_problem`.
+        problem: where devices stand and what they are worth; see `first_problem`. Or the keys of a
+            problem as `problems.json` has them (docs/planner.md); `id` may be missing.
         planner: "certified", "sqp", "paper", "paper_literal", or an object with `plan(problem)`.
         options: keys of the table `planner` of a configuration: `gap=0.001`.
 
@@ -34,6 +37,11 @@ def plan(
     from mission.planner.factory import make_planner
     from mission.planner.problem import RoundPlan
 
+    if isinstance(problem, Mapping):
+        from mission.planner.files import problems_of
+
+        (entry,) = problems_of([{"id": "problem", **problem}], "problem")
+        problem = entry.problem
     check_problem(problem)
     if isinstance(planner, str):
         given = {"kind": planner, **options}

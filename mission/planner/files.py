@@ -1,12 +1,11 @@
 """Planning problems and plans as JSON files.
 
 A problem file is a list of objects; the keys are those of `ProblemEntry`. A plan file maps each
-problem's id to its waypoints (N, 2), the route that is flown (P, 2), schedule (N, K) of 0 and 1,
-seconds of hover where its strategy hovers, value, upper bound and gap (null where the method
-proves none), nodes and seconds.
+problem's id to what `docs/planner.md` lists.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +13,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from fl.radio.channel import Channel, constants_model
+from flightdyn.config import LimitsConfig
+from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
 from mission.base.run_folder import write_atomically
 from mission.planner.errors import PlanInputError
+from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundPlan, RoundProblem
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e9)]
+Seconds = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)], ...]
 Point = tuple[Number, Number]
+Wind = Annotated[float, Field(strict=True, ge=-50, le=50)]
+Ring = Annotated[tuple[Point, ...], Field(min_length=3, max_length=500)]
 Height = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=500)]
 
 MOST_SHOWN = 10  # wrong entries named in one message
@@ -44,8 +50,20 @@ else:
     ChannelEntry = constants_model("ChannelEntry", _Entry, optional=False)
 
 
+class FlightEntry(BaseModel):
+    """How fast is flown, which decides what a path takes of seconds and joules."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+
+    speed_mps: float = Field(20.0, strict=True, ge=1, le=30)
+    acceptance_radius_m: float = Field(5.0, strict=True, ge=0.5, le=50)
+    wind_mps: tuple[Wind, Wind] = (0.0, 0.0)  # the air's velocity, east and north
+    air_density: float = Field(1.0, strict=True, ge=0.3, le=1.5)  # over that at sea level
+    guidance: LimitsConfig | None = LimitsConfig()  # null: always at its speed
+
+
 class ProblemEntry(BaseModel):
-    """One problem of the file. Metres."""
+    """One problem of the file. Metres, seconds, joules."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
@@ -58,6 +76,23 @@ class ProblemEntry(BaseModel):
     path_budget_m: float = Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)
     channel: ChannelEntry
     altitudes_m: tuple[Height, Height] | None = None
+    areas: tuple[Ring, ...] = ()  # corners of what must not be flown
+    fence: Ring | None = None  # of what flights stay within
+    margin_m: float = Field(15.0, strict=True, ge=0.1, le=500)
+    deadline_s: Positive | None = None
+    energy_j: Positive | None = None
+    upload_s: Seconds | None = None
+    ready_in_s: Seconds | None = None
+    flight: FlightEntry = FlightEntry()
+
+    @field_validator("areas", "fence")
+    @classmethod
+    def _outlines(cls, given: "tuple[Ring, ...] | Ring | None", info: ValidationInfo) -> object:
+        rings = given if info.field_name == "areas" else (given,) if given else ()
+        for number, ring in enumerate(rings or ()):
+            if crossing(np.array(ring)):
+                raise ValueError(f"outline {number} crosses itself, or has no area")
+        return given
 
     @field_validator("altitudes_m")
     @classmethod
@@ -105,20 +140,32 @@ def read_problems(path: Path) -> tuple[NamedProblem, ...]:
         raise PlanInputError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(data, list):
         raise PlanInputError(f"{path}: holds {shown(data)}: must be a list of problems")
-    entries = _entries(path, data)
+    return problems_of(data, str(path))
+
+
+def problems_of(data: Sequence[object], source: str) -> tuple[NamedProblem, ...]:
+    """The problems of entries as a problem file has them; messages say where they come from.
+
+    Raises:
+        PlanInputError: as in `read_problems`.
+    """
+    entries = _entries(source, data)
     seen: dict[str, int] = {}
     for index, entry in enumerate(entries):
         name = str(entry.id)
         if name in seen:
             raise PlanInputError(
-                f"{path}: [{index}].id = {name!r}: already used by [{seen[name]}]; ids must differ"
+                f"{source}: [{index}].id = {name!r}: already used by [{seen[name]}]; ids must "
+                "differ"
             )
         seen[name] = index
-        if len(entry.importance) != len(entry.devices):
-            raise PlanInputError(
-                f"{path}: [{index}] (id {name!r}): importance has {len(entry.importance)} values "
-                f"for {len(entry.devices)} devices: must be one each"
-            )
+        for key in ("importance", "upload_s", "ready_in_s"):
+            values = getattr(entry, key)
+            if values is not None and len(values) != len(entry.devices):
+                raise PlanInputError(
+                    f"{source}: [{index}] (id {name!r}): {key} has {len(values)} values for "
+                    f"{len(entry.devices)} devices: must be one each"
+                )
     return tuple(NamedProblem(str(entry.id), _problem(entry)) for entry in entries)
 
 
@@ -137,12 +184,12 @@ def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, object]:
     return {entry.id: _plan(entry) for entry in plans}
 
 
-def _entries(path: Path, data: list[object]) -> list[ProblemEntry]:
+def _entries(source: str, data: Sequence[object]) -> list[ProblemEntry]:
     """The file's entries, each of them right; a line for every wrong key of every entry."""
     entries: list[ProblemEntry] = []
     wrong: list[str] = []
     for index, values in enumerate(data):
-        place = f"{path}: [{index}]"
+        place = f"{source}: [{index}]"
         if not isinstance(values, dict):
             wrong.append(f"{place} = {shown(values)}: must be an object")
             continue
@@ -153,22 +200,37 @@ def _entries(path: Path, data: list[object]) -> list[ProblemEntry]:
         except ValidationError as error:
             wrong += explain(error, ProblemEntry, values, Blame(place), notation="JSON")
     if len(wrong) > MOST_SHOWN:
-        wrong[MOST_SHOWN:] = [f"{path}: and {len(wrong) - MOST_SHOWN} more"]
+        wrong[MOST_SHOWN:] = [f"{source}: and {len(wrong) - MOST_SHOWN} more"]
     if wrong:
         raise PlanInputError("\n".join(wrong))
     return entries
 
 
 def _problem(entry: ProblemEntry) -> RoundProblem:
+    flight, several = entry.flight, (len(entry.devices),)
+    performance = Performance(
+        flight.speed_mps, flight.acceptance_radius_m, flight.guidance, flight.air_density,
+        flight.wind_mps,
+    )  # fmt: skip
+    limited = [entry.deadline_s, entry.energy_j, entry.ready_in_s] != [None, None, None]
+    fence = None if entry.fence is None else _frozen(entry.fence, (-1, 2))
     return RoundProblem(
         devices_m=_frozen(entry.devices, (len(entry.devices), 2)),
-        importance=_frozen(entry.importance, (len(entry.importance),)),
+        importance=_frozen(entry.importance, several),
         start_m=_frozen(entry.start, (2,)),
         steps=entry.steps,
         per_step=entry.per_step,
         path_budget_m=entry.path_budget_m,
         channel=Channel(**entry.channel.model_dump()),
         altitudes_m=entry.altitudes_m,
+        airspace=Airspace(
+            tuple(_frozen(ring, (-1, 2)) for ring in entry.areas), fence, entry.margin_m
+        ),
+        limits=RoundLimits(performance, entry.deadline_s or math.inf, entry.energy_j or math.inf)
+        if limited
+        else None,
+        upload_s=None if entry.upload_s is None else _frozen(entry.upload_s, several),
+        ready_in_s=None if entry.ready_in_s is None else _frozen(entry.ready_in_s, several),
     )
 
 

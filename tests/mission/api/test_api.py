@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -210,6 +210,19 @@ def test_plans() -> None:
             return aerofed.finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
 
     assert aerofed.plan(problem, Stay()).path_m == 0.0
+
+
+def test_a_plan_for_the_keys_of_a_problem_file() -> None:
+    entry = {
+        "devices": [[100.0, 0.0], [0.0, 300.0]], "importance": [1.0, 0.5], "start": [0.0, 0.0],
+        "steps": 3, "per_step": 1, "path_budget_m": 800, "deadline_s": 20.0,
+        "channel": asdict(aerofed.channel("suburban")),
+    }  # fmt: skip
+    plan = aerofed.plan(entry)
+    assert plan.foreseen is not None
+    assert plan.foreseen.duration_s <= 20.0
+    with pytest.raises(aerofed.InputError, match="deadline_s = -1: must be greater than 0"):
+        aerofed.plan({**entry, "deadline_s": -1})
 
 
 def test_lists_and_tuples_are_arrays() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from flightdyn.config import LimitsConfig
 from mission.base.errors import InputError
 from mission.base.explain import tables
 from mission.commands.planning import budget_report, plan_problems, served_radius
@@ -16,6 +17,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
 from mission.planner.factory import make_planner
 from mission.planner.files import ProblemEntry, read_problems
+from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie
 
@@ -33,6 +35,22 @@ GOOD: dict[str, Any] = {
     "path_budget_m": 500,
     "channel": CHANNEL,
 }
+# The same with all that a round may have.
+LIMITED: dict[str, Any] = {
+    **GOOD,
+    "altitudes_m": [40, 120],
+    "areas": [[[150, 50], [200, 50], [200, 300], [150, 300]]],
+    "fence": [[-200, -200], [900, -200], [900, 900], [-200, 900]],
+    "margin_m": 10,
+    "deadline_s": 60,
+    "energy_j": 15000,
+    "upload_s": [1.5, 0, 3],
+    "ready_in_s": [0, 5, 25],
+    "flight": {
+        "speed_mps": 18, "acceptance_radius_m": 4, "wind_mps": [3, -1], "air_density": 0.95,
+        "guidance": {"acceleration_mps2": 4, "speed_mps": 16},
+    },
+}  # fmt: skip
 
 
 def write(tmp_path, content):
@@ -48,6 +66,41 @@ def test_a_file_is_read_as_it_stands(tmp_path):
     assert first.problem.channel == CHANNEL_PRESETS["suburban"]
     assert (first.problem.steps, first.problem.per_step) == (4, 2)
     assert not first.problem.devices_m.flags.writeable
+
+
+def test_all_that_a_round_may_have_is_read_and_kept_to(tmp_path):
+    (entry,) = read_problems(write(tmp_path, [LIMITED]))
+    given, limits = entry.problem, entry.problem.limits
+    assert limits == RoundLimits(
+        Performance(
+            18.0, 4.0, LimitsConfig(acceleration_mps2=4, speed_mps=16), 0.95, (3.0, -1.0)
+        ),
+        60.0, 15000.0,
+    )  # fmt: skip
+    np.testing.assert_array_equal(given.upload_s, [1.5, 0.0, 3.0])
+    np.testing.assert_array_equal(given.ready_in_s, [0.0, 5.0, 25.0])
+    assert given.altitudes_m == (40.0, 120.0)
+    assert given.airspace.margin_m == 10.0
+    inside = np.array([[175.0, 100], [160, 310], [-250, 0], [500, 500]])
+    assert given.airspace.allows(inside).tolist() == [False, True, False, True]
+    planned = plan_problems([entry], method=method("certified"), out=tmp_path / "plans.json")
+    (made,) = json.loads((tmp_path / "plans.json").read_text()).values()
+    assert made["value"] > 0.0
+    assert made["duration_s"] <= 60.0
+    assert made["energy_j"] <= 15000.0
+    assert planned.failure is None, "the plan is checked against all of it"
+
+
+def test_what_a_problem_leaves_out_limits_nothing(tmp_path):
+    (entry,) = read_problems(write(tmp_path, [GOOD]))
+    assert entry.problem.limits is entry.problem.upload_s is entry.problem.ready_in_s is None
+    assert entry.problem.airspace.is_open
+    (late,) = read_problems(write(tmp_path, [{**GOOD, "ready_in_s": [1, 2, 3]}]))
+    assert late.problem.limits == RoundLimits(Performance(20.0, 5.0, LimitsConfig()))
+    (unflown,) = read_problems(
+        write(tmp_path, [{**GOOD, "deadline_s": 30, "flight": {"guidance": None}}])
+    )
+    assert unflown.problem.limits == RoundLimits(Performance(20.0, 5.0, None), 30.0)
 
 
 def test_no_devices_and_no_problems_are_fine(tmp_path):
@@ -87,7 +140,7 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ([{**GOOD, "devices": 5}], "devices = 5: must be a list"),
         (
             [{**GOOD, "stepz": 3}],
-            "stepz: unknown key; did you mean steps? (known: altitudes_m, ch",
+            "stepz: unknown key; did you mean steps? (known: altitudes_m, ar",
         ),
         (
             [{**GOOD, "a2": 3}],
@@ -110,6 +163,17 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
             [{**GOOD, "channel": {**CHANNEL, "gain": 0}}],
             "channel.gain: unknown key (known: a1_per_rad",
         ),
+        ([{**GOOD, "upload_s": [1]}], "upload_s has 1 values for 3 devices: must be one each"),
+        ([{**GOOD, "deadline_s": 0}], "deadline_s = 0: must be greater than 0"),
+        (
+            [{**GOOD, "areas": [[[0, 0], [9, 9], [9, 0], [0, 9]]]}],
+            "areas = [[[0, 0], [9, 9], [9, 0], [0, 9]]]: outline 0 crosses itself, or has no area",
+        ),
+        (
+            [{**GOOD, "fence": [[0, 0], [9, 9], [9, 9]]}],
+            "fence = [[0, 0], [9, 9], [9, 9]]: outline 0 crosses itself, or has no area",
+        ),
+        ([{**GOOD, "flight": {"guidance": {"tilt": 3}}}], "flight.guidance.tilt: unknown key"),
         ([GOOD, GOOD], "[1].id = 'a': already used by [0]"),
         ([{**GOOD, "id": ""}], "id = '': must have at least 1 character or be a whole number"),
         ([{**GOOD, "id": True}], "id = true: must be a string or be a whole number"),
@@ -156,7 +220,7 @@ STRANGE: tuple[Any, ...] = (
 def test_no_key_is_refused_in_the_words_of_a_library(tmp_path, monkeypatch, key):
     monkeypatch.setattr("mission.planner.files.MOST_SHOWN", 99)
     for value in STRANGE:
-        entry = json.loads(json.dumps(GOOD))
+        entry = json.loads(json.dumps(LIMITED))
         table = entry
         for part in key[:-1]:
             table = table[part]
