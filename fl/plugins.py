@@ -1,38 +1,29 @@
-"""A researcher's own code: found by name, called under guard, its answers checked.
+"""A researcher's own code: called under guard, its answers checked.
 
-A name is an import path, `package.module:callable`, found in the working directory too, or that of
-an entry point which an installed package declares in the group `aerofed.plugins`. Each place for
-such code is a subclass of `PlugIn`, which says by which setting it is named and what it must have.
+Each place for such code is a subclass of `PlugIn`, which says by which setting it is named and what
+it must have. `fl.plugin_code` finds it.
 """
 
-import importlib
-import importlib.metadata
 import importlib.util
-import re
 import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fl.arrays import frozen
-from fl.errors import LearningError, LearningInputError, did_you_mean, first_line, kind_of
+from fl.errors import LearningError, LearningInputError, first_line, kind_of
+from fl.plugin_code import check_found, load, module_of
 
-IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
-GROUP = "aerofed.plugins"
 # What code of others may raise; sys.exit() in it ends no run either.
 FAILURES = (Exception, SystemExit)
 
-_NEVER_ANEW = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
-
 Kind = TypeVar("Kind")
-_imported: dict[str, tuple[int, int]] = {}  # when the sources of plug-ins were written, their size
 
 
 @dataclass(eq=False)
@@ -45,41 +36,13 @@ class PluginError(LearningInputError):
         return self.line
 
 
-def is_import_path(text: str) -> bool:
-    """Whether the text has the form of one."""
-    return re.fullmatch(IMPORT_PATH, text) is not None
-
-
-def is_plugin(name: str) -> bool:
-    """Whether it is an import path, or an entry point that is installed."""
-    return is_import_path(name) or name in _entry_points()
-
-
-def checked_name(name: str, built_in: tuple[str, ...]) -> str:
-    """The name, where it is built in or a plug-in's.
-
-    Raises:
-        ValueError: it is neither; says what there is.
-    """
-    if name in built_in or is_plugin(name):
-        return name
-    names = (*built_in, *_entry_points())
-    ours = f"one of {', '.join(map(repr, names))} or the" if names else "an"
-    raise ValueError(
-        f"must be {ours} import path of your own, 'package.module:callable'"
-        f"{did_you_mean(name, names)}"
-    )
-
-
 def problem_of(name: str) -> str | None:
     """Why a plug-in is not found; its module is not imported, only the packages around it are."""
-    _look_here()
-    module, _, _ = _path(name).partition(":")
     try:
-        found = importlib.util.find_spec(module)
+        check_found(name)
     except FAILURES as error:
         return _not_imported(error)
-    return None if found else _not_imported(ModuleNotFoundError(f"No module named {module!r}"))
+    return None
 
 
 def needs_torch() -> str | None:
@@ -121,13 +84,9 @@ class PlugIn:
         Raises:
             refusal: it cannot be imported, or cannot be called.
         """
-        _look_here()
-        module, _, attribute = _path(name).partition(":")
         plugin = cls(name, None, community)
         try:
-            _forget_changed(module)
-            inner = getattr(importlib.import_module(module), attribute)
-            _imported.update(_beside(module))
+            inner = load(name)
         except FAILURES as error:
             raise plugin._error(cls.refusal, _not_imported(error)) from error
         if not callable(inner):
@@ -227,7 +186,7 @@ class PlugIn:
 
     def _place(self, error: BaseException) -> str:
         """Where in its module an error was raised, or else in any code that is not ours."""
-        module = sys.modules.get(_path(self.name).partition(":")[0])
+        module = sys.modules.get(module_of(self.name))
         file = getattr(module, "__file__", None)
         frames = [
             (frame.f_code.co_filename, line, str(frame.f_globals.get("__name__")).partition(".")[0])
@@ -266,42 +225,3 @@ def _not_imported(error: BaseException) -> str:
     missing = isinstance(error, ModuleNotFoundError)
     where = "; looked for in the working directory, in PYTHONPATH and among what is installed"
     return f"cannot be imported: {first_line(error)}{where if missing else ''}"
-
-
-def _beside(module: str) -> dict[str, tuple[int, int]]:
-    """Of a module, and of others from its folder or below: when they were written, and the size."""
-    own = getattr(sys.modules.get(module), "__file__", None)
-    files = {name: getattr(other, "__file__", None) for name, other in [*sys.modules.items()]}
-    found = {}
-    for name, file in files.items():
-        if own is None or file is None or name.partition(".")[0] in _NEVER_ANEW:
-            continue
-        path = Path(file)
-        if path.is_relative_to(Path(own).parent) and "site-packages" not in path.parts:
-            found[name] = (path.stat().st_mtime_ns, path.stat().st_size)
-    return found
-
-
-def _forget_changed(module: str) -> None:
-    """Have a module, and those beside it, imported anew where one has changed since."""
-    now = _beside(module)
-    if any(_imported.get(name, stamp) != stamp for name, stamp in now.items()):
-        for name in now:
-            del sys.modules[name]
-        importlib.invalidate_caches()
-
-
-def _look_here() -> None:
-    """Have modules found in the working directory too, after all others."""
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
-
-
-def _path(name: str) -> str:
-    return name if is_import_path(name) else _entry_points().get(name, name)
-
-
-def _entry_points() -> dict[str, str]:
-    """Import paths by the name of the entry point."""
-    return {item.name: item.value for item in importlib.metadata.entry_points(group=GROUP)}

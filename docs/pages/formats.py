@@ -55,7 +55,8 @@ takes it. Where devices take time, `compute_s` and `upload_s` too |
 | `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended (`status`, `error`; `ended_by` where a budget ended it before \
-its last round), versions, data sources, totals, wall seconds by phase \
+its last round), versions, data sources, `plugins`: the SHA-256 of the code of each \
+[plug-in](plugins.md#rules), totals, wall seconds by phase \
 and in all, but for the writing of `report.html`, which shows them |
 | `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
 | `figures/map.png` | all rounds on one map |

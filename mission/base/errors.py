@@ -40,6 +40,10 @@ class UsersCodeError(AerofedError):
     exit_code = 2
 
 
+class CallbackError(UsersCodeError):
+    """A callback failed: once it is mended, the run goes on, as callbacks alter none."""
+
+
 class InputError(AerofedError):
     """The user's input is wrong: configuration, data, files, folders."""
 

@@ -253,6 +253,7 @@ class RunSummary(TypedDict, total=False):
     status: str
     error: str
     resumable: bool
+    plugins: dict[str, str | None]  # digests of their code
     flown_in_rounds_m: float
     budget_used_m: float
     simulated_s: float

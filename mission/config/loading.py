@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fl.errors import did_you_mean
+from fl.plugin_code import named
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal, shown
 from mission.config.models import RunConfig
@@ -95,8 +96,9 @@ def load_config(
 
 
 def _plain(value: object) -> object:
-    """What JSON does not have: arrays and their scalars, as lists and numbers; dates as text."""
-    return value.tolist() if hasattr(value, "tolist") else str(value)
+    """What JSON does not have: arrays and their scalars, as lists and numbers; plug-ins that are
+    passed as objects, by their names; dates as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(named(value))
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS, Communit
 from fl.data.load import CLASSES, load, needs_files
 from fl.data.partition import check_owners
 from fl.errors import DataMissingError, SettingError
-from fl.plugins import is_plugin, needs_torch, problem_of
+from fl.plugin_code import digest_of, is_plugin
+from fl.plugins import needs_torch, problem_of
 from fl.radio.uplink import GATES
 from mission.base.errors import InputError
 from mission.base.user_code import errors_of_learning
@@ -41,18 +42,41 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
             yield Problem(f"{at}.{error.key}", error.value, error.allowed)
         if community.network not in BUILT_IN_NETWORKS and (missing := needs_torch()):
             yield Problem(f"{at}.network", community.network, missing)
-        yield from _code(f"{at}.network", community.network, BUILT_IN_NETWORKS)
-        yield from _code(f"{at}.task", community.task, TASKS)
-        yield from _code(f"{at}.partition", community.partition, PARTITIONS)
-    yield from _code("mission.strategy", config.mission.strategy, STRATEGIES)
-    yield from _code("learning.algorithm", config.learning.algorithm, ALGORITHMS)
-    if config.learning.trainer is not None:
-        yield from _code("learning.trainer", config.learning.trainer)
-    yield from _code("channel.gate", config.channel.gate, GATES)
-    if config.planner.factory is not None:
-        yield from _code("planner.factory", config.planner.factory)
-    for index, name in enumerate(config.callbacks or ()):
-        yield from _code(f"callbacks.{index}", name)
+    for key, name in own_code(config):
+        if (why := problem_of(name)) is not None:
+            yield Problem(key, name, why)
+
+
+def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, str]]:
+    """The keys that name code of the researcher's own, each with the name.
+
+    Those that are only `told` of rounds, callbacks, alter no result.
+    """
+    callbacks = enumerate(config.callbacks or ()) if told else ()
+    places: list[tuple[str, str | None, tuple[str, ...]]] = [
+        ("mission.strategy", config.mission.strategy, STRATEGIES),
+        ("learning.algorithm", config.learning.algorithm, ALGORITHMS),
+        ("learning.trainer", config.learning.trainer, ()),
+        ("channel.gate", config.channel.gate, GATES),
+        ("planner.factory", config.planner.factory, ()),
+        *((f"callbacks.{index}", name, ()) for index, name in callbacks),
+    ]
+    for index, community in enumerate(config.communities):
+        at = f"communities.{index}"
+        places += [
+            (f"{at}.network", community.network, BUILT_IN_NETWORKS),
+            (f"{at}.task", community.task, TASKS),
+            (f"{at}.partition", community.partition, PARTITIONS),
+        ]
+    for key, named, built_in in places:
+        if named is not None and named not in built_in and is_plugin(named):
+            yield key, named
+
+
+def code_digests(*configs: "RunConfig", told: bool = True) -> dict[str, str | None]:
+    """SHA-256 of the code of each plug-in, by its name; `told` as in `own_code`."""
+    names = {name for config in configs for _, name in own_code(config, told=told)}
+    return {name: digest_of(name) for name in sorted(names)}
 
 
 def _owners(community: CommunityConfig) -> SettingError | None:
@@ -96,11 +120,3 @@ def _others(config: "RunConfig", index: int, data_dir: Path | None) -> str:
         if file is None or not Path(file).is_absolute()
     ]
     return f"; --data-dir FOLDER must also hold {' and '.join(others)}" if others else ""
-
-
-def _code(key: str, name: str, built_in: tuple[str, ...] = ()) -> Iterator[Problem]:
-    """The researcher's own code where a value names any."""
-    if name not in built_in and is_plugin(name):
-        reason = problem_of(name)
-        if reason is not None:
-            yield Problem(key, name, reason)

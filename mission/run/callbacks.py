@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol, Self
 
 from fl.federation.rounds import RoundLearning
-from mission.base.errors import UsersCodeError
+from mission.base.errors import CallbackError, UsersCodeError
 from mission.base.user_code import OwnCode
 from mission.config.models import RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
@@ -45,6 +45,7 @@ class CustomCallback(OwnCode):
     """A researcher's own callback. One that fails ends the run with its name."""
 
     setting = "callbacks"
+    failure = CallbackError
     members = ("round_finished", "close")
 
 

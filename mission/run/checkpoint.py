@@ -19,6 +19,8 @@ from fl.federation.state import from_bytes, to_bytes
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
+from mission.config.models import RunConfig
+from mission.config.preflight import code_digests
 from mission.planner.problem import RoundPlan
 from mission.run.resume import ROUNDS, damaged, header, sealed
 from mission.scenario.strategies import Sortie
@@ -46,10 +48,11 @@ class CheckpointFolder:
     """The checkpoint of one run: `rounds.json`, and the learning's state that it names."""
 
     def __init__(
-        self, path: Path, *, config_toml: str, data_dir: Path | None, **options: bool
+        self, path: Path, *, config: RunConfig, data_dir: Path | None, **options: bool
     ) -> None:
         self.path = path
-        self._header = header(config_toml, data_dir, **options)
+        plugins = code_digests(config, told=False)
+        self._header = header(config.to_toml(), data_dir, plugins, **options)
         self._rounds: list[dict[str, Any]] = []
 
     def save(

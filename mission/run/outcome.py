@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Literal
 
 from fl.errors import first_line
-from mission.base.errors import AerofedError, FlightError, PlanError, TrainingError, UsersCodeError
+from mission.base.errors import (
+    AerofedError,
+    CallbackError,
+    FlightError,
+    PlanError,
+    TrainingError,
+    UsersCodeError,
+)
 from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
@@ -88,8 +95,10 @@ class Outcome:
             path = folder / TRACEBACK
             write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
             left = f"; the whole traceback is in {path}"
-        # A full disk, or code, can be mended; the same plan, flight or training fails again.
-        if not isinstance(self.error, PlanError | FlightError | TrainingError):
+        # A full disk, or a callback, can be mended; the same plan, flight, training or code fails
+        # again, and with other code the run would be another.
+        again = PlanError | FlightError | TrainingError | UsersCodeError
+        if isinstance(self.error, CallbackError) or not isinstance(self.error, again):
             left += goes_on
         raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__
 

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fl.plugin_code import digest_of
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, environment
 
-FORMAT = 3
+FORMAT = 4
 ROUNDS = "rounds.json"
 SEAL = "sha256"
 _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
@@ -37,15 +38,18 @@ def damaged(file: Path, reason: str) -> InputError:
     )
 
 
-def header(config_toml: str, data_dir: Path | None, **options: bool) -> dict[str, object]:
-    """What a checkpoint says about the run that it belongs to; `options` are those of its start
-    that no configuration has."""
+def header(
+    config_toml: str, data_dir: Path | None, plugins: Mapping[str, str | None], **options: bool
+) -> dict[str, object]:
+    """What a checkpoint says about the run that it belongs to: `plugins` are the digests of those
+    that alter it, `options` those of its start that no configuration has."""
     return {
         **options,
         "format": FORMAT,
         "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
         "data_dir": str(data_dir.resolve()) if data_dir else None,
         "libraries": environment()["libraries"],
+        "plugins": dict(plugins),
     }
 
 
@@ -77,7 +81,8 @@ def read_checkpoint(path: Path) -> dict[str, object]:
     seal = values.pop(SEAL, None)
     if values["format"] == FORMAT and seal != _digest(values):
         raise damaged(file, "its checksum differs, so it was changed or cut short")
-    change = _change(values, header(text, None))
+    now = {name: digest_of(name) for name in values.get("plugins", {})}
+    change = _change(values, header(text, None, now))
     if change:
         raise InputError(
             f"{path}: cannot be resumed: {change}; the run would not be the same, start a new one"
@@ -109,6 +114,21 @@ def refuse_others(folder: RunFolder) -> None:
     raise InputError(f"--resume {path}: not a folder that aerofed run left: {hint}")
 
 
+def other_code(name: str, then: str | None, now: str | None) -> str:
+    """Why a plug-in of these digests is not known to be the same, in words; empty where it is."""
+    if then is None or now is None:
+        return (
+            f"nothing tells whether plug-in {name!r} is the same code as then: it was passed from "
+            "Python, or an earlier version of aerofed flew it"
+        )
+    if then == now:
+        return ""
+    return (
+        f"the code of plug-in {name!r}, or of what it imports from beside it, was changed "
+        f"(SHA-256 {then[:8]}, now {now[:8]})"
+    )
+
+
 def _change(then: dict[str, Any], now: dict[str, Any]) -> str | None:
     """What is different now, in words."""
     if not isinstance(then["libraries"], dict):
@@ -121,6 +141,9 @@ def _change(then: dict[str, Any], now: dict[str, Any]) -> str | None:
         )
     if then["config_sha256"] != now["config_sha256"]:
         return "its config.toml was changed"
+    for name, digest in then["plugins"].items():
+        if why := other_code(name, digest, now["plugins"][name]):
+            return why
     names = sorted(then["libraries"].keys() | now["libraries"].keys())
     versions = [(n, then["libraries"].get(n), now["libraries"].get(n)) for n in names]
     changed = [f"{n} was {old}, is {new}" for n, old, new in versions if old != new]

@@ -18,6 +18,7 @@ from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
+from mission.config.preflight import code_digests
 from mission.flight.flyers.flyers import Flyers
 from mission.flight.flyers.open import set_up
 from mission.log.live import LiveView, live_views
@@ -83,14 +84,10 @@ def fly_session(
                 with errors_of_learning():
                     state = learning.init(scenario.federation)
                     callbacks = opened.enter_context(_callbacks(folder, config))
-            text = config.to_toml()
             checkpoint = CheckpointFolder(
-                folder.checkpoint,
-                config_toml=text,
-                data_dir=data_dir,
-                report=page is not None,
+                folder.checkpoint, config=config, data_dir=data_dir, report=page is not None
             )
-            write_atomically(folder.config, text)
+            write_atomically(folder.config, config.to_toml())
             checkpoint.save(scenario.federation, state, None)
         ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
@@ -135,10 +132,7 @@ def resume_session(
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
-                folder.checkpoint,
-                config_toml=folder.config.read_text("utf-8"),
-                data_dir=data_dir,
-                report=bool(values["report"]),
+                folder.checkpoint, config=config, data_dir=data_dir, report=bool(values["report"])
             )
             scenario, flyers = set_up(config, data_dir=data_dir)
             if flyers.no_resume:
@@ -180,6 +174,7 @@ def _fly(
         resumable=not flyers.no_resume,
         position_source=flyers.position_source,
         data=ready.scenario.data_sources(),
+        plugins=code_digests(config),
     )
     return fly_recorded(
         _experiment(ready, console, stopwatch, workers=workers),

@@ -16,7 +16,7 @@ from fl.federation import fairness
 from fl.federation import rounds as learning
 from fl.federation.community import Community
 from fl.federation.device_work import DeviceWork
-from fl.plugins import is_plugin
+from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
 from fl.radio.uplink import CustomRadio, make_radio
 from flightdyn.random import RandomStreams

@@ -1,6 +1,7 @@
 """A sweep's folder: what it was started with, which runs are done, one sweep in it at a time."""
 
 import json
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,9 @@ from typing import Any, TypedDict
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.sweep.grid import Axis, Grid, Point, points
+from mission.config.preflight import code_digests, own_code
+from mission.run.resume import other_code
+from mission.sweep.grid import Axis, Grid, Point, SweepRun, points
 
 _LOCK = ".lock"
 _MAX_NAMED = 8  # changes in one message
@@ -21,6 +24,7 @@ class Manifest(TypedDict):
     format: int
     config: dict[str, object]
     data_dir: str | None
+    plugins: dict[str, str | None]  # digests of their code
     axes: dict[str, list[Any]]  # strategies and seeds first, then the settings
 
 
@@ -67,6 +71,8 @@ class SweepFolder:
                     f"{self.path}: the sweep in this folder was started with another "
                     f"configuration: {named}; give a new folder"
                 )
+            for run in grid.runs:
+                self._check_code(run, new["plugins"])
             if left_out := _left_out(old, new):
                 raise InputError(
                     f"{self.path}: the sweep in this folder has more runs than are asked for: "
@@ -78,6 +84,18 @@ class SweepFolder:
                 raise InputError(
                     f"{self.path}: already used, and not by a sweep (it holds {others[0]}); "
                     "give a new or empty folder"
+                )
+
+    def _check_code(self, run: SweepRun, now: Mapping[str, str | None]) -> None:
+        """Refuse to keep a run that was flown with other code than there is `now`."""
+        told = self.run(run).told()
+        if told.get("status") != "finished":
+            return
+        for _, name in own_code(run.config, told=False):
+            if why := other_code(name, told.get("plugins", {}).get(name), now[name]):
+                raise InputError(
+                    f"{self.run(run).path}: finished, but {why}: remove this folder to have the "
+                    "run flown anew, or give the sweep a new folder"
                 )
 
     def claim(self, grid: Grid, *, data_dir: Path | None) -> None:
@@ -106,6 +124,7 @@ def _manifest(grid: Grid, *, data_dir: Path | None) -> Manifest:
         "format": 1,
         "config": grid.base.model_dump(mode="json", exclude={"mission": {"strategy"}}),
         "data_dir": None if data_dir is None else str(data_dir.resolve()),
+        "plugins": code_digests(*(run.config for run in grid.runs)),
         "axes": {
             "strategy": list(grid.strategies),
             "seed": list(grid.seeds),

@@ -15,7 +15,7 @@ from mission.config.models import RunConfig
 from mission.flight.flyers.open import set_up
 from mission.sweep.execute.engine import Engine, EngineChoice, execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
-from mission.sweep.folder import SweepFolder
+from mission.sweep.folder import SweepFolder, read_manifest
 from mission.sweep.grid import Grid, SweepRun
 from mission.sweep.outcome.gains import METHOD
 from mission.sweep.progress import Bar, Lines, duration
@@ -108,10 +108,11 @@ class _Sweep:
         every, console = self.grid.runs, self.console
         before = len(every) - len(todo)
         base, here = self.folder.path.resolve(), Path.cwd()
+        plugins = read_manifest(base)["plugins"]
 
         def order(run: SweepRun) -> RunOrder:
             path = SweepFolder(base).run(run).path
-            return RunOrder(run.name, run.config, path, data_dir, here, figures=self.run_figures)
+            return RunOrder(run.name, run.config, path, data_dir, here, self.run_figures, plugins)
 
         slots = min(workers.slots, len(todo))
         progress = Lines(console)

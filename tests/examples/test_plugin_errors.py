@@ -1,13 +1,17 @@
 """What is wrong with a plug-in is one line: which plug-in, where, and what. Each kind, each way."""
 
 import importlib
+import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cutting import cut_after
 
 import aerofed
+from fl.plugin_code import digest_of
 from mission.base.errors import UsersCodeError
 from mission.run.callbacks import CallbackContext, make_callbacks
 
@@ -335,6 +339,48 @@ def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:
         else:
             with pytest.raises(aerofed.InputError, match=f"momentum is {now}"):
                 aerofed.run("quickstart", bad, out="out")
+
+
+def test_a_run_goes_on_with_the_code_it_began_with_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "helper.py").write_text("momentum = 0.5")
+    text = MODULE.replace("momentum = 0.0", "momentum = helper.momentum")
+    (tmp_path / "mine.py").write_text(f"import helper\n{text}")
+    more = {**SMALL, "learning.algorithm": "mine:algorithm", "callbacks": ["mine_too:Tells"]}
+    (tmp_path / "mine_too.py").write_text(MODULE)
+    with monkeypatch.context() as patch:
+        cut_after(patch, 1)
+        with pytest.raises(aerofed.AerofedError):
+            aerofed.run("quickstart", more, out="out")
+    told = aerofed.load("out").summary["plugins"]
+    assert told == {name: digest_of(name) for name in ("mine:algorithm", "mine_too:Tells")}
+    (tmp_path / "helper.py").write_text("momentum = 0.6")
+    with pytest.raises(aerofed.InputError, match=r"^out: .* the code of plug-in 'mine:algorithm'"):
+        aerofed.resume("out")
+    (tmp_path / "helper.py").write_text("momentum = 0.5")
+    (tmp_path / "mine_too.py").write_text(f"{MODULE}# a callback alters nothing")
+    assert len(aerofed.resume("out").rounds) == 2
+
+
+@pytest.mark.slow
+def test_a_sweep_keeps_no_run_of_other_code() -> None:
+    def sweep(*algorithms: str) -> aerofed.Sweep:
+        settings = {"learning.algorithm": list(algorithms)}
+        return aerofed.sweep(
+            "quickstart", strategies=["cov"], seeds=1, settings=settings, overrides=SMALL, out="out"
+        )
+
+    before = sweep("mine:algorithm", "fedavg")
+    assert json.loads(Path("out/sweep.json").read_text())["plugins"].keys() == {"mine:algorithm"}
+    Path("mine.py").write_text(f"{MODULE}# edited")
+    names = before.runs["run"]
+    with pytest.raises(aerofed.InputError, match=rf"^out/runs/{names[0]}: finished, but the code"):
+        sweep("mine:algorithm", "fedavg")
+    shutil.rmtree(f"out/runs/{names[0]}")
+    kept = Path(f"out/runs/{names[1]}/summary.json").stat().st_mtime_ns
+    assert sweep("mine:algorithm", "fedavg").runs.equals(before.runs)
+    assert Path(f"out/runs/{names[1]}/summary.json").stat().st_mtime_ns == kept
 
 
 def test_a_callback_that_failed_is_passed_when_the_run_goes_on() -> None:

@@ -24,7 +24,7 @@ from examples import (
 )
 from fl.config import LearningConfig
 from fl.federation.algorithms import FedAvg, Update
-from fl.plugins import GROUP
+from fl.plugin_code import GROUP
 from mission.base.errors import FlightError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -20,10 +20,10 @@ from typing import Any
 from fl.data.dataset import Dataset
 from fl.data.load import Source, bring, load, needs_files
 from fl.errors import LearningInputError, first_line
-from fl.plugins import is_import_path
 from mission.base.errors import InputError, LinkLostError
 from mission.base.run_folder import library_versions
 from mission.config.models import RunConfig
+from mission.config.preflight import code_digests
 from mission.sweep.execute.worker import (
     ENVIRONMENT,
     RunEnd,
@@ -65,7 +65,7 @@ class RayEngine:
             read = _data_sets(configs, data_dir)
         except LearningInputError as error:
             raise InputError(str(error)) from None
-        self._connect(address, jobs, own_code=any(map(_has_plugins, configs)))
+        self._connect(address, jobs, own_code=any(map(code_digests, configs)))
         self._data = {source: self._ray.put(dataset) for source, dataset in read.items()}
         self._jobs = jobs
         if self._cpus() < 1:
@@ -251,18 +251,3 @@ def _data_sets(configs: Sequence[RunConfig], data_dir: Path | None) -> dict[Sour
         _ = dataset.train  # read, if it was not
         found[task, folder, name] = dataset
     return found
-
-
-def _has_plugins(config: RunConfig) -> bool:
-    return any(map(is_import_path, _texts(config.model_dump(mode="json"))))
-
-
-def _texts(value: object) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for item in value.values():
-            yield from _texts(item)
-    elif isinstance(value, list):
-        for item in value:
-            yield from _texts(item)

@@ -2,7 +2,8 @@
 
 import shutil
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.console import Console
@@ -11,7 +12,8 @@ from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
 from mission.base.run_folder import RunFolder
 from mission.config.models import RunConfig
-from mission.run.resume import read_checkpoint
+from mission.config.preflight import code_digests
+from mission.run.resume import other_code, read_checkpoint
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -27,6 +29,7 @@ class RunOrder:
     data_dir: Path | None
     working_dir: Path  # the user's own modules are found from here
     figures: bool = True  # whether its own pictures are drawn
+    plugins: Mapping[str, str | None] = field(default_factory=dict)  # digests, as the sweep began
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,9 @@ def execute(order: RunOrder) -> RunEnd:
 
     console = RunConsole(Console(quiet=True), quiet=True)
     try:
+        for name, digest in code_digests(order.config).items():
+            if why := other_code(name, order.plugins[name], digest):
+                raise InputError(f"{why} while the sweep was at work; give it a new folder")
         if begun(order.folder):
             code = resume_session(order.folder, console=console, workers=1, figures=order.figures)
         else:

@@ -8,6 +8,7 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.device_work import DeviceWork, compute_times
 from fl.federation.state import from_bytes, to_bytes
+from fl.plugin_code import named
 
 S = 1_000_000_000
 SAMPLES = np.array([10, 20, 30, 40])
@@ -126,10 +127,9 @@ class Spy:
         return 0.5 * model, state
 
 
-def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with(monkeypatch) -> None:
+def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with() -> None:
     spy = Spy()
-    monkeypatch.setattr(f"{__name__}.make_spy", lambda _: spy, raising=False)
-    federation = build(LearningConfig(algorithm=f"{__name__}:make_spy", batch_size=64))
+    federation = build(LearningConfig(algorithm=str(named(lambda _: spy)), batch_size=64))
     models = [fed.init(federation)]
     for more in (
         {"delivered": (0,), "kept": (3,)},

@@ -1,5 +1,6 @@
 """Local training of a user's own beside ours, on the same data and from the same model."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,7 @@ class WholeBatches:
         return LocalResult(flat.detach().numpy(), len(losses), float(np.mean(losses)))
 
 
-def played(**more: str) -> tuple[rounds.FederationState, rounds.RoundLearning]:
+def played(**more: object) -> tuple[rounds.FederationState, rounds.RoundLearning]:
     config = load_config(Path("quickstart"), {**DENSE, **more})
     federation = build_scenario(config, data_dir=None).federation
     delivered = np.arange(federation.p.size) % 2 == 0
@@ -63,7 +64,7 @@ def played(**more: str) -> tuple[rounds.FederationState, rounds.RoundLearning]:
 def test_a_trainer_that_does_what_we_do_finds_what_we_find() -> None:
     asked.clear()
     ours, learnt = played()
-    theirs, taught = played(**{"learning.trainer": f"{__name__}:WholeBatches"})
+    theirs, taught = played(**{"learning.trainer": partial(WholeBatches)})
     for mine, other in zip(ours.communities, theirs.communities, strict=True):
         assert other.model == pytest.approx(mine.model, rel=1e-4, abs=1e-6)
     assert taught.device_loss == pytest.approx(learnt.device_loss, rel=1e-4, nan_ok=True)

@@ -214,7 +214,7 @@ def test_resume_refuses_another_format(stopped: Path, capsys: pytest.CaptureFixt
     values["format"], values["libraries"]["aerofed"] = 9, "7.0"
     path.write_text(json.dumps(values))
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 3")
+    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 4")
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "{", '{"libraries": {}}'])

@@ -413,3 +413,13 @@ def test_wrong_input_is_one_line(
     for word in words:
         assert word in printed.err
     assert not (tmp_path / "s").exists()
+
+
+def test_a_run_of_code_that_was_edited_meanwhile_is_not_flown(tmp_path: Path) -> None:
+    config = load(None, ("channel.gate=examples.rician:make",))
+    began = {"examples.rician:make": "0" * 64}
+    end = execute(RunOrder("a", config, tmp_path / "a", None, tmp_path, plugins=began))
+    assert end.exit_code == 2
+    assert end.message.startswith("the code of plug-in 'examples.rician:make', or of what it imp")
+    assert end.message.endswith("while the sweep was at work; give it a new folder")
+    assert not (tmp_path / "a").exists()

@@ -1,0 +1,266 @@
+"""The code of plug-ins: found by name, known by its digest, imported anew where it was edited.
+
+A name is an import path, `package.module:callable`, found in the working directory too; that of an
+entry point which an installed package declares in the group `aerofed.plugins`; or that of an
+object which was passed from Python, `python:callable_DIGEST`.
+"""
+
+import ast
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import re
+import sys
+import sysconfig
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from fl.errors import did_you_mean
+
+IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
+GROUP = "aerofed.plugins"
+PASSED = "python"  # in the place of a module, in the name of an object that was passed
+
+_OURS = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
+# Of one process only, in a pickle: numbers that cloudpickle draws, and that of a notebook.
+_DRAWN = re.compile(r"[0-9a-f]{32}|ipykernel_\d+")
+
+_imported: dict[str, str] = {}  # the digests of modules as they were imported
+_passed: dict[str, "PassedObject"] = {}
+
+
+@dataclass(frozen=True)
+class PassedObject:
+    """A plug-in that was passed from Python: no file has it."""
+
+    value: object
+    digest: str | None  # SHA-256 of its pickle and of the modules that it uses; None: it has none
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A module's file, and the names in its import statements."""
+
+    file: Path
+    text: bytes
+    imports: tuple[str, ...]
+
+
+def is_import_path(text: str) -> bool:
+    """Whether the text has the form of one."""
+    return re.fullmatch(IMPORT_PATH, text) is not None
+
+
+def is_plugin(name: str) -> bool:
+    """Whether it is an import path, or an entry point that is installed."""
+    return is_import_path(name) or name in _entry_points()
+
+
+def checked_name(name: str, built_in: tuple[str, ...]) -> str:
+    """The name, where it is built in or a plug-in's.
+
+    Raises:
+        ValueError: it is neither; says what there is.
+    """
+    if name in built_in or is_plugin(name):
+        return name
+    names = (*built_in, *_entry_points())
+    ours = f"one of {', '.join(map(repr, names))} or the" if names else "an"
+    raise ValueError(
+        f"must be {ours} import path of your own, 'package.module:callable'"
+        f"{did_you_mean(name, names)}"
+    )
+
+
+def check_found(name: str) -> None:
+    """Look a plug-in up; its module is not imported, only the packages around it are.
+
+    Raises:
+        ImportError: it is not there.
+        BaseException: whatever the packages around it raise.
+    """
+    module = module_of(name)
+    if module == PASSED:
+        _passed_as(name)
+    elif not importlib.util.find_spec(module):
+        raise ModuleNotFoundError(f"No module named {module!r}")
+
+
+def module_of(name: str) -> str:
+    """The module that a plug-in is looked for in, which may be in the working directory."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # after all others
+    return _path(name).partition(":")[0]
+
+
+def load(name: str) -> object:
+    """The object of that name, as its code is now.
+
+    A module is imported anew where it, or one that it imports from beside it, has changed since,
+    or where it was not imported here: nobody knows then what it was at that time.
+
+    Raises:
+        BaseException: whatever importing it raises.
+    """
+    module = module_of(name)
+    if module == PASSED:
+        return _passed_as(name).value
+    sources = _sources(module)
+    for each, source in sources.items():
+        now = _digest(_reached(sources, each))
+        if _imported.get(each) != now and not _is_installed(source.file):
+            sys.modules.pop(each, None)
+            with suppress(OSError, NotImplementedError):
+                # Python tells it from newer text by size and whole seconds.
+                Path(importlib.util.cache_from_source(str(source.file))).unlink()
+            _imported[each] = now
+    importlib.invalidate_caches()
+    return getattr(importlib.import_module(module), _path(name).partition(":")[2])
+
+
+def digest_of(name: str) -> str | None:
+    """SHA-256 of a plug-in's module and of all that it imports from beside it: from the folder in
+    which its outermost package lies, or within that package where it is installed.
+
+    None where it was passed from Python and has none, or to another process.
+    """
+    module = module_of(name)
+    if module == PASSED:
+        return _passed[name].digest if name in _passed else None
+    return _digest(_sources(module))
+
+
+def named(value: object) -> object:
+    """The name by which a plug-in that is passed as an object is found; other values as they are.
+
+    A function or class of a module has its import path, and so is loaded as it is in the file.
+    """
+    if not callable(value):
+        return value
+    module, qualified = (str(getattr(value, key, "")) for key in ("__module__", "__qualname__"))
+    path = f"{module}:{qualified}"
+    if is_import_path(path) and module != "__main__":
+        found = getattr(sys.modules.get(module), qualified, None)
+        if found is value or (callable(found) and module in _imported):
+            return path
+    inner = getattr(value, "func", value)  # of a functools.partial
+    label = re.sub(r"\W", "", getattr(inner, "__name__", type(value).__name__))
+    digest = _digest_of_object(value)
+    name = f"{PASSED}:{label}_{digest[:8] if digest else len(_passed)}"
+    _passed[name] = PassedObject(value, digest)
+    return name
+
+
+def passed(names: Iterable[str]) -> dict[str, PassedObject]:
+    """Those of the plug-ins that were passed from Python, for other processes to `bring`."""
+    return {name: _passed[name] for name in names if name in _passed}
+
+
+def bring(objects: Mapping[str, PassedObject]) -> None:
+    """Have plug-ins that were passed in another process found in this one."""
+    _passed.update(objects)
+
+
+def _passed_as(name: str) -> PassedObject:
+    if name not in _passed:
+        raise ImportError("it was passed from Python, in a process that has ended; pass it again")
+    return _passed[name]
+
+
+def _digest_of_object(value: object) -> str | None:
+    """None where it cannot be pickled: it holds an open file, say."""
+    # Imported here: few runs need them.
+    import pickletools
+
+    import cloudpickle
+
+    try:
+        operations = [*pickletools.genops(cloudpickle.dumps(value))]
+    except Exception:  # of any kind: methods of the object are asked
+        return None
+    parts = [f"{operation.name} {argument!r}" for operation, argument, _ in operations]
+    used = {argument for _, argument, _ in operations if isinstance(argument, str)}
+    for module in sorted(used & sys.modules.keys()):
+        root = _root(module)
+        if root is not None and not _is_installed(root):
+            parts.append(_digest(_sources(module)))
+    return hashlib.sha256(_DRAWN.sub("", "\n".join(parts)).encode("utf-8", "replace")).hexdigest()
+
+
+def _sources(module: str) -> dict[str, _Source]:
+    """A module and all that it imports from beside it, by their names; empty without a file."""
+    root, own, todo = _root(module), module.partition(".")[0], [module]
+    found: dict[str, _Source] = {}
+    while todo and root is not None:
+        name = todo.pop()
+        top = name.partition(".")[0]
+        if name in found or top in _OURS or (_is_installed(root) and top != own):
+            continue
+        path = root.joinpath(*name.split("."))
+        for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
+            if file.is_file():
+                text = file.read_bytes()
+                found[name] = _Source(file, text, (*_imports(name, file, text),))
+                todo += found[name].imports
+                break
+    return found
+
+
+def _imports(name: str, file: Path, text: bytes) -> Iterator[str]:
+    """What a module imports, with the packages around it; of `from a import b` also `a.b`."""
+    outer = name.rpartition(".")[0]
+    yield from filter(None, [outer])
+    package = name if file.name == "__init__.py" else outer
+    with suppress(SyntaxError, ValueError, ImportError):  # which importing it says
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                dotted = "." * node.level + (node.module or "")
+                base = importlib.util.resolve_name(dotted, package)
+                yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
+
+
+def _reached(sources: Mapping[str, _Source], module: str) -> dict[str, _Source]:
+    """Those of the sources that a module imports, itself among them."""
+    found: dict[str, _Source] = {}
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        if name in sources and name not in found:
+            found[name] = sources[name]
+            todo += sources[name].imports
+    return found
+
+
+def _digest(sources: Mapping[str, _Source]) -> str:
+    digest = hashlib.sha256()
+    for name, source in sorted(sources.items()):
+        digest.update(f"{name} {len(source.text)} ".encode() + source.text)
+    return digest.hexdigest()
+
+
+def _root(module: str) -> Path | None:
+    """The folder that a module's outermost package lies in; None where it has no file."""
+    spec = importlib.util.find_spec(module.partition(".")[0])
+    places = [*(spec.submodule_search_locations or ())] if spec else []
+    place = places[0] if places else spec.origin if spec and spec.has_location else None
+    return Path(place).parent if place else None
+
+
+def _is_installed(path: Path) -> bool:
+    installed = {"site-packages", "dist-packages"} & {*path.parts}
+    return bool(installed) or path.is_relative_to(sysconfig.get_path("stdlib"))
+
+
+def _path(name: str) -> str:
+    return name if is_import_path(name) else _entry_points().get(name, name)
+
+
+def _entry_points() -> dict[str, str]:
+    """Import paths by the name of the entry point."""
+    return {item.name: item.value for item in importlib.metadata.entry_points(group=GROUP)}

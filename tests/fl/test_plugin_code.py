@@ -1,0 +1,106 @@
+"""Code of one's own is loaded as it stands in its files, and its digest tells it from other."""
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fl.plugin_code import digest_of, load
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder of one's own modules, in which the session works."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    before = set(sys.modules)
+    yield
+    for name in set(sys.modules) - before:
+        sys.modules.pop(name)
+
+
+def write(**texts: str) -> None:
+    for name, text in texts.items():
+        path = Path(f"{name}.py")
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+
+
+def made(name: str) -> Any:
+    make: Any = load(name)
+    return make()
+
+
+def test_an_edit_of_the_same_second_and_size_counts() -> None:
+    for number in (1, 2, 3):
+        write(edited_a=f"def make(): return {number}")
+        assert made("edited_a:make") == number
+
+
+def test_what_the_session_has_imported_itself_is_loaded_as_it_is_now() -> None:
+    write(edited_b="def make(): return 1")
+    sys.path.append(str(Path.cwd()))
+    assert importlib.import_module("edited_b").make() == 1
+    write(edited_b="def make(): return 2")
+    assert made("edited_b:make") == 2
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "from edited_helper import value",
+        "import edited_helper; value = edited_helper.value",
+        "def value():\n    from edited_helper import value\n    return value()",
+        "from edited_between import value",
+    ],
+)
+def test_what_it_imports_from_beside_it_is_its_code(how: str) -> None:
+    write(
+        edited_c=f"{how}\ndef make(): return value()",
+        edited_between="from edited_helper import value",
+        edited_helper="def value(): return 1",
+        edited_other="",
+    )
+    first = digest_of("edited_c:make")
+    assert made("edited_c:make") == 1
+    write(edited_other="# nobody imports it")
+    assert digest_of("edited_c:make") == first
+    write(edited_helper="def value(): return 2")
+    assert digest_of("edited_c:make") != first
+    assert made("edited_c:make") == 2
+    write(edited_helper="def value(): return 1")
+    assert digest_of("edited_c:make") == first
+
+
+@pytest.mark.parametrize(
+    "how", ["from .helper import value", "from . import helper", "import edited_p.helper"]
+)
+def test_of_a_package_it_is_what_it_imports_and_the_package_itself(how: str) -> None:
+    inside = {"edited_p/__init__": "", "edited_p/mine": how, "edited_p/helper": "value = 1"}
+    write(**inside, **{"edited_p/other": ""})
+    digests = {digest_of("edited_p.mine:value")}
+    for name, text in inside.items():
+        write(**{name: f"{text}\nvalue = 3"})
+        digests.add(digest_of("edited_p.mine:value"))
+    assert len(digests) == 4
+    write(**{"edited_p/other": "value = 3"})
+    assert digest_of("edited_p.mine:value") in digests
+
+
+def test_two_modules_share_what_both_import_before_and_after_an_edit() -> None:
+    for number in (1, 2):
+        write(
+            edited_d="import edited_shared\ndef make(): return edited_shared.state",
+            edited_e="import edited_shared\ndef make(): return edited_shared.state",
+            edited_shared=f"state = [{number}]",
+        )
+        assert made("edited_d:make") == [number]
+        assert made("edited_d:make") is made("edited_e:make")
+
+
+def test_code_of_a_library_is_that_of_its_package() -> None:
+    assert digest_of("json:loads") == digest_of("json:dumps") != digest_of("ast:parse")
+    assert digest_of("math:sqrt") == digest_of("nowhere_at_all:make")
