@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.palette import FENCE, FLOWN, PLANNED, community_colour
+from mission.base.palette import community_colour
 from mission.base.run_folder import write_atomically
 from mission.base.tables import csv_lines, parquet
 from mission.log import LogError
@@ -31,6 +31,8 @@ Column: TypeAlias = Sequence[object] | NDArray[np.generic]
 Tables: TypeAlias = dict[str, dict[str, Column]]
 
 _KML = "http://www.opengis.net/kml/2.2"
+# Colour and width (px) of lines, bright: on a globe they lie over dark pictures of the ground.
+_LINES = {"planned": ("#F0E442", 5), "flown": ("#56B4E9", 2), "fence": ("#FF8A80", 2)}
 
 
 def tables(data: FlightData) -> Tables:
@@ -205,8 +207,10 @@ def export_kml(path: Path, target: Path) -> Path:
     root = ET.Element("kml", xmlns=_KML)
     document = ET.SubElement(root, "Document")
     _text(document, "name", path.stem)
-    _style(document, "planned", PLANNED, 2)
-    _style(document, "flown", FLOWN, 3)
+    for kind, (colour, width) in _LINES.items():
+        line = ET.SubElement(ET.SubElement(document, "Style", id=kind), "LineStyle")
+        _text(line, "color", _kml_colour(colour))
+        _text(line, "width", str(width))
     folder = _folder(document, "devices")
     for k, (x, y) in enumerate(data.devices.pos_m.tolist()):
         colour = community_colour(int(data.devices.community_of[k]))
@@ -214,7 +218,6 @@ def export_kml(path: Path, target: Path) -> Path:
         ground = np.array([[x, y, 0.0]])
         _text(ET.SubElement(point, "Point"), "coordinates", _coordinates(data, ground))
     if data.fence:
-        _style(document, "fence", FENCE, 2)
         lines = _folder(document, "fence")
         for zone in data.fence:
             ground = np.column_stack((zone.outline_m, np.zeros(len(zone.outline_m))))
@@ -277,12 +280,6 @@ def _folder(parent: ET.Element, name: str) -> ET.Element:
 def _kml_colour(colour: str) -> str:
     """A `#rrggbb` colour as KML writes it: aabbggrr."""
     return f"ff{colour[5:7]}{colour[3:5]}{colour[1:3]}".lower()
-
-
-def _style(parent: ET.Element, name: str, colour: str, width: int) -> None:
-    line = ET.SubElement(ET.SubElement(parent, "Style", id=name), "LineStyle")
-    _text(line, "color", _kml_colour(colour))
-    _text(line, "width", str(width))
 
 
 def _placemark(parent: ET.Element, name: str, *, colour: str) -> ET.Element:

@@ -89,7 +89,7 @@ class Outcome:
         """
         if self.error is None:
             return
-        left = "what was flown is in" if flown else "nothing was flown; its files are in"
+        left = "what was flown is in" if flown else "nothing was flown; the run's files are in"
         left = f"; {left} {folder}"
         if isinstance(self.error, UsersCodeError):
             path = folder / TRACEBACK

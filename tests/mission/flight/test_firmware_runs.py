@@ -123,7 +123,7 @@ def test_a_firmware_that_dies_is_reported_with_its_last_words(
     assert capsys.readouterr().err == (
         f"aerofed: {name} at its start: px4 has ended with exit code 3; its console "
         f"({out}/firmware/console.log) ended with: cannot find the gyroscope; nothing was flown; "
-        f"its files are in {out}; flights of {name} do not repeat to the last bit: it cannot "
+        f"the run's files are in {out}; flights of {name} do not repeat to the last bit: it cannot "
         "be resumed\n"
     )
     summary = json.loads((out / "summary.json").read_text())

@@ -23,7 +23,7 @@ from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.cli import call
 from mission.commands import log, report
 from mission.log import DamagedLogError, ForeignLogError, LogError, inspection
-from mission.log.export import _harmless
+from mission.log.export import _harmless, export_kml
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
@@ -180,6 +180,17 @@ def test_kml_puts_the_track_where_it_was(made: Fixed, tmp_path: Path) -> None:
     expected = pymap3d.ned2geodetic(*ned, home.lat_deg, home.lon_deg, home.alt_msl_m)
     assert (lat, lon) == pytest.approx(expected[:2], abs=2e-8)
     assert alt == pytest.approx(expected[2], abs=2e-3)
+
+
+def test_lines_of_kml_are_bright_on_pictures_of_the_ground(made: Fixed, tmp_path: Path) -> None:
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    root = ET.parse(export_kml(made.log, tmp_path / "a.kml")).getroot()
+    colours = [node.text or "" for node in root.iterfind(".//k:LineStyle/k:color", space)]
+    assert len(set(colours)) == 3
+    for text in colours:
+        alpha, *bgr = bytes.fromhex(text)  # aabbggrr
+        assert alpha == 255
+        assert np.dot(bgr, (0.0722, 0.7152, 0.2126)) > 140, "relative luminance, of 255"
 
 
 def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> None:
