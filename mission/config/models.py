@@ -37,7 +37,9 @@ HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
 class NoFlyConfig(_Model):
     """An area that must not be flown: paths lead around it, and the vehicle has it as its fence."""
 
-    name: str = Field("no entry", min_length=1, max_length=60, description="for maps and messages")
+    name: str = Field(
+        "no-fly area", min_length=1, max_length=60, description="for maps and messages"
+    )
     polygon_m: Corners = Field(description="its corners in area coordinates")
     from_m: float = Field(
         0.0, ge=-100, le=5000, description="height above home where it begins; lower may be flown"

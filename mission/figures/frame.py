@@ -32,8 +32,9 @@ _ROOMY_PX = 500.0  # wide maps have room for names beside their areas
 TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
 # Colour, width and dashes of each kind of line, in the order in which they lie.
 _LINES: Mapping[str, tuple[str, float, list[int]]] = {
+    "area": (GRID, 1.4, [1, 0]),
     "fence": (FENCE, 1.4, [7, 2, 1, 2]),
-    "no entry": (FENCE, 1.4, [1, 0]),
+    "no-fly area": (FENCE, 1.4, [1, 0]),
     "planned": (BAND, 5.0, [1, 0]),
     "flown": (FLOWN, 1.6, [1, 0]),
     "after the last place": (FLOWN, 1.1, [2, 3]),
@@ -41,11 +42,9 @@ _LINES: Mapping[str, tuple[str, float, list[int]]] = {
 
 
 def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
-    """The fence, and the planned and the flown path of every plan."""
-    lines: Lines = []
-    for zone in run.fence:
-        closed = np.vstack((zone.outline_m, zone.outline_m[:1]))
-        lines.append(("fence" if zone.keep_in else "no entry", 0, closed))
+    """The edges, and the planned and the flown path of every plan."""
+    fences = [zone.outline_m for zone in run.fence if zone.keep_in]
+    lines = edges(fences, zones_of(run)[0], None if run.plan_file else run.area.size_m)
     lines += [("planned", plan.round, plan.route_m) for plan in plans]
     records = {record.round: record for record in run.rounds}
     lines += [
@@ -58,6 +57,16 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
         rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
         lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
     return lines
+
+
+def edges(
+    fences: Sequence[Floats], rings: Sequence[Floats], size_m: tuple[float, float] | None
+) -> Lines:
+    """Outlines of the area, if it has a size, of fences, and of what must not be flown."""
+    x, y = size_m or (0.0, 0.0)
+    area = [("area", np.array([[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]]))] if size_m else []
+    every = [*area, *(("fence", f) for f in fences), *(("no-fly area", ring) for ring in rings)]
+    return [(kind, 0, np.vstack((points, points[:1]))) for kind, points in every]
 
 
 class MapFrame:
@@ -94,21 +103,13 @@ class MapFrame:
         return chosen
 
     def ground(self, run: FlightData) -> list[alt.Chart]:
-        """The area's edge, what must not be flown, and home."""
+        """What must not be flown, and home."""
         x, y = run.area.home_m
         home = self.chart(table(round=[0], x=[x], y=[y]))
         return [
-            self.border(run.area.size_m),
             *self.areas(*zones_of(run)),
             home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
         ]
-
-    def border(self, size_m: tuple[float, float]) -> alt.Chart:
-        """The area's edge."""
-        width, height = size_m
-        area = self.chart(table(round=[0], x=[0.0], y=[0.0], x2=[width], y2=[height]))
-        edge: alt.Chart = area.mark_rect(fill=None, stroke=GRID, strokeWidth=1.4)
-        return edge.encode(x2="x2", y2="y2")
 
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
         """What must not be flown, filled, and those of `zones` that are flown above or below,
@@ -133,7 +134,7 @@ class MapFrame:
             (open_rings, {"stroke": SOFT, "strokeWidth": 1.0, "strokeDash": [3, 3]}),
         )
         return layers + [
-            alt.Chart(line_table([("no entry", 0, np.vstack((ring, ring[:1])))]))
+            alt.Chart(line_table([("no-fly area", 0, np.vstack((ring, ring[:1])))]))
             .mark_line(clip=True, **look)
             .encode(self.x(), self.y(), order="step:Q")
             for some, look in looks

@@ -12,7 +12,7 @@ from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.frame import MapFrame, line_table, run_lines, zones_of
-from mission.figures.places import places
+from mission.figures.places import item_numbers, places
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
@@ -28,7 +28,7 @@ from mission.figures.style import (
     per_scale,
     table,
 )
-from mission.figures.words import CROWDED, NAME, Drawn, Look, Word, words
+from mission.figures.words import CROWDED, NAME, Drawn, Look, Word, gathered, words
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.values import FlightData, PlanRecord
 
@@ -102,9 +102,8 @@ def round_map(
     served = {plan.round: _served(run, plan.round) for plan in plans}
     lines = [(plan.round, plan.route_m) for plan in plans]
     lines += [(number, link) for number, of in served.items() for link in _link_lines(run, of)]
+    lines += [(0, points) for _, _, points in run_lines(run, [])]
     beside = frame.names_beside(*zones_of(run))
-    if beside:
-        lines += [(0, points) for kind, _, points in run_lines(run, []) if kind == "no entry"]
     is_round = run.plan_file is None
     starts = [Word("start", tuple(plan.waypoints_m[0]), plan.round) for plan in plans]
     layers = [
@@ -117,6 +116,7 @@ def round_map(
             frame,
             [
                 *_device_words(run, served),
+                (Look(), [] if run.plan_file is None else item_numbers(run.plan_file)),
                 (_AREA, [Word(name, tuple(at_m)) for name, at_m in beside]),
                 (NAME, [_home(run)]),
                 (NAME, starts if is_round else []),
@@ -204,13 +204,7 @@ def _arrows(
 
 def _ends(lines: list[tuple[str, int, Floats]]) -> list[Word]:
     """Rounds that ended at each place."""
-    ends: list[tuple[Floats, list[int]]] = []
-    for _, number, points in lines:
-        known = (numbers for at, numbers in ends if np.linalg.norm(at - points[-1]) < _SAME_END_M)
-        if (found := next(known, None)) is not None:
-            found.append(number)
-        else:
-            ends.append((points[-1], [number]))
+    ends = gathered([(points[-1], number) for _, number, points in lines], _SAME_END_M)
     return [
         Word(
             f"round{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

@@ -4,9 +4,9 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.load import reached
-from mission.base.arrays import Floats
 from mission.figures.frame import MapFrame
-from mission.figures.style import FENCE, FLOWN, INK, PAPER, SOFT, keys, named, table
+from mission.figures.style import FENCE, FLOWN, PAPER, SOFT, keys, named, table
+from mission.figures.words import Word, gathered
 from mission.log.values import FlightData, PlanFileRecord
 
 _NEAR_M = 1.0  # places closer than this share one label
@@ -43,26 +43,10 @@ def places(frame: MapFrame, run: FlightData) -> list[alt.Chart]:
         fill=alt.value(PAPER),
         tooltip=tip,
     )
-    labels = _labels(plan)
-    at_x, at_y = ([at[axis] for at, _ in labels] for axis in (0, 1))
-    names = [", ".join(items) for _, items in labels]
-    text = table(round=[0] * len(labels), x=at_x, y=at_y, item=names)
-    return [
-        marks,
-        frame.chart(text)
-        .mark_text(align="left", dx=7, dy=-7, fontSize=10, color=INK)
-        .encode(text="item:N"),
-    ]
+    return [marks]
 
 
-def _labels(plan: PlanFileRecord) -> list[tuple[Floats, list[str]]]:
-    """Positions and texts of item numbers."""
-    labels: list[tuple[Floats, list[str]]] = []
-    for seq, place in plan.places_m.items():
-        for at, numbers in labels:
-            if np.linalg.norm(at - place[:2]) < _NEAR_M:
-                numbers.append(str(seq))
-                break
-        else:
-            labels.append((place[:2], [str(seq)]))
-    return labels
+def item_numbers(plan: PlanFileRecord) -> list[Word]:
+    """The numbers of the items beside their places."""
+    each = gathered([(place[:2], seq) for seq, place in plan.places_m.items()], _NEAR_M)
+    return [Word(", ".join(map(str, items)), tuple(at)) for at, items in each]

@@ -6,11 +6,10 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.load import FENCE_SHOWN
-from mission.base.airspace import Airspace
 from mission.base.arrays import Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import LayerChart
-from mission.figures.frame import Lines, MapFrame, NoFly
+from mission.figures.frame import MapFrame, NoFly, edges
 from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
@@ -58,19 +57,17 @@ def plan_picture(
         f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m{height}"
     )
     space = problem.airspace
+    fences = [] if space.keep_in is None else [space.keep_in]
     edge = () if size_m is None else (np.array([[0.0, 0.0], size_m]),)
     every = np.vstack((problem.devices_m, plan.route_m, *space.keep_out, *edge))
-    if space.keep_in is not None:
-        widest = FENCE_SHOWN * np.ptp(every, axis=0).max()
-        if np.all(np.ptp(space.keep_in, axis=0) < widest):
-            every = np.vstack((every, space.keep_in))
+    widest = FENCE_SHOWN * np.ptp(every, axis=0).max()
+    every = np.vstack((every, *(f for f in fences if np.all(np.ptp(f, axis=0) < widest))))
     low, high = every.min(axis=0), every.max(axis=0)
     air = _AIR * float((high - low).max() or 1.0)
     frame = MapFrame(low - air, high + air, _WIDTH)
     layers = [
-        *([] if size_m is None else [frame.border(size_m)]),
         *frame.areas(space.keep_out, no_fly),
-        *frame.lines(_outlines(space)),
+        *frame.lines(edges(fences, space.keep_out, size_m)),
         *_path(problem, plan, frame),
         *_devices(problem, plan, frame, communities),
         *_words(problem, plan, frame),
@@ -149,10 +146,3 @@ def _words(problem: RoundProblem, plan: RoundPlan, frame: MapFrame) -> list[alt.
     look = CROWDED if len(radii) > CROWD else Look()
     each = [Word(str(k), tuple(at)) for k, at in enumerate(problem.devices_m)]
     return words(frame, [(look, each), (NAME, [Word("start", tuple(start))])], Drawn(dots, lines))
-
-
-def _outlines(space: Airspace) -> Lines:
-    """The fence, and areas that must not be flown."""
-    fence = [] if space.keep_in is None else [("fence", space.keep_in)]
-    rings = [*fence, *(("no entry", ring) for ring in space.keep_out)]
-    return [(kind, 0, np.vstack((ring, ring[:1]))) for kind, ring in rings]

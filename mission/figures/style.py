@@ -23,7 +23,7 @@ CROWD = 60  # devices from which on all marks are smaller
 # A ring, one unit across.
 RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _KEY_WIDTH = 300.0  # what a row of keys may take: it fits a phone
-_CHARACTER, _SYMBOL = 6.2, 32.0
+_CHARACTER, _SYMBOL = 6.1, 32.0
 
 alt.data_transformers.disable_max_rows()
 

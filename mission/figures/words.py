@@ -50,6 +50,20 @@ class Drawn:
     lines: Sequence[tuple[int, Floats]]  # round (0: of all), and points (n, 2) on the map
 
 
+def gathered(
+    places: Sequence[tuple[Floats, int]], within_m: float
+) -> list[tuple[Floats, list[int]]]:
+    """Numbered places, those together that lie close to the first of them."""
+    found: list[tuple[Floats, list[int]]] = []
+    for at_m, number in places:
+        near = (numbers for other, numbers in found if np.linalg.norm(other - at_m) < within_m)
+        if (numbers := next(near, None)) is None:
+            found.append((at_m, [number]))
+        else:
+            numbers.append(number)
+    return found
+
+
 def words(
     frame: MapFrame, each: Sequence[tuple[Look, Sequence[Word]]], drawn: Drawn
 ) -> list[alt.Chart]:

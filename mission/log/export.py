@@ -222,7 +222,7 @@ def export_kml(path: Path, target: Path) -> Path:
         for zone in data.fence:
             ground = np.column_stack((zone.outline_m, np.zeros(len(zone.outline_m))))
             closed = np.vstack((ground, ground[:1]))
-            name = "fence" if zone.keep_in else "no entry"
+            name = "fence" if zone.keep_in else "no-fly area"
             _line(lines, name, "fence", _coordinates(data, closed))
     planned, flown = _folder(document, "planned"), _folder(document, "flown")
     for plan in data.plans:

@@ -50,7 +50,7 @@ def _zone(t_ns: int, name: str, zone: Zone) -> object:
         t_ns,
         name,
         lines=[_loop(corners, palette.FENCE, thickness=3.0)],
-        texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no entry")],
+        texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no-fly area")],
         metadata=[fox.KeyValuePair(key="keep", value="in" if zone.keep_in else "out")],
     )
 
@@ -129,7 +129,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
         features.append(_feature("Polygon", [ring], {"name": name, "style": style}))
     for zone in fence:
         style = {"color": palette.FENCE, "weight": 2}
-        name = "fence" if zone.keep_in else "no entry"
+        name = "fence" if zone.keep_in else "no-fly area"
         ring = _ring(area, zone.outline_m)
         features.append(_feature("LineString", ring, {"name": name, "style": style}))
     return geojson(features)

@@ -10,7 +10,7 @@ from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.comparison_text import labelled
 from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
-from mission.base.run_folder import RunSummary, write_atomically
+from mission.base.run_folder import write_atomically
 from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.flight import profile_charts
@@ -85,7 +85,7 @@ def report_html(loaded: LoadedRun) -> str:
         facts=[*loaded.about.split(" · ")[1:], *_devices(run)],
         notice=loaded.notice,
         plan_file=run.plan_file is not None,
-        tiles=_tiles(run, comparison, summary),
+        tiles=_tiles(run, comparison),
         learning=[card(chart) for chart in learning_charts(run)] if run.learning else [],
         estimator=[card(chart) for chart in estimator_charts(run)],
         conditions=[card(chart) for chart in condition_charts(run)],
@@ -95,9 +95,7 @@ def report_html(loaded: LoadedRun) -> str:
     )
 
 
-def _tiles(
-    run: FlightData, comparison: RunComparison | None, summary: RunSummary
-) -> list[tuple[str, str]]:
+def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str, str]]:
     last = run.rounds[-1]
     if run.plan_file is None:
         delivered = sum(record.delivered for record in run.rounds)
@@ -106,20 +104,20 @@ def _tiles(
         tiles = [(f"{len(run.rounds)}", "rounds")]
         tiles += [(f"{100 * value:.1f} %", f"accuracy {name}") for name, value in accuracy]
         tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
+        where = "flown in rounds"
     else:
         places = len(run.plan_file.places_m)
         tiles = [(f"{len(reached(run))} / {places}", "places reached")]
+        where = "flown along the plan"
     if comparison is not None:
         total = comparison.total
         tiles += [
-            (f"{total.flown_path_m / 1000:.2f} km", "flown in rounds"),
+            (f"{total.flown_path_m / 1000:.2f} km", where),
             (f"{number(total.straight_rms_m)} m", "cross-track rms on straights"),
             (f"{100 * last.battery_remaining:.0f} %", "battery left"),
         ]
         if math.isfinite(total.corner_cut_max_m):
             tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
-        if "real_time_factor" in summary:
-            tiles.append((f"{float(summary['real_time_factor']):.0f}×", "real time in flight"))
     return tiles
 
 

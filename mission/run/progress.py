@@ -39,11 +39,11 @@ class PlainLines(Progress):
         self._console.print(text, **PLAIN)
 
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
-        accuracy = " ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
+        accuracy = ", ".join(f"{name} {value:.3f}" for name, value in record.accuracy.items())
         flight = (
-            f"t {record.start_t_s + record.duration_s:.0f} s, {real_time_factor:.0f}x, "
-            f"objective {_objective(record.true_objective)} flown, "
-            f"{_objective(record.plan_objective)} planned ({_change(record)})"
+            f"at {record.start_t_s + record.duration_s:.0f} s ({real_time_factor:.0f}x real time), "
+            f"objective {_objective(record.true_objective)} "
+            f"(planned {_objective(record.plan_objective)}, {_change(record)})"
             if self._flown and _takes_time(record)
             else f"nothing flown, objective {_objective(record.true_objective)}"
         )
@@ -94,23 +94,24 @@ class LiveTable(Progress):
     def _table(self) -> Table:
         newest, _ = self._newest[-1]
         flown = self._flown and _takes_time(newest)
-        # Narrow enough for two communities in 80 columns.
-        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-        flight = ("sim time", "speed", "planned", "flown", "change") if flown else ()
+        flight = ("time\ns", "speed", "planned", "flown", "change") if flown else ()
         communities = list(newest.accuracy)
         chosen = any(_chosen_height_m(record) is not None for record, _ in self._newest)
         height = ("high\nm",) if chosen else ()
+        # Narrow enough for two communities in 80 columns.
+        apart = (0, 1 if chosen else 2, 0, 0)
+        table = Table(box=None, pad_edge=False, padding=apart, header_style="bold")
         for name in (
             "round",
             *height,
             *flight,
-            "delivered",
+            "arrived",
             *(f"accuracy\n{name}" for name in communities),
         ):
             table.add_column(name, justify="right", vertical="bottom")
         for record, real_time_factor in self._newest:
             cells = (
-                f"{record.start_t_s + record.duration_s:.0f} s",
+                f"{record.start_t_s + record.duration_s:.0f}",
                 f"{real_time_factor:.0f}x",
                 _objective(record.plan_objective),
                 _objective(record.true_objective),

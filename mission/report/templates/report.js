@@ -24,6 +24,19 @@
     const everything = document.getElementById("everything");
     everything.addEventListener("change", () => tell("everything", everything.checked));
   }
+  // Rows alike; what is left alone takes a whole row. Before the charts, which ask for their width.
+  const lay = () => {
+    for (const [kind, least, gap] of [[".tiles", 140, 10], [".cards", 340, 12]])
+      for (const grid of document.querySelectorAll(kind)) {
+        const count = grid.childElementCount;
+        const fit = Math.max(1, Math.floor((grid.clientWidth + gap) / (least + gap)));
+        const columns = Math.ceil(count / Math.ceil(count / fit));
+        grid.style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
+        grid.lastElementChild.style.gridColumn = count % columns === 1 ? "1 / -1" : "";
+      }
+  };
+  lay();
+  window.addEventListener("resize", lay);
   for (const place of document.querySelectorAll(".chart")) {
     const { spec, aspect } = JSON.parse(place.firstChild.textContent);
     const names = (spec.params ?? []).map((param) => param.name);

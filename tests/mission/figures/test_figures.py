@@ -101,7 +101,7 @@ def test_a_map_explains_its_lines_sizes_colours_and_what_became_of_updates(tmp_p
     run = load_run(tmp_path).data
     spec = described(round_map(run, run.plans[:1]))
     found = keys(spec)
-    assert found["stroke"] == ["planned", "flown"]
+    assert found["stroke"] == ["area", "planned", "flown"]
     assert found["fill"] == ["digits", "colour-shapes"]
     assert found["shape"] == ["delivered", "lost", "not served"]
     sizes = [layer["encoding"]["size"] for layer in layers(spec) if "size" in layer["encoding"]]
@@ -167,7 +167,7 @@ def test_one_key_says_what_fence_and_areas_look_like(tmp_path: Path) -> None:
     run = replace(load_run(tmp_path).data, fence=(Zone(ring, keep_in=False),))
     save(overview(run, ""), tmp_path / "map.svg")
     drawn = [text.text for text in ET.parse(tmp_path / "map.svg").iter() if text.text]
-    assert drawn.count("no entry") == 1
+    assert drawn.count("no-fly area") == 1
 
 
 def test_rounds_that_are_many_are_coloured_alone(tmp_path: Path) -> None:
@@ -244,10 +244,12 @@ def test_a_plan_shows_its_area_and_names_what_must_not_be_flown(tmp_path: Path) 
     picture = plan_picture(problem, plan(problem), title="t", size_m=size_m, no_fly=no_fly)
     spec = described(picture)
     assert "pond" in {mark.get("text") for mark in (layer["mark"] for layer in layers(spec))}
-    assert [(row["x2"], row["y2"]) for row in rows(spec, "x2") if "per" not in row] == [(800, 800)]
+    lines = [row for table in tables(spec, "kind") for row in table]
+    edge = [(row["x"], row["y"]) for row in lines if row["kind"] == "area"]
+    assert edge == [(0, 0), (800, 0), (800, 800), (0, 800), (0, 0)]
     save(picture, tmp_path / "plan.svg")
     drawn = [text.text for text in ET.parse(tmp_path / "plan.svg").iter() if text.text]
-    assert [drawn.count(word) for word in ("fence", "no entry")] == [1, 1]
+    assert [drawn.count(word) for word in ("area", "fence", "no-fly area")] == [1, 1, 1]
 
 
 @pytest.mark.parametrize("away_m", [0.0, 5000.0])

@@ -79,13 +79,13 @@ def test_log_scene_map_kml_report_and_figure_have_it(tmp_path: Path) -> None:
     loops = {e.id: e.lines[0] for e in seen["/scene/ground"].entities if e.id.startswith("fence")}
     assert [(p.x, p.y) for p in loops["fence 0"].points] == pytest.approx(SQUARE, abs=0.01)
     names = [f["properties"]["name"] for f in json.loads(seen["/plan/map"].geojson)["features"]]
-    assert {"fence", "no entry"} <= set(names)
+    assert {"fence", "no-fly area"} <= set(names)
     kml = ET.parse(export_kml(made.log, tmp_path / "a.kml")).getroot()
-    assert "no entry" in [node.text for node in kml.iter("{http://www.opengis.net/kml/2.2}name")]
+    assert "no-fly area" in [node.text for node in kml.iter("{http://www.opengis.net/kml/2.2}name")]
     page = write_report(made.log).read_text(encoding="utf-8")
     shown = next(spec for title, spec in charts(page).items() if title.startswith("round 1"))
     kinds = {row["kind"] for table in tables(shown, "kind", "part") for row in table}
-    assert {"fence", "no entry"} <= kinds
+    assert {"fence", "no-fly area"} <= kinds
     assert keys(described(overview(load_run(made.log).data, "run")))["stroke"] == [
-        "fence", "no entry",
+        "area", "fence", "no-fly area",
     ]  # fmt: skip

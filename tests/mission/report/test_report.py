@@ -143,6 +143,12 @@ def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
           document.documentElement.dataset.result = JSON.stringify({
             label: document.getElementById("round-label").textContent,
             facts: seen(".flight > section > div[data-round]"), first, all: paths(),
+            alone: [...document.querySelectorAll(".tiles, .cards")].filter((grid) => {
+              const last = grid.lastElementChild, top = (e) => e.getBoundingClientRect().top;
+              const beside = [...grid.children].filter((e) => top(e) === top(last));
+              return beside.length === 1 && grid.childElementCount > 1 && grid.clientWidth > 500
+                && last.style.gridColumn !== "1 / -1";
+            }).length,
             overflow: document.documentElement.scrollWidth - window.innerWidth,
             cut: [...document.querySelectorAll(".chart text")].filter((text) => {
               const at = text.getBoundingClientRect();
@@ -177,4 +183,5 @@ def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
     assert (result["first"], result["all"]) == (1, 3)  # the chosen round, all flown paths
     assert result["overflow"] <= 0
     assert result["cut"] == []
+    assert result["alone"] == 0, "tiles or cards that stand alone in the last row"
     assert result["text"] >= 8.0

@@ -88,14 +88,14 @@ def test_log_maps_and_plan_files_show_what_counts(run: Path, tmp_path: Path) -> 
     np.testing.assert_allclose(outside[0].outline_m, WALL)
     for picture in run_pictures(loaded).values():
         if "learnt" not in str(picture.title):
-            assert "no entry" in picture.to_json()
+            assert "no-fly area" in picture.to_json()
     plan = json.loads((run / "plans" / "round-001.plan").read_text())
     assert [p["inclusion"] for p in plan["geoFence"]["polygons"]] == [False, True]
     kml = tmp_path / "f.kml"
     assert call(["log", "export", str(run), str(kml), "--to", "kml"]) == 0
     names = [node.text for node in ET.parse(kml).iter("{http://www.opengis.net/kml/2.2}name")]
-    assert "no entry" in names
-    assert "no entry" in (run / "report.html").read_text()
+    assert "no-fly area" in names
+    assert "no-fly area" in (run / "report.html").read_text()
 
 
 def test_the_same_run_again_gives_the_same_bytes_and_resumes(run: Path, tmp_path: Path) -> None:

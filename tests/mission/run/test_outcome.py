@@ -38,7 +38,9 @@ def test_what_goes_wrong_first_counts() -> None:
     with pytest.raises(AerofedError, match=r"^lost; what was flown is in out$") as caught:
         outcome.raise_error(Path("out"))
     assert caught.value.exit_code == FlightError.exit_code
-    with pytest.raises(AerofedError, match=r"^lost; nothing was flown; the run's files are in out$"):
+    with pytest.raises(
+        AerofedError, match=r"^lost; nothing was flown; the run's files are in out$"
+    ):
         outcome.raise_error(Path("out"), flown=False)
 
 
