@@ -60,8 +60,8 @@ def load(name: str, data_dir: Path) -> Dataset:
                     f"holds the arrays {', '.join(archive.files) or '(none)'}; wanted are"
                     f" {', or '.join(', '.join(keys) for keys in LAYOUTS)}",
                 )
-            arrays = [archive[key] for key in layout]
-            owner = archive[OWNER] if OWNER in archive.files else None
+            arrays = [_array(archive, key) for key in layout]
+            owner = _array(archive, OWNER) if OWNER in archive.files else None
         content_md5 = md5(path.read_bytes())
     # The others are what numpy's parsing of a header of brackets, or a foreign compression, raises.
     except (
@@ -80,6 +80,14 @@ def load(name: str, data_dir: Path) -> Dataset:
     x_train, y_train, x_test, y_test = arrays
     found = Samples(x_train, y_train, x_test, y_test, owner)
     return dataset_of("npz", found, provenance=provenance, names=layout)
+
+
+def _array(archive: "np.lib.npyio.NpzFile", name: str) -> Found:
+    """A member of the archive. Raises ValueError where it is no array."""
+    found = archive[name]
+    if not isinstance(found, np.ndarray):  # numpy gives the bytes of what it does not know
+        raise ValueError(f"{name} is no .npy file")
+    return found
 
 
 def _held_out(

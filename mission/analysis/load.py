@@ -1,6 +1,5 @@
 """A run read back: from its folder, or from its log alone; a killed one as far as it came."""
 
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
+from mission.base.user_files import read_json
 from mission.log import DamagedLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
@@ -174,10 +174,7 @@ def _with_its_flight(data: FlightData) -> FlightData:
 def _summary(path: Path) -> RunSummary:
     if not path.is_file():
         return {}
-    try:
-        summary: RunSummary = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    summary: RunSummary = read_json(path)
     if not isinstance(summary, dict):
         raise InputError(f"{path}: not a run's summary")
     return summary

@@ -5,7 +5,6 @@ What is read is as it stands in the file; `mission.config.world` puts it on a ru
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 from mission.base.errors import InputError
 from mission.base.explain import shown
 from mission.base.tables import count
+from mission.base.user_files import read_json, read_text
 
 Pair = tuple[float, float]
 
@@ -21,7 +21,6 @@ Pair = tuple[float, float]
 _X, _Y = ("x", "x_m"), ("y", "y_m")
 _LAT, _LON = ("lat", "lat_deg", "latitude"), ("lon", "lon_deg", "lng", "longitude")
 MOST_CORNERS = 500  # of all outlines together: the ways around them take their cube
-_LARGEST_BYTES = 1 << 24
 _MOST_M = 100_000.0  # from an area's corner, as for the places in a configuration
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
@@ -54,11 +53,10 @@ def read_places(path: Path) -> tuple[Place, ...]:
     Raises:
         InputError: it cannot be read, or something in it is no place; the line names the row.
     """
-    text = _text(path)
     if path.suffix.lower() in (".geojson", ".json"):
-        places = tuple(_geojson_places(path, text))
+        places = tuple(_geojson_places(path))
     elif path.suffix.lower() == ".csv":
-        places = tuple(_table_places(path, text))
+        places = tuple(_table_places(path, read_text(path)))
     else:
         raise InputError(f"{path}: must end in .csv, .geojson or .json, and hold {_HOLDS_POINTS}")
     if not places:
@@ -74,7 +72,7 @@ def read_rings(path: Path) -> tuple[Ring, ...]:
     """
     rings = tuple(
         ring
-        for where, kind, coordinates, properties in _features(path, _text(path))
+        for where, kind, coordinates, properties in _features(path)
         for ring in _rings(where, kind, coordinates, properties)
     )
     if not rings:
@@ -104,21 +102,6 @@ def _check_metres(where: str, x: float, y: float) -> None:
             raise InputError(
                 f"{where}: {name} = {value:g}: must be from {-_MOST_M:g} to {_MOST_M:g} m"
             )
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise InputError(
-                f"{path}: larger than {_LARGEST_BYTES >> 20} MiB: no file of a few places"
-            )
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot be read: not UTF-8 text; save it as UTF-8") from None
-    except ValueError:  # a name with a null in it
-        raise InputError(f"{path}: no name of a file") from None
 
 
 def _table_places(path: Path, text: str) -> Iterator[Place]:
@@ -204,8 +187,8 @@ def _share(where: str, value: object) -> float | None:
     return share
 
 
-def _geojson_places(path: Path, text: str) -> Iterator[Place]:
-    for where, kind, coordinates, properties in _features(path, text):
+def _geojson_places(path: Path) -> Iterator[Place]:
+    for where, kind, coordinates, properties in _features(path):
         if kind != "Point":
             raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Point', one a device")
         lat, lon = _position(where, coordinates)
@@ -215,12 +198,9 @@ def _geojson_places(path: Path, text: str) -> Iterator[Place]:
         yield Place(where, (lat, lon), True, name or None, _share(where, share))
 
 
-def _features(path: Path, text: str) -> Iterator[tuple[str, object, object, Mapping[str, object]]]:
+def _features(path: Path) -> Iterator[tuple[str, object, object, Mapping[str, object]]]:
     """Place in the file, kind, coordinates and properties of every geometry."""
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not GeoJSON: {error}") from None
+    data = read_json(path)
     if not isinstance(data, dict) or "type" not in data:
         raise InputError(f"{path}: not GeoJSON: a FeatureCollection is wanted")
     listed = data.get("features") if data["type"] == "FeatureCollection" else [data]

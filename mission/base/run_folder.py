@@ -15,6 +15,7 @@ from typing import Self, TypedDict
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in, without_traces
+from mission.base.user_files import read_json
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
@@ -157,8 +158,8 @@ class RunFolder:
     def told(self) -> "RunSummary":
         """The summary so far; empty without a readable one."""
         try:
-            told: RunSummary = json.loads(self.summary.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            told: RunSummary = read_json(self.summary)
+        except InputError:
             return {}
         return told if isinstance(told, dict) else {}
 

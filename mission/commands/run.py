@@ -1,6 +1,5 @@
 """`aerofed run`."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
+from mission.base.user_files import read_json
 from mission.commands.options import (
     LIVE_PORT,
     Flag,
@@ -145,5 +145,4 @@ def summary_of(folder: Path, *, as_json: bool) -> Iterator[None]:
     finally:
         summary = RunFolder(folder).summary
         if as_json and summary.is_file():
-            values = json.loads(summary.read_text(encoding="utf-8"))
-            print_json({"folder": folder, **values})
+            print_json({"folder": folder, **read_json(summary)})

@@ -5,7 +5,6 @@ Anything wrong becomes one line per key: file, dotted path, value, what is allow
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from fl.errors import did_you_mean
 from fl.plugin_code import named
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal, shown
+from mission.base.user_files import parse_toml, read_text
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
@@ -102,20 +102,14 @@ def _plain(value: object) -> object:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    text = ""
+    text = read_text(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        return tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(f"{path}: cannot read the configuration: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(text)
+    except ValueError as error:
         raise InputError(f"{path}: not valid TOML: {_in_words(error, text)}") from None
-    except RecursionError:
-        raise InputError(f"{path}: not a configuration: brackets nested too deep") from None
 
 
-def _in_words(error: tomllib.TOMLDecodeError, text: str) -> str:
+def _in_words(error: ValueError, text: str) -> str:
     """What is wrong, with the line that it is about; a key that is given twice is named."""
     lines = text.splitlines()
     found = re.search(r"at line (\d+)", str(error))
@@ -124,4 +118,4 @@ def _in_words(error: tomllib.TOMLDecodeError, text: str) -> str:
     key, equals, _ = line.partition("=")
     if equals and "Cannot overwrite a value" in str(error):
         return f"line {number}: {key.strip()}: given twice in its table; leave one of them out"
-    return f"{error}: {shown(line)}" if line else str(error)
+    return f"{error}: {shown(line)}" if found and line else str(error)

@@ -1,10 +1,10 @@
 """`--set KEY=VALUE`: single keys of a configuration, set over what its file says."""
 
-import tomllib
 from typing import Any
 
 from mission.base.errors import InputError
 from mission.base.explain import Blame, refusal, shown
+from mission.base.user_files import MOST_DEEP, parse_toml
 
 
 def parse_override(text: str) -> tuple[str, object]:
@@ -20,8 +20,8 @@ def parse_override(text: str) -> tuple[str, object]:
             f"--set {text}: expected KEY=VALUE with a dotted key, e.g. mission.steps=8"
         )
     try:
-        return key, tomllib.loads(f"value = {raw}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
+        return key, parse_toml(f"value = {raw}")["value"]
+    except ValueError:
         return key, raw.strip()
 
 
@@ -34,6 +34,9 @@ def override(
         InputError: the way leads through what is neither a table nor a list, or past its end.
     """
     parts: list[Any] = dotted.split(".")
+    if len(parts) > MOST_DEEP:
+        reason = f"no key has {len(parts)} parts; {MOST_DEEP} at most"
+        raise InputError(f"{giver}: {shown(dotted)}: {reason}")
     node: Any = data
     for depth, part in enumerate(parts):
         name, last = ".".join(parts[:depth]), depth == len(parts) - 1

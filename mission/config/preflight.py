@@ -17,6 +17,7 @@ from fl.plugins import needs_torch, problem_of
 from fl.radio.uplink import GATES
 from mission.base.errors import InputError
 from mission.base.user_code import errors_of_learning
+from mission.base.user_files import read_text
 from mission.config import STRATEGIES
 from sitl.autopilot.parameters import problems_of
 
@@ -36,6 +37,11 @@ def problems(config: "RunConfig") -> Iterator[Problem]:
     """Everything of a valid configuration that cannot be used on this machine."""
     for key, value, reason in problems_of(config.vehicle):
         yield Problem(f"vehicle.{key}", value, reason)
+    if (path := config.link.signing_key) is not None:
+        try:
+            signing_key(path)
+        except InputError as wrong:
+            yield Problem("link.signing_key", str(path), str(wrong))
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
         if (error := _owners(community)) is not None:
@@ -77,6 +83,21 @@ def code_digests(*configs: "RunConfig", told: bool = True) -> dict[str, str | No
     """SHA-256 of the code of each plug-in, by its name; `told` as in `own_code`."""
     names = {name for config in configs for _, name in own_code(config, told=told)}
     return {name: digest_of(name) for name in sorted(names)}
+
+
+def signing_key(path: Path) -> bytes:
+    """The key that the pass phrase in a file makes.
+
+    Raises:
+        InputError: the file cannot be read, or the phrase is too short.
+    """
+    from sitl.autopilot.codec.wire import key_of
+    from sitl.errors import SitlInputError
+
+    try:
+        return key_of(read_text(path).strip())
+    except SitlInputError as error:
+        raise InputError(str(error)) from None
 
 
 def _owners(community: CommunityConfig) -> SettingError | None:

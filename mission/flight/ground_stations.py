@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from mission.base.errors import InputError
 from mission.config.models import LinkConfig
-from sitl.autopilot.codec.wire import Seal, read_key
-from sitl.errors import SitlInputError
+from mission.config.preflight import signing_key
+from sitl.autopilot.codec.wire import Seal
 from sitl.links import UdpLink
 
 
@@ -18,8 +17,5 @@ def station_links(link: LinkConfig, urls: Sequence[str] | None = None) -> list[U
     urls = link.gcs if urls is None else urls
     if link.signing_key is None:
         return [UdpLink(url) for url in urls]
-    try:
-        key = read_key(link.signing_key)
-    except SitlInputError as error:
-        raise InputError(f"link.signing_key: {error}") from None
+    key = signing_key(link.signing_key)
     return [UdpLink(url, Seal(key, link_id=number)) for number, url in enumerate(urls)]

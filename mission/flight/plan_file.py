@@ -18,12 +18,12 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
+from mission.base.user_files import decoded, read_bytes
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
 from sitl.autopilot.codec.orders import MissionItem
 
 HEADER = "QGC WPL 110"
-MAX_BYTES = 10_000_000  # thousands of items; more is no mission
 _COLUMNS = 12
 _PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE
 
@@ -50,15 +50,8 @@ def read_plan_file(path: Path) -> PlanFile:
     read = kinds.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{path}: neither a .plan nor a .waypoints file")
-    try:
-        content = path.read_bytes()
-        text = content.decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the plan: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: damaged: not UTF-8 text") from None
-    if len(content) > MAX_BYTES:
-        raise InputError(f"{path}: {len(content)} bytes; a plan has {MAX_BYTES} at most")
+    content = read_bytes(path)
+    text = decoded(content, path)
     if not text.strip():
         raise InputError(f"{path}: the file is empty")
     return read(path, content, text)
@@ -75,8 +68,8 @@ class _Part(BaseModel):
 
 class _SimpleItem(_Part):
     type: Literal["SimpleItem"]
-    command: int
-    frame: int
+    command: Annotated[int, Field(ge=0, le=0xFFFF)]
+    frame: Annotated[int, Field(ge=0, le=0xFF)]
     params: Annotated[list[FiniteFloat | None], Field(min_length=7, max_length=7)]
     autoContinue: bool = True  # noqa: N815  QGroundControl's name
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import zstandard
 from mcap.exceptions import McapError
@@ -34,6 +34,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
+from mission.base.user_files import DATA_BYTES, read_bytes
 from mission.log import DamagedLogError, ForeignLogError, LogError
 from mission.log.sink import new_writer
 from mission.log.topics import FORMAT_VERSION, Topic
@@ -156,20 +157,17 @@ def load_damaged(path: Path) -> Contents:
         LogError: it cannot be read, or is no MCAP file.
     """
     found = Contents(path)
-    try:
-        with path.open("rb") as stream:
-            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise ForeignLogError(path, "not an MCAP file")
-            stream.seek(0)
-            _read(stream, found)
-    except OSError as error:
-        raise LogError(path, f"cannot read the log: {error.strerror}") from None
+    # In memory: a file would make room for as much as a broken record promises.
+    stream = io.BytesIO(read_bytes(path, most=DATA_BYTES))
+    if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        raise ForeignLogError(path, "not an MCAP file")
+    stream.seek(0)
+    _read(stream, found)
     return found
 
 
-def _read(stream: IO[bytes], found: Contents) -> None:
-    size = found.path.stat().st_size
-    at = 0
+def _read(stream: io.BytesIO, found: Contents) -> None:
+    at, size = 0, stream.getbuffer().nbytes
     try:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
             end = stream.tell()
@@ -192,7 +190,9 @@ def _read(stream: IO[bytes], found: Contents) -> None:
 
 def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
     try:
-        if chunk.uncompressed_size > _CHUNK_BYTES:
+        # Of these two the library believes one, whichever it is.
+        told = zstandard.frame_content_size(chunk.data) if chunk.compression == "zstd" else 0
+        if max(chunk.uncompressed_size, told) > _CHUNK_BYTES:
             raise ValueError
         content = breakup_chunk(chunk, validate_crc=True)
     except _BROKEN:
@@ -213,7 +213,7 @@ def _take(record: McapRecord, found: Contents) -> None:
         found.batches.append(record)
 
 
-def _verify(stream: IO[bytes], found: Contents, stored: int, otherwise: Loss) -> None:
+def _verify(stream: io.BytesIO, found: Contents, stored: int, otherwise: Loss) -> None:
     """Compare a checksum with that of its bytes, where no broken chunk explains a difference."""
     here = stream.tell()
     stream.seek(otherwise.start)

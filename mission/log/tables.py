@@ -12,6 +12,7 @@ from typing import IO, Any, Generic, NamedTuple, Self, TypeVar
 
 from mission.base.errors import InputError
 from mission.base.tables import columns, csv_lines
+from mission.base.user_files import DATA_BYTES, read_text
 from mission.log.records import (
     DeviceRecord,
     RoundRecord,
@@ -136,12 +137,7 @@ def _values(
 
 
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise TableError(f"{path}: cannot read the table: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise TableError(f"{path}: not a table: not UTF-8 text") from None
+    text = read_text(path, most=DATA_BYTES)
     if not text:
         raise TableError(f"{path}: not a table: the file is empty")
     if not text.endswith("\n"):

@@ -21,6 +21,7 @@ from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
 from mission.base.run_folder import write_atomically
+from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
 from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -130,14 +131,7 @@ def read_problems(path: Path) -> tuple[NamedProblem, ...]:
         PlanInputError: the file cannot be read, is not JSON, or holds a wrong key, value or
             shape, or the same id twice; the message names file, problem, key and value.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PlanInputError(f"{path}: cannot read the problems: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise PlanInputError(f"{path}: cannot read the problems: not UTF-8 text") from None
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise PlanInputError(f"{path}: not valid JSON: {error}") from None
+    data = read_json(path)
     if not isinstance(data, list):
         raise PlanInputError(f"{path}: holds {shown(data)}: must be a list of problems")
     return problems_of(data, str(path))

@@ -19,6 +19,7 @@ from fl.federation.state import from_bytes, to_bytes
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
+from mission.base.user_files import DATA_BYTES, read_bytes
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
 from mission.planner.problem import RoundPlan
@@ -87,14 +88,12 @@ class CheckpointFolder:
         """
         try:
             path = self.path / str(values["learning"])
-            data = path.read_bytes()
+            data = read_bytes(path, most=DATA_BYTES)
             if hashlib.sha256(data).hexdigest() != values["learning_sha256"]:
                 raise damaged(path, "its checksum differs, so it was changed or cut short")
             state = from_bytes(federation, data)
             self._rounds = list(values["rounds"])
             rounds = tuple(_memory(item, len(federation.p)) for item in self._rounds)
-        except OSError as error:
-            raise InputError(f"{path}: cannot read: {error.strerror}") from None
         except CheckpointError as error:
             raise InputError(f"{path}: {error}") from None
         except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -12,6 +12,7 @@ from typing import Any
 from fl.plugin_code import digest_of
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, environment
+from mission.base.user_files import DATA_BYTES, parse_json, read_text
 
 FORMAT = 4
 ROUNDS = "rounds.json"
@@ -68,12 +69,10 @@ def read_checkpoint(path: Path) -> dict[str, object]:
     folder = RunFolder(path)
     refuse_others(folder)
     file = folder.checkpoint / ROUNDS
+    text, rounds = read_text(folder.config), read_text(file, most=DATA_BYTES)
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
-        text = folder.config.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{error.filename}: cannot read: {error.strerror}") from None
-    except (ValueError, RecursionError):
+        values = parse_json(rounds, file)
+    except InputError:
         raise damaged(file, "not valid JSON, so it was changed or cut short") from None
     if not isinstance(values, dict) or not values.keys() >= _HEAD:
         raise damaged(file, "not what aerofed run writes")

@@ -10,6 +10,7 @@ from typing import Any, TypedDict
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 from mission.base.run_folder import RunFolder, write_atomically
+from mission.base.user_files import read_json
 from mission.config.preflight import code_digests, own_code
 from mission.run.resume import other_code
 from mission.sweep.grid import Axis, Grid, Point, SweepRun, points
@@ -134,12 +135,9 @@ def _manifest(grid: Grid, *, data_dir: Path | None) -> Manifest:
 
 
 def _read(path: Path) -> Manifest:
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path.parent}: not a sweep's folder: it has no {path.name}") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot read what the sweep was started with: {error}") from None
+    if not path.exists():
+        raise InputError(f"{path.parent}: not a sweep's folder: it has no {path.name}")
+    values = read_json(path)
     axes = values.get("axes") if isinstance(values, dict) else None
     if (
         not isinstance(axes, dict)

@@ -4,7 +4,6 @@ import csv
 import gzip
 import io
 import itertools
-import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
@@ -20,6 +19,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically
 from mission.base.tables import csv_lines, parquet
+from mission.base.user_files import read_json, read_text
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
 from mission.sweep.grid import Key, Point
@@ -58,14 +58,11 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
     Raises:
         InputError: a table or the summary is missing or damaged.
     """
-    try:
-        summary: RunSummary = json.loads(folder.summary.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{folder.summary}: cannot read the summary: {error}") from None
+    summary: RunSummary = read_json(folder.summary)
     records = read_table(folder.rounds, RoundRecord)
     uplinks = read_table(folder.uplinks, UplinkRecord)
     learnt = read_table(folder.learning, DeviceRecord)  # a device that trained has a loss
-    devices = len(folder.devices.read_text(encoding="utf-8").splitlines()) - 1
+    devices = len(read_text(folder.devices).splitlines()) - 1
     keys = point.keys
     rounds = _round_rows(keys, records, uplinks, devices=devices)
     scheduled, delivered = (

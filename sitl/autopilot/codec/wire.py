@@ -9,7 +9,6 @@ import hashlib
 import hmac
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -116,19 +115,14 @@ class Seal:
         return round((self._clock() - _EPOCH_S) * _TICKS_PER_S)
 
 
-def read_key(path: Path) -> bytes:
-    """The key made of the pass phrase in a file, as ground stations make it: its SHA-256.
+def key_of(phrase: str) -> bytes:
+    """The key made of a pass phrase, as ground stations make it: its SHA-256.
 
     Raises:
-        SitlInputError: it cannot be read, or is too short.
+        SitlInputError: it is too short.
     """
-    try:
-        phrase = path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise SitlInputError(f"{path}: cannot read the signing key: {reason}") from None
     if len(phrase) < _LEAST_CHARACTERS:
         raise SitlInputError(
-            f"{path}: a signing key of {len(phrase)} characters; at least {_LEAST_CHARACTERS}"
+            f"a signing key of {len(phrase)} characters; at least {_LEAST_CHARACTERS}"
         )
     return hashlib.sha256(phrase.encode()).digest()

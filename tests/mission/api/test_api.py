@@ -281,7 +281,7 @@ def test_configurations(tmp_path: Path) -> None:
     ("wrong", "words"),
     [
         (lambda: aerofed.config("quikstart"), "quikstart: no such .* did you mean quickstart"),
-        (lambda: aerofed.config("none.toml"), "none.toml: cannot read the configuration"),
+        (lambda: aerofed.config("none.toml"), "none.toml: cannot be read"),
         (
             lambda: aerofed.config("quickstart", {"mission.round": 3}),
             "^overrides: mission.round: unknown key; did you mean rounds",

@@ -197,7 +197,7 @@ def feature(kind: str, coordinates: Any) -> str:
 
 
 BAD_GEOJSON = {
-    "nothing": "not GeoJSON",
+    "nothing": "not valid JSON",
     "[]": "a FeatureCollection is wanted",
     '{"type": "FeatureCollection", "features": 3}': "features = 3: must be a list",
     '{"type": "FeatureCollection", "features": []}': "holds no device",

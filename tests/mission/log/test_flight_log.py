@@ -20,6 +20,7 @@ from synthetic_flight import AREA, CONFIG, Fixed, devices, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.base.airspace import Airspace
+from mission.base.errors import InputError
 from mission.log import DamagedLogError, ForeignLogError, LogError
 from mission.log.contents import load
 from mission.log.reader import decode, read_log
@@ -350,7 +351,7 @@ def test_an_area_with_its_airspace_is_logged_without_it(tmp_path: Path) -> None:
 
 
 def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"gone\.mcap: cannot read the log: No such file"):
+    with pytest.raises(InputError, match=r"gone\.mcap: cannot be read: No such file"):
         read_log(tmp_path / "gone.mcap")
     text = tmp_path / "text.mcap"
     text.write_text("not a log")

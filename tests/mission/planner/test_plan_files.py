@@ -242,10 +242,10 @@ def test_many_wrong_entries_are_cut_short(tmp_path):
 
 
 def test_a_missing_file_and_one_that_is_no_text(tmp_path):
-    with pytest.raises(PlanInputError, match="cannot read the problems: No such file"):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
         read_problems(tmp_path / "none.json")
     (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(PlanInputError, match="not UTF-8"):
+    with pytest.raises(InputError, match="not UTF-8"):
         read_problems(tmp_path / "b.json")
 
 

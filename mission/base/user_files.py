@@ -1,0 +1,115 @@
+"""Files that users name, read in one way: regular files, of a size that is believed, as UTF-8 text.
+
+Devices, pipes and what the kernel serves (`/dev/zero`, `/proc/kmsg`) would hang or fill the memory.
+JSON and TOML are refused where they are nested deeper than anything of ours, or hold numbers that
+no 64 bits do: what is built from them then never meets either.
+"""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from mission.base.errors import InputError
+
+TEXT_BYTES = 1 << 24  # of one file: a thousand times what people write
+DATA_BYTES = 1 << 31  # of one that programs wrote: a month of flight
+MOST_DEEP = 100  # tables or lists in one another; ours has 6
+
+
+def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:
+    """The content of a regular file.
+
+    Raises:
+        InputError: it cannot be read, is no regular file, or has more than `most` bytes.
+    """
+    try:
+        size = path.stat().st_size
+        if not path.is_file():
+            kind = "a folder" if path.is_dir() else "a device or a pipe"
+            raise InputError(f"{path}: cannot be read: {kind}, not a file")
+        if size > most:
+            raise InputError(f"{path}: cannot be read: {size} bytes, {most} are allowed")
+        with path.open("rb") as file:
+            return file.read(size)  # no more: /proc has files of no size that never end
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:  # a null in it
+        raise InputError(f"{path}: no name of a file") from None
+
+
+def read_text(path: Path, *, most: int = TEXT_BYTES) -> str:
+    """The text of a UTF-8 file, without its byte order mark.
+
+    Raises:
+        InputError: as `read_bytes`, or it is not UTF-8.
+    """
+    return decoded(read_bytes(path, most=most), path)
+
+
+def decoded(content: bytes, path: Path) -> str:
+    """The text of a file's content, UTF-8 without its byte order mark.
+
+    Raises:
+        InputError: it is not UTF-8.
+    """
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read: not UTF-8 text; save it as UTF-8") from None
+
+
+def read_json(path: Path) -> Any:
+    """The value of a JSON file.
+
+    Raises:
+        InputError: as `read_text`, or it is no JSON.
+    """
+    return parse_json(read_text(path), path)
+
+
+def parse_json(text: str, source: object) -> Any:
+    """The value of a JSON text that `source` holds.
+
+    Raises:
+        InputError: no JSON, nested too deep, or with an integer beyond 64 bits.
+    """
+    try:
+        return _bounded(json.loads(text))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: not valid JSON: {_reason(error)}") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ValueError: no TOML, nested too deep, or with an integer beyond 64 bits.
+    """
+    try:
+        values: dict[str, Any] = _bounded(tomllib.loads(text))
+    except RecursionError as error:
+        raise ValueError(_reason(error)) from None
+    return values
+
+
+def _reason(error: BaseException) -> str:
+    return "nested too deep" if isinstance(error, RecursionError) else str(error)
+
+
+def _bounded(values: Any) -> Any:
+    """The values, whose depth and integers are within bounds."""
+    level, depth = [values], 0
+    while level:
+        if depth > MOST_DEEP:
+            raise ValueError(f"nested deeper than {MOST_DEEP} tables or lists")
+        inner: list[Any] = []
+        for item in level:
+            if isinstance(item, dict):
+                inner += item.values()
+            elif isinstance(item, list):
+                inner += item
+            elif isinstance(item, int) and abs(item) >= 1 << 64:
+                raise ValueError("an integer beyond 64 bits")
+        level, depth = inner, depth + 1
+    return values
