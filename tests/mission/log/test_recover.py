@@ -123,6 +123,16 @@ def test_cut_at_every_kind_of_place_keeps_every_whole_chunk(tmp_path: Path, smal
         assert check(target) == ()
 
 
+def test_a_length_beyond_the_file_is_a_broken_record(tmp_path: Path, small: bytes) -> None:
+    at = next(at for opcode, at, _ in frames_of(small) if opcode == 6)  # the first chunk
+    length_at = small.index(b"zstd", at) + 4
+    data = bytearray(small)
+    data[length_at : length_at + 8] = (2**62).to_bytes(8, "little")
+    (tmp_path / "long.mcap").write_bytes(data)
+    with pytest.raises(DamagedLogError):
+        load(tmp_path / "long.mcap")
+
+
 @settings(max_examples=60, deadline=None)
 @given(place=st.floats(0, 1, exclude_max=True), change=st.integers(1, 255))
 def test_an_altered_byte_is_noticed_or_harmless_and_what_is_saved_is_unaltered(
