@@ -2,12 +2,21 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def final_accuracy(cells: list[Any]) -> dict[str, list[float]]:
+    """Of the fair run and of the other, by community, as a cell shows them."""
+    texts = [out.data["text/plain"] for cell in cells for out in cell.outputs]
+    (text,) = (text for text in texts if "unfair" in text and "accuracy" in text)
+    lines = (line.split() for line in text.splitlines() if "accuracy" in line)
+    return {name: [float(value) for value in values] for name, *values in lines}
 
 
 @pytest.mark.slow
@@ -26,10 +35,13 @@ def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("JUPYTER_DATA_DIR", str(tmp_path / "jupyter"))
     notebook = nbformat.read(EXAMPLES / name, as_version=4)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert not any(cell.outputs for cell in cells), "a notebook is kept without outputs"
+    kept = final_accuracy(cells) if name == "first_run.ipynb" else {}
     client = NotebookClient(notebook, timeout=540, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
     shown = [out for cell in cells for out in cell.outputs if out.output_type == "execute_result"]
     assert len(shown) >= 3
     if name == "first_run.ipynb":
         assert any("image/png" in out.data for out in shown)
+        for told in (kept, final_accuracy(cells)):
+            (ahead, ahead_unfair), (behind, behind_unfair) = told.values()
+            assert ahead_unfair > ahead > behind > behind_unfair > 0.3, "it learns, and is fair"
