@@ -16,7 +16,6 @@ from examples import (
     late_updates,
     measured_radio,
     quantity_skew,
-    ready_first,
     rician,
     tabular,
     weights,
@@ -82,7 +81,6 @@ def test_an_example_is_short(path: Path) -> None:
         {"mission.strategy": "examples.staleness:make"},
         {"mission.strategy": "examples.same_plans:make"},
         {"mission.strategy": "examples.weights:weak_task"},
-        {"mission.strategy": "examples.ready_first:make"},
         {
             "learning.algorithm": "examples.late_updates:make",
             "learning.late": "stale",
@@ -203,16 +201,6 @@ def test_late_updates_weigh_less_and_move_from_where_they_began() -> None:
     late = Update(1, 0.6, np.array([4.0, 0.0], np.float32), 1, old, staleness=3)
     after, _ = algorithm.apply({}, model, [new[0], late])
     assert after == pytest.approx([1.0 + (0.2 + 0.6 * 4.0 / 2.0) / 0.8, 1.0 + 0.2 / 0.8])
-
-
-def test_ready_first_leaves_out_whoever_still_trains() -> None:
-    strategy = ready_first.ReadyFirst(planner=None, round_s=40.0)  # type: ignore[arg-type]
-    zeros = np.zeros(3)
-    info = aerofed.RoundInfo(
-        5, zeros, np.full(3, 0.5), zeros, zeros.astype(int), np.array([4, 3, 1]), zeros,
-        np.array([0.0, 10.0, 60.0]), zeros.astype(int),
-    )  # fmt: skip
-    assert strategy.importance(info) == pytest.approx([0.5, 0.5 * 2 * 0.75, 0.5 * 4 * 0.05])
 
 
 def test_rician_against_drawn_channels() -> None:

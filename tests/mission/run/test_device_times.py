@@ -128,7 +128,6 @@ def test_the_aircraft_hovers_until_all_have_sent(tmp_path: Path) -> None:
         {
             "communities.0.network": "examples.batch_norm:Net",
             "communities.0.buffers": "local",
-            "mission.strategy": "examples.ready_first:make",
         },
     ],
     ids=["fedprox", "late_updates", "fedbuff", "buffers"],
