@@ -246,7 +246,10 @@ def _digest(sources: Mapping[str, _Source]) -> str:
 
 def _root(module: str) -> Path | None:
     """The folder that a module's outermost package lies in; None where it has no file."""
-    spec = importlib.util.find_spec(module.partition(".")[0])
+    try:
+        spec = importlib.util.find_spec(module.partition(".")[0])
+    except ValueError:  # a script, or a module that was made without a file
+        return None
     places = [*(spec.submodule_search_locations or ())] if spec else []
     place = places[0] if places else spec.origin if spec and spec.has_location else None
     return Path(place).parent if place else None

@@ -199,18 +199,19 @@ class PlugIn:
 
 
 def read_only(value: Any) -> Any:
-    """The same value, in which no array can be written to; also within lists, tables and frozen
-    dataclasses, of which it makes copies where it must."""
+    """The same value, in which no array can be written to; also within lists, tuples, tables and
+    frozen dataclasses, of which it makes copies where it must."""
     if isinstance(value, np.ndarray):
         return frozen(value.view()) if value.flags.writeable else value
-    if isinstance(value, list):
-        return [read_only(item) for item in value]
+    if type(value) in (list, tuple):
+        return type(value)(map(read_only, value))
     if isinstance(value, Mapping):
         return {key: read_only(item) for key, item in value.items()}
     params = getattr(type(value), "__dataclass_params__", None)
     if params is None or not params.frozen or isinstance(value, PlugIn):
         return value
-    now = {item.name: getattr(value, item.name) for item in fields(value)}
+    kept = getattr(value, "__dict__", {})  # with what it has worked out before
+    now = {item.name: getattr(value, item.name) for item in fields(value)} | kept
     other = {name: read_only(item) for name, item in now.items()}
     changed = {name: item for name, item in other.items() if item is not now[name]}
     copied = copy(value) if changed else value

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from typing import Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter, Token, convert
@@ -117,7 +118,7 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
     shell
         bash, zsh or fish.
     """
-    print(app.generate_completion(shell=shell), end="")
+    Terminal(**PLAIN).print(app.generate_completion(shell=shell), end="")
     return 0
 
 
@@ -133,10 +134,12 @@ def call(tokens: Sequence[str] | None = None) -> int:
     """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
     # Without emoji, whose table would be loaded for the first line: there may be no memory for it.
     errors = Console(stderr=True, emoji=False, **PLAIN)
-    Terminal.failure = None
+    Terminal.failure, Terminal.stream = None, sys.stdout
     try:
         given = sys.argv[1:] if tokens is None else tokens
-        result = app(usage.spread(given), exit_on_error=False, print_error=False)
+        # What code of users' own prints is none of our output, which may be JSON.
+        with redirect_stdout(sys.stderr):
+            result = app(usage.spread(given), exit_on_error=False, print_error=False)
     except CycloptsError as error:
         errors.print(f"aerofed: {usage.in_words(error)}")
         return InputError.exit_code
@@ -153,6 +156,8 @@ def call(tokens: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")
         return INTERRUPTED
+    finally:
+        Terminal.stream = None
     if Terminal.failure is not None:
         errors.print(f"aerofed: cannot write to standard output: {Terminal.failure}")
         return InputError.exit_code

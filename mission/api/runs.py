@@ -153,6 +153,7 @@ def run(
     source: Source = "quickstart",
     overrides: Mapping[str, object] | None = None,
     *,
+    strategy: "str | Callable[..., object] | None" = None,
     out: Path | str | None = None,
     data_dir: Path | str | None = None,
     quiet: bool = True,
@@ -165,6 +166,8 @@ def run(
     Args:
         source: "quickstart", "paper", "paper-sweep", "town"; a TOML file; or a configuration.
         overrides: values by dotted key: {"mission.rounds": 3, "mission.strategy": "no_cov"}.
+        strategy: sets mission.strategy; here, and wherever code of your own is named, the function
+            or class itself may stand for its name.
         out: new or empty folder for the results; default: a new one under runs/.
         data_dir: folder with the data sets' files, where tasks need files.
         quiet: show nothing; False shows what `aerofed run` shows.
@@ -176,6 +179,8 @@ def run(
     from mission.base.run_folder import output_folder
 
     resolved = config(source, overrides)
+    if strategy is not None:
+        resolved = config(resolved, {"mission.strategy": strategy})
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
     with python_words(), output_folder(given, resolved.run_name) as path:

@@ -1,6 +1,6 @@
 """Many runs side by side: strategies, seeds and settings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -80,7 +80,7 @@ class Sweep:
 def sweep(
     source: Source = "quickstart",
     *,
-    strategies: Sequence[str] = STRATEGIES,
+    strategies: "Sequence[str | Callable[..., object]]" = STRATEGIES,
     seeds: int = 3,
     settings: Mapping[str, Sequence[object]] | None = None,
     overrides: Mapping[str, object] | None = None,
@@ -99,7 +99,8 @@ def sweep(
 
     Args:
         source: a configuration, as for `run`.
-        strategies: which to compare; "package.module:factory" is one of your own.
+        strategies: which to compare; of your own as "package.module:factory", or the factory
+            itself.
         seeds: how many, counting up from the configuration's.
         settings: values to sweep by dotted key: {"channel.extra_gain_db": [0.0, 3.0]}.
         overrides: values by dotted key that all runs have.
@@ -117,6 +118,7 @@ def sweep(
     """
     from rich.console import Console
 
+    from fl.plugin_code import named
     from mission.base.run_folder import RUNS
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import Axis, make_grid
@@ -130,8 +132,9 @@ def sweep(
     if not isinstance(seeds, SupportsIndex):
         raise InputError(f"seeds = {seeds!r}: must be a whole number")
     base = config(source, overrides)
-    axes = [Axis(key, tuple(values)) for key, values in (settings or {}).items()]
-    grid = make_grid(base, strategies=strategies, seeds=seeds, axes=axes, giver="sweep")
+    axes = [Axis(key, tuple(map(named, values))) for key, values in (settings or {}).items()]
+    names = [str(named(strategy)) for strategy in strategies]
+    grid = make_grid(base, strategies=names, seeds=seeds, axes=axes, giver="sweep")
     path = as_path(out, "out") if out is not None else RUNS / f"sweep-{grid.base.name}"
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute

@@ -3,7 +3,7 @@
 import errno
 import os
 import sys
-from typing import Any, ClassVar
+from typing import IO, Any, ClassVar
 
 from rich.console import Console
 
@@ -20,12 +20,19 @@ class Terminal(Console):
     """
 
     failure: ClassVar[str | None] = None
+    # Where it writes; None: to sys.stdout. In a command that is left to what others print there.
+    stream: ClassVar[IO[str] | None] = None
 
     @classmethod
     def for_tables(cls, **options: Any) -> "Terminal":
         """One for tables: where the terminal is narrow, lines break, and no number is cut off."""
         console = cls(**options)
         return console if console.width >= TABLE_WIDTH else cls(width=TABLE_WIDTH, **options)
+
+    @property  # type: ignore[misc]  # nobody sets it
+    def file(self) -> IO[str]:
+        """What it writes to."""
+        return self.stream or sys.stdout
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich does; nothing once the reader is gone."""
@@ -41,6 +48,6 @@ class Terminal(Console):
     def _fall_silent(self, error: OSError) -> None:
         self.quiet = True
         # What is still buffered must not fail again when the interpreter ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
         if error.errno != errno.EPIPE:
             Terminal.failure = error.strerror

@@ -64,8 +64,15 @@ class SweepFolder:
         Raises:
             InputError: the folder holds something else, or what it was started with is changed.
         """
+        new = _manifest(grid, data_dir=data_dir)
+        for name, digest in new["plugins"].items():
+            if digest is None:
+                raise InputError(
+                    f"plug-in {name!r} was passed from Python, and cannot be handed on to the "
+                    "processes of a sweep: it cannot be pickled"
+                )
         if self.manifest.exists():
-            old, new = _read(self.manifest), _manifest(grid, data_dir=data_dir)
+            old = _read(self.manifest)
             if changes := _changes(old, new):
                 named = "; ".join(changes[:_MAX_NAMED])
                 raise InputError(

@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from rich.console import Console
 
+from fl.plugin_code import passed
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.tables import count
 from mission.base.terminal import PLAIN
@@ -109,10 +110,13 @@ class _Sweep:
         before = len(every) - len(todo)
         base, here = self.folder.path.resolve(), Path.cwd()
         plugins = read_manifest(base)["plugins"]
+        objects = passed(plugins)
 
         def order(run: SweepRun) -> RunOrder:
             path = SweepFolder(base).run(run).path
-            return RunOrder(run.name, run.config, path, data_dir, here, self.run_figures, plugins)
+            return RunOrder(
+                run.name, run.config, path, data_dir, here, self.run_figures, plugins, objects
+            )
 
         slots = min(workers.slots, len(todo))
         progress = Lines(console)

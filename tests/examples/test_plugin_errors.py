@@ -3,7 +3,11 @@
 import importlib
 import json
 import shutil
+import subprocess
 import sys
+import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -262,18 +266,26 @@ def test_what_it_raises_is_named_with_its_line(
 
 GREEDY = """
 import numpy as np
-from mission.planner.evaluate import finish
-from mission.scenario.strategies import Sortie
+import torch
+from aerofed import LocalResult, Samples, Sortie, finish
+
+X, Y = np.random.default_rng(1).random((80, 8, 8)), np.arange(80) % 10
 
 def scribble(*handed):
     for value in handed:
-        for array in (value, *getattr(value, "__dict__", {}).values()):
-            if isinstance(array, np.ndarray):
-                try:
-                    array *= 0
-                except ValueError:
-                    continue
-                raise AssertionError("could be written to")
+        if isinstance(value, np.ndarray):
+            try:
+                value *= 0
+            except ValueError:
+                continue
+            raise AssertionError("could be written to")
+        if isinstance(value, (list, tuple)):
+            scribble(*value)
+        elif isinstance(value, dict):
+            scribble(*value.values())
+            value.clear()
+        elif hasattr(value, "__dataclass_fields__"):
+            scribble(*getattr(value, "__dict__", {}).values())
 
 class Strategy:
     fairness, approach_m = True, [100.0, 100.0]
@@ -281,21 +293,35 @@ class Strategy:
     def importance(self, info): scribble(info); return np.array(info.p)
     def sortie(self, number, problem):
         scribble(problem)
-        return Sortie(finish(problem, np.tile(problem.start_m, (problem.steps, 1))))
+        return Sortie(self.planner.plan(problem))
 
 class Far(Strategy):
     approach_m = [1.0, 2.0, 3.0]
+
+class Near(Strategy):
+    approach_m = "home"
+
+class Planner:
+    def plan(self, problem):
+        scribble(problem)
+        return finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
 
 class Algorithm:
     mu, momentum = 0.0, 0.5
     def __init__(self, learning): pass
     def init(self, model, devices): scribble(model); return {"seen": np.zeros(3)}
-    def correction(self, state, device): scribble(*state.values())
-    def start(self, state, model, device): scribble(model, *state.values()); return model
+    def correction(self, state, device): scribble(state)
+    def start(self, state, model, device): scribble(model, state); return model
     def apply(self, state, model, updates):
-        scribble(model, *state.values(), *updates)
+        scribble(model, updates)
         updates.clear()
         return model, state
+
+class Trainer:
+    def __init__(self, learning): pass
+    def train(self, device, model, data, rng):
+        scribble(device, model, data)
+        return LocalResult(model, 1, 0.5)
 
 class Radio:
     def __init__(self, channel): pass
@@ -303,28 +329,129 @@ class Radio:
 
 class Callback:
     def __init__(self, context): pass
-    def round_finished(self, report):
-        scribble(report.learning)
-        report.learning.accuracy.clear()
+    def round_finished(self, report): scribble(report)
     def close(self): pass
 
+class Net(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.dense = torch.nn.Linear(64, 10)
+    def forward(self, x):
+        logits = self.dense(x.flatten(1))
+        x.detach().zero_()
+        return logits
+
+def data(data_dir):
+    samples = Samples(X.copy(), Y, X.copy(), Y)
+    data.made = samples
+    return samples
+
 def split(task):
+    data.made.x_train[:] = 0.0  # they are its own
     scribble(task)
     return np.array_split(np.arange(len(task.labels)), task.devices)
 """
+EVERY_POINT = {
+    "mission.strategy": "Strategy", "planner.factory": "Planner",
+    "learning.algorithm": "Algorithm", "learning.trainer": "Trainer", "channel.gate": "Radio",
+    "communities.0.network": "Net", "communities.0.task": "data",
+    "communities.0.partition": "split", "callbacks": "Callback",
+}  # fmt: skip
 
 
-def test_nobody_can_write_to_what_is_not_theirs(tmp_path: Path) -> None:
+def at_every_point(made: Callable[[str], object]) -> dict[str, Any]:
+    """Settings with code of one's own wherever there may be any; `made` of the code's names."""
+    own = {key: made(name) for key, name in EVERY_POINT.items()}
+    zone = {"name": "corner", "polygon_m": [[1.0, 1.0], [20.0, 1.0], [20.0, 20.0]]}
+    own = {**own, "callbacks": [own["callbacks"]], "area.no_fly": [zone]}
+    return {**SMALL, "planner.kind": "import", **own}
+
+
+def passed(name: str) -> object:
+    """An object of no module that any other process could import."""
+    return SESSION[name]
+
+
+SESSION: dict[str, Any] = {"__name__": "__main__"}
+exec(GREEDY, SESSION)
+
+
+def test_nobody_can_write_to_what_is_not_theirs_wherever_code_of_ones_own_may_be(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "mine.py").write_text(GREEDY)
-    own = {
-        "mission.strategy": "mine:Strategy", "learning.algorithm": "mine:Algorithm",
-        "channel.gate": "mine:Radio", "callbacks": ["mine:Callback"],
-        "communities.0.partition": "mine:split",
-    }  # fmt: skip
-    run = aerofed.run("quickstart", {**SMALL, **own}, out="out")
-    assert run.uplinks["delivered"].all()
-    with pytest.raises(aerofed.InputError, match=r"'mine:Far': approach_m is of shape \(3,\), not"):
-        aerofed.run("quickstart", {**SMALL, **own, "mission.strategy": "mine:Far"}, out="far")
+    own = at_every_point("mine:{}".format)
+    by_name = aerofed.run("quickstart", own, out="out")
+    assert by_name.uplinks["delivered"].all()
+    assert len(by_name.summary["plugins"]) == len(EVERY_POINT)
+    for name, words in (("Far", r" is of shape \(3,\), not"), ("Near", ": ValueError: could not")):
+        with pytest.raises(aerofed.AerofedError, match=f"'mine:{name}': approach_m{words}"):
+            aerofed.run("quickstart", {**own, "mission.strategy": f"mine:{name}"}, out=name)
+
+
+def test_an_object_may_stand_for_its_name_wherever_code_of_ones_own_may_be(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "mine.py").write_text(GREEDY)
+    by_name = aerofed.run("quickstart", at_every_point("mine:{}".format), out="out")
+    own = at_every_point(passed)
+    by_object = aerofed.run("quickstart", own, strategy=own.pop("mission.strategy"), out="passed")
+    assert by_object.learning.equals(by_name.learning)
+    assert by_object.rounds.equals(by_name.rounds)
+    assert all(by_object.summary["plugins"].values())
+    with monkeypatch.context() as patch:
+        cut_after(patch, 1)
+        with pytest.raises(aerofed.AerofedError):
+            aerofed.run("quickstart", at_every_point(passed), out="cut")
+    command = [sys.executable, "-m", "mission", "run", "--resume", "cut"]
+    elsewhere = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert elsewhere.returncode == 2
+    (line,) = elsewhere.stderr.splitlines()
+    assert "cut: cannot be resumed: nothing tells whether plug-in 'python:" in line
+    assert "passed from Python" in line
+    assert aerofed.resume("cut").rounds.equals(by_name.rounds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["joblib", "ray"])
+def test_workers_get_the_objects_that_stand_for_names(engine: Any) -> None:
+    own = at_every_point(passed)
+    strategy = own.pop("mission.strategy")
+    alone = aerofed.run("quickstart", own, strategy=strategy, out="alone")
+    strategies = [strategy, partial(strategy), "cov"]
+    swept = aerofed.sweep(
+        "quickstart", strategies=strategies, seeds=1, overrides=own, out="out", engine=engine
+    )
+    for name in swept.runs["run"][:2]:
+        assert swept.run(name).learning.equals(alone.learning)
+    lock = threading.Lock()
+    with pytest.raises(aerofed.InputError, match=r"'python:lambda_.*: it cannot be pickled"):
+        aerofed.sweep(strategies=[lambda context: (lock, context)], seeds=1, out="none")
+    assert not Path("none").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_what_code_of_ones_own_prints_goes_to_standard_error(command: str) -> None:
+    said = MODULE.replace("): return 0.5", "): print('in a round'); return 0 * distance_m")
+    Path("mine.py").write_text(f"print('imported')\n{said}")
+    own = {**SMALL, "channel.gate": "mine:RadioShort"}
+    sets = [f"--set={key}={value}" for key, value in own.items() if key != "mission.rounds"]
+    more = ["quickstart", "--strategies=cov,no_cov", "--seeds=1"] if command == "sweep" else []
+    program = [
+        sys.executable,
+        "-m",
+        "mission",
+        command,
+        *more,
+        "--json",
+        "--rounds=2",
+        "--out=out",
+        *sets,
+    ]
+    done = subprocess.run(program, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["folder"] == "out"
+    assert {"imported", "in a round"} <= {*done.stderr.splitlines()}
 
 
 def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ has ended comes back, through Ray's object store. A run whose machine dies start
 import importlib
 import io
 import os
-import pickle
 import shutil
 import socket
 import tempfile
@@ -110,7 +109,7 @@ class RayEngine:
     def start(self, order: RunOrder) -> None:
         """Hand a run to the cluster."""
         # Packed, so that a machine without Aerofed can say so.
-        packed, data = pickle.dumps(order), list(self._data.items())
+        packed, data = self._ray.cloudpickle.dumps(order), list(self._data.items())
         self._flying[self._fly.remote(self._versions, packed, data)] = order
 
     def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:

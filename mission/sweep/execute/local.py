@@ -5,6 +5,7 @@ Every slot is a pool of one process, so that a worker that is killed takes no ot
 
 import os
 import signal
+import sys
 import threading
 import time
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -89,7 +90,8 @@ def _pool() -> ProcessPoolExecutor:
 
 
 def _prepare(parent: int) -> None:
-    """In the worker: leave Ctrl-C to the sweep, and do not outlive it."""
+    """In the worker: leave Ctrl-C and standard output to the sweep, and do not outlive it."""
+    sys.stdout = sys.stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:

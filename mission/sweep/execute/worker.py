@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from fl.plugin_code import PassedObject, bring
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
 from mission.base.run_folder import RunFolder
@@ -30,6 +31,7 @@ class RunOrder:
     working_dir: Path  # the user's own modules are found from here
     figures: bool = True  # whether its own pictures are drawn
     plugins: Mapping[str, str | None] = field(default_factory=dict)  # digests, as the sweep began
+    objects: Mapping[str, PassedObject] = field(default_factory=dict)  # plug-ins, by their names
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ def execute(order: RunOrder) -> RunEnd:
     """
     if str(order.working_dir) not in sys.path:
         sys.path.append(str(order.working_dir))
+    bring(order.objects)
     from mission.run.session import fly_session, resume_session
 
     console = RunConsole(Console(quiet=True), quiet=True)
