@@ -3,7 +3,7 @@
 import math
 
 from flightdyn.config import AircraftConfig
-from flightdyn.faults import Fault
+from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance.attitude import attitude_along
 from flightdyn.guidance.control import AttitudeOrder, Controller
@@ -18,7 +18,6 @@ from flightdyn.navigation.source import Navigation, TrueNavigation
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
-    BatteryState,
     GeodeticPoint,
     GnssFix,
     Innovation,
@@ -31,27 +30,21 @@ def _triple(vector: Vector) -> Triple:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
-class Aircraft:
+class Aircraft(Plant):
     """A multirotor on its own belief of where it is. Time zero: aligned, at rest, disarmed."""
 
     def __init__(
         self, config: AircraftConfig, *, home: GeodeticPoint, streams: RandomStreams
     ) -> None:
-        self.config = config
-        self.plant = plant = Plant(config, home=home, streams=streams)
-        self.frame = plant.frame
-        self.vehicle = plant.vehicle
-        self._clock = clock = plant.clock
-        self.dt_ns = clock.dt_ns
-        self._interval = plant.interval
+        super().__init__(config, home=home, streams=streams)
         # JSBSim's ground is at its sea level, and so is its gravity.
         earth = Earth.at(home.lat_deg, 0.0)
-        inner = InnerLoops(self.vehicle, dt_s=clock.dt_s)
+        inner = InnerLoops(self.vehicle, dt_s=self.clock.dt_s)
         self.navigation: Navigation
-        if plant.sensors is None:
-            self.navigation = TrueNavigation(plant, inner)
+        if self.sensors is None:
+            self.navigation = TrueNavigation(self, inner)
         else:
-            self.navigation = InertialNavigation(plant, plant.sensors, inner, earth=earth)
+            self.navigation = InertialNavigation(self, self.sensors, inner, earth=earth)
         dt_s = config.guidance_interval_s
         self.controller = Controller(
             inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=earth.gravity_mps2
@@ -71,21 +64,21 @@ class Aircraft:
         measured or corrected, the ground or a corner is near, or the path's progress has changed.
         Returns how many.
         """
-        plant, navigation, guidance = self.plant, self.navigation, self._guidance
-        if self._near or plant.low:
+        navigation, guidance = self.navigation, self._guidance
+        if self._near or self.low:
             most = 1
         elif guidance.pursuing:  # the reference is made anew for each guidance step
             most = min(most, self.to_guidance_step)
-        most = min(most, plant.due - self._clock.tick)
+        most = min(most, self.due - self.clock.tick)
         ticks = navigation.fly(most, self.controller.guide)
-        plant.passed(ticks)
+        self.passed(ticks)
         if guidance.look():  # flown up to a guidance step, which is the one that tells
             self._near = guidance.corner_near
             return ticks
-        if plant.impact_mps is not None and self.armed:
+        if self.impact_mps is not None and self.armed:
             self.disarm()
         navigation.sense()
-        if self._clock.tick % self._interval == 0:
+        if self.clock.tick % self.interval == 0:
             self._guide()
         elif self._near:
             self._pass_corners()
@@ -94,7 +87,7 @@ class Aircraft:
     @property
     def to_guidance_step(self) -> int:
         """Ticks left until the next guidance step."""
-        return self._interval - self._clock.tick % self._interval
+        return self.interval - self.clock.tick % self.interval
 
     def _guide(self) -> None:
         navigation, guidance = self.navigation, self._guidance
@@ -107,16 +100,6 @@ class Aircraft:
     def _pass_corners(self) -> None:
         here = self.navigation.state()
         self._guidance.pass_corners(here.p, here.v)
-
-    @property
-    def t_ns(self) -> int:
-        """Simulated time."""
-        return self._clock.t_ns
-
-    @property
-    def truth(self) -> Kinematics:
-        """True position, velocity, attitude and rates of this tick."""
-        return self.plant.truth
 
     @property
     def belief(self) -> Kinematics:
@@ -137,29 +120,9 @@ class Aircraft:
         return self.navigation.innovations_after(t_ns)
 
     @property
-    def wind_ned_mps(self) -> Vector:
-        """Velocity of the air around the aircraft, gusts and turbulence included."""
-        return self.plant.wind_ned_mps
-
-    @property
-    def battery(self) -> BatteryState:
-        """Voltage, current, charge."""
-        return self.plant.battery
-
-    @property
     def on_ground(self) -> bool:
         """What the land detector believes; of a wreck there is no doubt."""
-        return self._guidance.landed or self.plant.crashed
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the ground was hit faster than the legs can take: a wreck, at rest for good."""
-        return self.plant.crashed
-
-    @property
-    def impact_mps(self) -> float | None:
-        """The speed with which it crashed; None unless it has."""
-        return self.plant.impact_mps
+        return self._guidance.landed or self.crashed
 
     @property
     def progress(self) -> PathProgress:
@@ -182,21 +145,6 @@ class Aircraft:
         """What keeps the aircraft from being ready; empty if nothing."""
         return "crashed" if self.crashed else self.navigation.why_not_ready()
 
-    @property
-    def faults(self) -> tuple[Fault, ...]:
-        """The faults in force."""
-        return self.plant.faults
-
-    def inject(self, fault: Fault) -> None:
-        """Put a fault in force now, for its duration. Raises FaultError where there is no such
-        part to fail.
-        """
-        self.plant.inject(fault)
-
-    def end(self, fault: Fault) -> None:
-        """End one fault in force, and no other; nothing happens where it is not in force."""
-        self.plant.end(fault)
-
     def arm(self) -> None:
         """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""
         if self.crashed:
@@ -216,7 +164,9 @@ class Aircraft:
         Raises:
             FlightInputError: the motors are on.
         """
-        self.plant.exchange_battery(armed=self.armed)
+        if self.armed:
+            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
+        super().exchange_battery()
 
     def idle(self) -> None:
         """Set no setpoint: armed motors turn without lift."""

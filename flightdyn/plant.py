@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
-from flightdyn.errors import FlightInputError
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, frozen
 from flightdyn.physics.battery import Battery
@@ -157,14 +156,8 @@ class Plant:
         """End one fault in force, and no other; nothing happens where it is not in force."""
         self._faults.end(fault)
 
-    def exchange_battery(self, *, armed: bool) -> None:
-        """Put in a fresh battery.
-
-        Raises:
-            FlightInputError: the motors are on.
-        """
-        if armed:
-            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery."""
         self._battery.exchange()
         self.battery = self._battery.state()
         self.vehicle.set_battery_voltage(self._battery.voltage_v)

@@ -171,7 +171,7 @@ class FirmwareClock:
 
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
-        self.plant.exchange_battery(armed=False)
+        self.plant.exchange_battery()
         self._truth.keep_battery(exchanged=True)
 
     @property

@@ -60,8 +60,8 @@ def in_strides(*strides: int, gnss: bool) -> tuple[bytes, list[tuple[object, ...
     """
     aircraft = make(seed=4, wind=BREEZE, sensors=SensorsConfig())
     take_off(aircraft, 20.0)
-    assert aircraft.plant.sensors is not None
-    aircraft.plant.sensors.receiver.on = gnss
+    assert aircraft.sensors is not None
+    aircraft.sensors.receiver.on = gnss
     turns = (0.0, 120.0, 100.0, -60.0, 90.0, -130.0, 60.0, 110.0, 170.0)
     aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, turns, 30.0)))
     lengths = itertools.cycle(strides)

@@ -87,7 +87,7 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
 
 def test_a_fresh_battery_is_seen_though_time_stands_still() -> None:
     vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
-    plant = vehicle.aircraft.plant
+    plant = vehicle.aircraft
     plant._battery.consumed_mah = 5000.0
     plant.battery = plant._battery.state()
     vehicle.autopilot.watch()

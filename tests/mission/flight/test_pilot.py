@@ -178,7 +178,7 @@ def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
             await pilot.upload(plan, plan.positions(AREA))
             worse(pilot)
             await pilot.fly()
-            return float(vehicle.aircraft.plant.truth.pos_ned_m[1])
+            return float(vehicle.aircraft.truth.pos_ned_m[1])
 
     assert asyncio.run(east_m()) == pytest.approx(100.0, abs=5.0)
 
