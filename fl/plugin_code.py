@@ -2,7 +2,8 @@
 
 A name is an import path, `package.module:callable`, found in the working directory too; that of an
 entry point which an installed package declares in the group `aerofed.plugins`; or that of an
-object which was passed from Python, `python:callable_DIGEST`.
+object which was passed from Python, `python:callable_DIGEST`. `LABEL=` before it is what tables and
+pictures call it.
 """
 
 import ast
@@ -21,6 +22,7 @@ from pathlib import Path
 from fl.errors import did_you_mean
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
+LABELLED = r"^[\w .+-]{1,40}="
 GROUP = "aerofed.plugins"
 PASSED = "python"  # in the place of a module, in the name of an object that was passed
 
@@ -56,7 +58,17 @@ def is_import_path(text: str) -> bool:
 
 def is_plugin(name: str) -> bool:
     """Whether it is an import path, or an entry point that is installed."""
-    return is_import_path(name) or name in _entry_points()
+    bare = _bare(name)
+    return is_import_path(bare) or bare in _entry_points()
+
+
+def label_of(name: str) -> str:
+    """What tables and pictures call a plug-in, or what is built in."""
+    return name.partition("=")[0]
+
+
+def _bare(name: str) -> str:
+    return re.sub(LABELLED, "", name)
 
 
 def checked_name(name: str, built_in: tuple[str, ...]) -> str:
@@ -130,7 +142,7 @@ def digest_of(name: str) -> str | None:
     """
     module = module_of(name)
     if module == PASSED:
-        return _passed[name].digest if name in _passed else None
+        return _passed[bare].digest if (bare := _bare(name)) in _passed else None
     return _digest(_sources(module))
 
 
@@ -157,7 +169,7 @@ def named(value: object) -> object:
 
 def passed(names: Iterable[str]) -> dict[str, PassedObject]:
     """Those of the plug-ins that were passed from Python, for other processes to `bring`."""
-    return {name: _passed[name] for name in names if name in _passed}
+    return {name: _passed[name] for name in map(_bare, names) if name in _passed}
 
 
 def bring(objects: Mapping[str, PassedObject]) -> None:
@@ -166,9 +178,9 @@ def bring(objects: Mapping[str, PassedObject]) -> None:
 
 
 def _passed_as(name: str) -> PassedObject:
-    if name not in _passed:
+    if (bare := _bare(name)) not in _passed:
         raise ImportError("it was passed from Python, in a process that has ended; pass it again")
-    return _passed[name]
+    return _passed[bare]
 
 
 def _digest_of_object(value: object) -> str | None:
@@ -261,7 +273,8 @@ def _is_installed(path: Path) -> bool:
 
 
 def _path(name: str) -> str:
-    return name if is_import_path(name) else _entry_points().get(name, name)
+    bare = _bare(name)
+    return bare if is_import_path(bare) else _entry_points().get(bare, bare)
 
 
 def _entry_points() -> dict[str, str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fl.plugin_code import label_of
 from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -42,7 +43,7 @@ class LoadedRun:
         config, plan_file = self.data.config, self.data.plan_file
         known = {**config.get("mission", {}), **config, **self.summary}
         keys = ("strategy", "seed") if plan_file is None else ("seed",)
-        facts = [f"{key} {known[key]}" for key in keys if key in known]
+        facts = [f"{key} {label_of(str(known[key]))}" for key in keys if key in known]
         source = [] if plan_file is None else [f"plan file {plan_file.source}"]
         return " · ".join([self.name, *facts, *source])
 

@@ -100,7 +100,7 @@ def sweep(
     Args:
         source: a configuration, as for `run`.
         strategies: which to compare; of your own as "package.module:factory", or the factory
-            itself.
+            itself; tables call "mine=package.module:factory" by what is before the "=".
         seeds: how many, counting up from the configuration's.
         settings: values to sweep by dotted key: {"channel.extra_gain_db": [0.0, 3.0]}.
         overrides: values by dotted key that all runs have.

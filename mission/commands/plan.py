@@ -10,6 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from fl.plugin_code import label_of
 from mission.base.errors import InputError
 from mission.base.tables import number
 from mission.base.terminal import PLAIN, Terminal
@@ -141,7 +142,8 @@ def _first_round(config: "RunConfig", data_dir: Path | None) -> _Task:
         )
     fixed = isinstance(scenario.strategy, FIXED_PATHS)
     planner = "" if fixed else f" · planner {config.planner.kind}"
-    about = f"{config.name}{planner} · strategy {config.mission.strategy} · seed {config.seed}"
+    strategy = label_of(config.mission.strategy)
+    about = f"{config.name}{planner} · strategy {strategy} · seed {config.seed}"
     problems = (NamedProblem("round-1", scenario.first_problem()),)
     return _Task(problems, scenario.strategy, about, scenario)
 

@@ -38,7 +38,8 @@ def sweep(
     config
         TOML file, or quickstart, paper, paper-sweep or town.
     strategies
-        Which to compare, separated by commas; package.module:factory is one of your own.
+        Which to compare, separated by commas; package.module:factory is one of your own, and
+        mine=package.module:factory has tables and pictures call it "mine".
     seeds
         How many, counting up from the configuration's seed.
     rounds

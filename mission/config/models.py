@@ -10,6 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig, PluginName, one_of
+from fl.plugin_code import label_of
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
@@ -116,7 +117,8 @@ class MissionConfig(_Model):
     strategy: Annotated[str, one_of(STRATEGIES)] = Field(
         "cov",
         description="who is served where, round by round: one of cov, no_cov, barycenter, "
-        "rectangular, ideal, or one of your own as 'package.module:factory'",
+        "rectangular, ideal, or one of your own as 'package.module:factory'; with 'LABEL=' before "
+        "it, tables and pictures call it LABEL",
     )
     flight: Literal["flown", "none"] = Field(
         "flown",
@@ -351,7 +353,7 @@ class RunConfig(_Model):
     @property
     def run_name(self) -> str:
         """What tells it from other runs of its configuration: the name of its folder by default."""
-        return f"{self.name}-{self.mission.strategy}-seed{self.seed}"
+        return f"{self.name}-{label_of(self.mission.strategy)}-seed{self.seed}"
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fl.plugin_code import label_of
 from mission.base.errors import InputError
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
@@ -36,7 +37,7 @@ def file_name(text: str) -> str:
 class Point:
     """Strategy, seed and settings of one run."""
 
-    strategy: str
+    strategy: str  # what it is called, without the name of its code
     seed: int
     settings: tuple[tuple[str, object], ...]  # swept keys and this run's values
 
@@ -112,7 +113,8 @@ def make_grid(
     for axis in axes:
         if axis.key in _OPTIONS:
             raise InputError(f"{axis.key}: use {_OPTIONS[axis.key]} in a sweep")
-    _refuse_twice("strategies", strategies)
+    names = {label_of(strategy): strategy for strategy in strategies}
+    _refuse_twice("strategies", [label_of(strategy) for strategy in strategies])
     _refuse_twice("settings", [axis.key for axis in axes])
     for axis in axes:
         _refuse_twice(axis.key, axis.values)
@@ -125,7 +127,7 @@ def make_grid(
     numbers = tuple(range(base.seed, base.seed + seeds))
     runs = []
     for point in points(strategies, numbers, axes):
-        own = {"mission.strategy": point.strategy, "seed": point.seed}
+        own = {"mission.strategy": names[point.strategy], "seed": point.seed}
         config = load_config(source, {**common, **dict(point.settings), **own}, giver=giver)
         if config.link.kind != "in_process":
             raise InputError(
@@ -144,7 +146,9 @@ def points(
     A sweep that is looked at before it is over then compares strategies on equal terms.
     """
     return tuple(
-        Point(strategy, seed, tuple(zip((axis.key for axis in axes), values, strict=True)))
+        Point(
+            label_of(strategy), seed, tuple(zip((axis.key for axis in axes), values, strict=True))
+        )
         for seed, values, strategy in itertools.product(
             seeds, itertools.product(*(axis.values for axis in axes)), strategies
         )

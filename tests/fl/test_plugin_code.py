@@ -1,6 +1,7 @@
 """Code of one's own is loaded as it stands in its files, and its digest tells it from other."""
 
 import importlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from fl.plugin_code import digest_of, load
+from fl.plugin_code import checked_name, digest_of, label_of, load
 
 
 @pytest.fixture(autouse=True)
@@ -99,6 +100,19 @@ def test_two_modules_share_what_both_import_before_and_after_an_edit() -> None:
         )
         assert made("edited_d:make") == [number]
         assert made("edited_d:make") is made("edited_e:make")
+
+
+def test_a_label_is_no_part_of_what_a_plug_in_is() -> None:
+    label = "mine=json:dumps"
+    assert (load(label), digest_of(label)) == (json.dumps, digest_of("json:dumps"))
+    assert checked_name(label, ()) == label
+    assert [label_of(name) for name in (label, "json:dumps", "cov")] == [
+        "mine",
+        "json:dumps",
+        "cov",
+    ]
+    with pytest.raises(ValueError, match="import path"):
+        checked_name("a/b=json:dumps", ())
 
 
 def test_code_of_a_library_is_that_of_its_package() -> None:

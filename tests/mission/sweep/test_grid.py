@@ -8,7 +8,9 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config
-from mission.sweep.folder import SweepFolder
+from mission.scenario.custom_strategies import CustomStrategy
+from mission.scenario.scenario import build_scenario
+from mission.sweep.folder import SweepFolder, points_of, read_manifest
 from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
 
 QUICK = builtin_config("quickstart.toml")
@@ -40,6 +42,23 @@ def test_names_are_unique_and_fit_for_files() -> None:
     names = [run.name for run in found.runs]
     assert len(set(names)) == len(names) == 4
     assert all("/" not in name and " " not in name and len(name) < 120 for name in names)
+
+
+def test_a_strategy_of_ones_own_goes_by_its_label_everywhere(tmp_path: Path) -> None:
+    given = ("cov", "stale=examples.staleness:make")
+    found = grid(strategies=given, seeds=1)
+    assert [run.name for run in found.runs] == ["cov-seed1", "stale-seed1"]
+    assert (found.runs[1].label, found.runs[1].keys["strategy"]) == ("stale", "stale")
+    assert found.runs[1].config.mission.strategy == given[1]
+    assert found.runs[1].config.run_name == "quickstart-stale-seed1"
+    scenario = build_scenario(found.runs[1].config, data_dir=None)
+    assert isinstance(scenario.strategy, CustomStrategy)
+    folder = SweepFolder(tmp_path)
+    folder.claim(found, data_dir=None)
+    again = points_of(read_manifest(tmp_path))
+    assert [point.strategy for point in again] == ["cov", "stale"]
+    with pytest.raises(InputError, match="'cov' is named twice"):
+        grid(strategies=("cov", "cov=examples.staleness:make"))
 
 
 @pytest.mark.parametrize(
