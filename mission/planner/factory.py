@@ -16,23 +16,15 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         InputError: one's own that cannot be imported or is no planner.
     """
-    planner = _choosing_altitudes(config)
+    from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
+
     if config.kind != "certified":
+        planner = SampledAltitudes(_of_kind(config))
         return LimitedPlanner(planner, planner)
-    from mission.planner.certified import ExploringPlanner
+    from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 
-    return LimitedPlanner(planner, ExploringPlanner())
-
-
-def _choosing_altitudes(config: PlannerConfig) -> Planner:
-    if config.kind == "certified":
-        from mission.planner.altitudes import CertifiedAltitudes
-        from mission.planner.certified import CertifiedPlanner
-
-        return CertifiedAltitudes(CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes))
-    from mission.planner.altitudes import SampledAltitudes
-
-    return SampledAltitudes(_of_kind(config))
+    certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
+    return LimitedPlanner(CertifiedAltitudes(certified), ExploringPlanner(), certified.goal)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

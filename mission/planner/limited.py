@@ -10,6 +10,7 @@ earns least.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
+if TYPE_CHECKING:  # which makes ready to search
+    from mission.planner.certified import Goal
+
 # Of the metres, where corners and ways around cost the rest; and where hovers do, too.
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
@@ -37,7 +41,6 @@ _FREE_M = 20.0  # of a way that one more device takes: less counts as this
 _ROUNDS, _WORTH = 3, 5e-4  # of programs and detours; the gain for which there is another
 _NEAR_M = 15.0  # waypoints of one turn
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
-_SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 _GAIN = 1e-6  # of the value: less is no improvement
 
 
@@ -50,6 +53,7 @@ class LimitedPlanner:
 
     inner: Planner
     drawing: Planner
+    goal: "Goal | None" = None  # None: nothing is proven
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -67,6 +71,10 @@ class LimitedPlanner:
         # A way out of an area leads nearer to devices than anybody is allowed to be.
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
             bound = min(bound, reach_bound(problem))
+        if self.goal is not None:
+            from mission.planner.timed import timed_bound
+
+            bound = min(bound, timed_bound(problem, best.value, self.goal))
         if problem.limits is not None:
             best = replace(best, foreseen=foresee_round(problem, best))
         return bounded(problem, best, bound, ideal.nodes)
@@ -120,15 +128,9 @@ def _free(problem: RoundProblem) -> RoundProblem:
 
 def servable(problem: RoundProblem) -> Floats:
     """(K,) the importance, without devices that are not ready before the longest round ends."""
-    limits, ready_in_s = problem.limits, problem.ready_in_s
-    if limits is None or ready_in_s is None:
+    if problem.limits is None or problem.ready_in_s is None:
         return problem.importance
-    longest_s, legs = limits.duration_s, problem.steps - 1
-    if problem.airspace.is_open:  # without corners between waypoints
-        flown_s = legs * limits.performance.least_s(problem.most_m / legs) if legs else 0.0
-        sent_s = 0.0 if problem.upload_s is None else float(problem.upload_s.sum())
-        longest_s = min(longest_s, _SLOWER * flown_s + sent_s)
-    return np.where(ready_in_s <= longest_s, problem.importance, 0.0)
+    return np.where(problem.ready_in_s <= problem.longest_s, problem.importance, 0.0)
 
 
 def _value(plan: RoundPlan) -> float:

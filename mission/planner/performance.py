@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 WITHIN_ROUNDING = 1.0 + 1e-9
 _ASTRAY_M = 0.15  # from where it holds to where it believes to be: a hover there begins with that
+_ROUNDED = 1.01  # times: watts between samples of a table
 _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its energy is tabled
 
 
@@ -123,8 +124,41 @@ class Performance:
         # The longer the path, the cheaper its fastest metre, until the speed is reached: within
         # the table, at any acceleration that is allowed. From there on all cost the same.
         further_m = max(0.0, length_m - lengths[-1])
-        per_m = (joules[-1] - joules[-2]) / (lengths[-1] - lengths[-2])
-        return float(np.interp(length_m, lengths, joules) + further_m * per_m)
+        return float(np.interp(length_m, lengths, joules) + further_m * self.cheapest_j)
+
+    @property
+    def fastest_mps(self) -> float:
+        """Metres a second that no path makes more of, once under way."""
+        if self.guidance is None:
+            return self.speed_mps
+        return min(self.speed_mps, self.guidance.speed_mps) / self.pace
+
+    @property
+    def stop_m(self) -> tuple[float, float]:
+        """Metres that could be flown while stopping and starting anew: at least, and as many more
+        from a leg of that length on, on which the full speed is reached."""
+        if self.guidance is None:
+            return 0.0, 0.0
+        from flightdyn.foresight import SETTLING_S
+
+        speed_mps = self.fastest_mps * self.pace
+        fixed_m = speed_mps * (self.guidance.smoothing_s + SETTLING_S)
+        return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
+
+    @property
+    def cheapest_j(self) -> float:
+        """Joules that no metre takes less."""
+        if self.guidance is None:
+            return self._cruise_w / self.speed_mps
+        lengths, joules = self._energy_table
+        return float((joules[-1] - joules[-2]) / (lengths[-1] - lengths[-2]))
+
+    @property
+    def least_w(self) -> float:
+        """Watts that nothing flown takes less."""
+        from flightdyn.physics.power import power_w
+
+        return float(power_w(np.linspace(0.0, 40.0, 401), density=self.density).min()) / _ROUNDED
 
     def hover_j(self, duration_s: float) -> float:
         """Joules of a hover."""

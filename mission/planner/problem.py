@@ -17,6 +17,8 @@ from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.performance import Foreseen, RoundLimits
 
+_SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
+
 
 @dataclass(frozen=True)
 class RoundProblem:
@@ -57,6 +59,18 @@ class RoundProblem:
         """Metres that no path within budget and limits exceeds."""
         limits = self.limits
         return self.path_budget_m if limits is None else min(self.path_budget_m, limits.longest_m)
+
+    @property
+    def longest_s(self) -> float:
+        """Seconds that no round within limits lasts longer."""
+        limits, legs = self.limits, self.steps - 1
+        assert limits is not None
+        most_s = min(limits.duration_s, limits.energy_j / limits.performance.least_w)
+        if not self.airspace.is_open:  # any number of corners between waypoints
+            return most_s
+        flown_s = legs * limits.performance.least_s(self.most_m / legs) if legs else 0.0
+        sent_s = 0.0 if self.upload_s is None else float(self.upload_s.sum())
+        return min(most_s, _SLOWER * flown_s + sent_s)
 
     def at(self, altitude_m: float | None) -> Self:
         """The same problem at one altitude; None: the channel's."""

@@ -5,7 +5,8 @@
 #include "dual.h"
 #include "path.h"
 
-/* Bounds of nodes: the dual of the order plus what the other devices promise. */
+/* Bounds of nodes: the dual of the order plus what the other devices promise. Where hovers count, what
+   they promise is in the dual, as it depends on the price of a metre. */
 
 /* A child's dual is minimised until what is left to gain is under this share of its excess over
    the threshold: it will stay open anyway. */
@@ -22,6 +23,7 @@ typedef struct {
 /* Bound of what the devices off the order can bring, within the places that are left. */
 static double rest_of(const Node *node, const Problem *problem)
 {
+    if (problem->limits.timed) return 0.0;
     const int64_t room = problem->limits.steps * problem->limits.per_step - node->size;
     double promises[MOST_DEVICES], total = 0.0;
     int64_t count = 0;
@@ -45,12 +47,20 @@ static Order order_of(Node *node, const Goal *goal, double others)
         .node = node, .enough = goal->enough - others, .pointed = -1, .mu = goal->mu};
 }
 
+/* Let a node have the lower one of two duals, its own and one found for it. */
+static void take_dual(Node *node, double dual, double price)
+{
+    if (!(dual < node->dual)) return;
+    node->dual = dual;
+    node->price = price;
+}
+
 /* Minimise the dual of a node to the end, and lower its bound. */
 static void tighten(Node *node, const Goal *goal, Solver *solver)
 {
     Order order = order_of(node, goal, goal->rest);
     minimise(&order, 1, (Aim){goal->eps, 0.0}, solver);
-    node->dual = least(node->dual, order.bound);
+    take_dual(node, order.bound, order.price);
     node->bound = least(node->bound, node->dual + goal->rest);
 }
 
@@ -102,7 +112,7 @@ typedef struct {
 /* A child that is left open. */
 typedef struct {
     int64_t detail; /* gap or OUT_OF_REACH, interval row, or state of an edge */
-    double bound, dual, mu;
+    double bound, dual, mu, price;
     Point y[MOST_DEVICES];
 } Child;
 
@@ -128,10 +138,10 @@ static void begin(Family *family, enum Kind kind, int64_t what, int64_t radius)
 /* Take a child into the family unless its bound closes it. The score stands for the work below:
    the children's excess over the threshold as a share of the parent's, to the fourth power. */
 static int offer(
-    Family *family, int64_t detail, double dual, double others, const Node *parent,
-    const Node *node, const Goal *goal)
+    Family *family, int64_t detail, double others, const Node *parent, const Node *node,
+    const Goal *goal)
 {
-    const double bound = least(parent->bound, dual + others);
+    const double bound = least(parent->bound, node->dual + others);
     if (bound <= goal->enough) {
         family->closed = most(family->closed, bound);
         return 0;
@@ -139,8 +149,9 @@ static int offer(
     Child *child = &family->child[family->count++];
     child->detail = detail;
     child->bound = bound;
-    child->dual = dual;
+    child->dual = node->dual;
     child->mu = node->mu;
+    child->price = node->price;
     memcpy(child->y, node->y, (size_t)node->size * sizeof(Point));
     const double share = (bound - goal->enough) / (parent->bound - goal->enough);
     family->score += CHILD_COST + share * share * (share * share);
@@ -160,7 +171,8 @@ static Probe probe(
 {
     const Relaxation *relaxation = &problem->relaxation;
     const int64_t level = node->level[device], radius = relaxation->ladder[level];
-    const double promise = promise_of(node, device, relaxation), others = goal->rest - promise;
+    const double promise = problem->limits.timed ? 0.0 : promise_of(node, device, relaxation);
+    const double others = goal->rest - promise;
     Order *first = all->solver.end, *last = first;
     for (int64_t gap = 0; gap <= node->size; gap++) {
         if (!(node->mask[device] >> gap & 1)) continue;
@@ -178,25 +190,36 @@ static Probe probe(
 
    On the last rung, gaps without a child are closed in the node's mask, for all descendants. */
 static void by_insertion(
-    Node *node, const Probe *probe, const Problem *problem, const Goal *goal, Family *family)
+    Node *node, const Probe *probe, const Problem *problem, const Goal *goal, Family *family,
+    Children *all)
 {
     const Relaxation *relaxation = &problem->relaxation;
     begin(family, INSERTION, probe->device, probe->radius);
     for (const Order *order = probe->first; order < probe->last; order++) {
-        const double dual = least(order->bound, node->dual + probe->promise);
-        const int stays =
-            offer(family, order->pointed, dual, probe->others, node, order->node, goal);
+        order->node->dual = node->dual + probe->promise;
+        take_dual(order->node, order->bound, order->price);
+        const int stays = offer(family, order->pointed, probe->others, node, order->node, goal);
         if (!stays && probe->radius == relaxation->radii - 1)
             node->mask[probe->device] &= ~((uint64_t)1 << order->pointed);
     }
-    double rest =
-        probe->others + relaxation->promise[probe->device * relaxation->radii + probe->radius];
+    const double promise = promise_of(node, probe->device, relaxation);
+    const double less = relaxation->promise[probe->device * relaxation->radii + probe->radius];
+    double rest = probe->others + less;
+    if (problem->limits.timed) {
+        const double hover = problem->devices.hover[probe->device], soft = all->solver.all.soft;
+        rest = left_over_at(less, hover, node->price, soft) -
+               left_over_at(promise, hover, node->price, soft);
+        Node away = *node;
+        away.dual += rest;
+        offer(family, OUT_OF_REACH, 0.0, node, &away, goal);
+        return;
+    }
     if (problem->devices.count > problem->limits.steps * problem->limits.per_step) {
         Node away = *node; /* another device may take its place */
         away.level[probe->device] = (int8_t)probe->radius;
         rest = rest_of(&away, problem);
     }
-    offer(family, OUT_OF_REACH, node->dual, rest, node, node, goal);
+    offer(family, OUT_OF_REACH, rest, node, node, goal);
 }
 
 /* Split the distance interval of the stop at a position. */
@@ -216,9 +239,9 @@ static void by_split(
     }
     minimise(all->order, 2, (Aim){goal->eps, LOOSE}, &all->solver);
     for (int side = 0; side < 2; side++) {
-        const Node *child = &all->node[side];
-        const double dual = least(node->dual, all->order[side].bound);
-        offer(family, child->interval[at], dual, goal->rest, node, child, goal);
+        Node *child = &all->node[side];
+        take_dual(child, all->order[side].bound, all->order[side].price);
+        offer(family, child->interval[at], goal->rest, node, child, goal);
     }
 }
 
@@ -233,13 +256,12 @@ static void by_merge(
         *child = *node;
         child->edge[at] = edge;
         if (!settle(child, &problem->limits)) continue;
-        double dual = node->dual;
-        if (stops_now(child) < stops_now(node)) {
+        if (is_loose(&problem->limits) || stops_now(child) < stops_now(node)) {
             all->order[0] = order_of(child, goal, goal->rest);
             minimise(all->order, 1, (Aim){goal->eps, LOOSE}, &all->solver);
-            dual = least(dual, all->order[0].bound);
+            take_dual(child, all->order[0].bound, all->order[0].price);
         }
-        offer(family, edge, dual, goal->rest, node, child, goal);
+        offer(family, edge, goal->rest, node, child, goal);
     }
 }
 
@@ -264,6 +286,7 @@ static Node make_child(
     child.bound = from->bound;
     child.dual = from->dual;
     child.mu = from->mu;
+    child.price = from->price;
     memcpy(child.y, from->y, (size_t)child.size * sizeof(Point));
     return child;
 }

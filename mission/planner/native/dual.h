@@ -8,9 +8,11 @@
 #include "newton.h"
 
 enum { MAX_NEWTON = 60, MAX_HALVINGS = 20 };
+static const double NEAR_M = 20.0; /* of a leg between stops that are merged loosely */
 static const double EPS_START = 30.0;  /* the barrier starts heavier: starts are not centred */
 static const double EPS_FACTOR = 0.15; /* it gets lighter by this once the decrement is under */
 static const double CENTRED = 0.5;     /* this many barrier weights a leg */
+static const double SOFT = 0.02;       /* of what is promised a metre */
 
 /* How far duals are minimised. */
 typedef struct {
@@ -25,7 +27,7 @@ typedef struct {
     int64_t pointed;     /* the position of a stop just inserted; or -1 */
     Point before, after; /* y before and after it, to begin with if that is better */
     double mu;           /* to begin again with, where steps end badly; or 0 */
-    double bound;        /* the least found */
+    double bound, price; /* the least found, and the price of a metre there */
     int centred, done;   /* whether the steps ended well, and at all */
 } Order;
 
@@ -42,6 +44,7 @@ typedef struct {
     enum Need need;
     int64_t steps, halvings;
     double bound, barrier; /* the least found since the start; where it is */
+    double price;          /* mu where the least was found */
     double straight;       /* the barrier where y is not pointed */
     double alpha, decrement; /* share of the step; its decrement squared */
 } Lane;
@@ -76,11 +79,59 @@ static void begin_steps(Solver *solver, int i)
     solver->all.weight[i] = solver->aim.eps * EPS_START;
 }
 
+static double promise_of(const Node *node, int64_t k, const Relaxation *relaxation)
+{
+    return relaxation->promise[k * relaxation->radii + node->level[k]];
+}
+
+/* Metres that the stop at a position takes at least, beyond its leg. */
+static double stopping(const Node *node, int64_t k, const Problem *problem)
+{
+    const Relaxation *relaxation = &problem->relaxation;
+    const Point *at = problem->devices.at, here = at[node->order[k]];
+    if (!is_loose(&problem->limits) || node->edge[k] == MERGED) return 0.0;
+    double leg = -relaxation->outer_m[node->interval[k]];
+    if (k == 0) leg += between(here, (Point){0.0, 0.0});
+    else leg += between(here, at[node->order[k - 1]]) - relaxation->outer_m[node->interval[k - 1]];
+    if (node->edge[k] == BARRED) leg = most(leg, NEAR_M);
+    return stop_of(&problem->limits, leg);
+}
+
+/* Fill in how long the legs of a lane may be, what each metre counts, and who is off the order.
+
+   What comes after a device's turn is limited by when it is ready: with a multiplier w mu, all later
+   legs count w more. */
+static void fill_timed(Solver *solver, int i, const Node *node)
+{
+    const Problem *problem = solver->problem;
+    const Devices *devices = &problem->devices;
+    Lanes *all = &solver->all;
+    double behind = 0.0, length = 0.0, count = 1.0;
+    for (int64_t k = 0; k < devices->count; k++) {
+        const int placed = node->level[k] == PLACED;
+        all->promise[k][i] = placed ? -1e9 : promise_of(node, k, &problem->relaxation);
+        all->hover[k][i] = placed ? 0.0 : devices->hover[k];
+    }
+    for (int64_t k = 0; k < node->size; k++) {
+        Link *link = all->link + k;
+        link->cone[i] *= count * count;
+        link->near[i] = is_loose(&problem->limits) && node->edge[k] == MERGED ? NEAR_M : 0.0;
+        count += node->wait[k];
+    }
+    for (int64_t k = node->size - 1; k >= 0; k--) {
+        behind += devices->hover[node->order[k]];
+        if (node->wait[k] > 0.0) length += node->wait[k] * (devices->after[node->order[k]] - behind);
+        behind += stopping(node, k, problem);
+    }
+    all->length[i] = problem->limits.length - behind + length;
+}
+
 /* Fill a lane with the stops of a node. */
 static void fill_lane(Solver *solver, int i, const Node *node)
 {
     const Problem *problem = solver->problem;
     const Relaxation *relaxation = &problem->relaxation;
+    solver->all.length[i] = problem->limits.length;
     for (int64_t k = 0; k < node->size; k++) {
         Link *link = solver->all.link + k;
         const int64_t device = node->order[k], row = node->interval[k];
@@ -93,6 +144,7 @@ static void fill_lane(Solver *solver, int i, const Node *node)
         put_interval(&link->interval, i, row, relaxation);
         link->floor[i] = FLAT * link->interval.outer[i] / link->interval.end[i];
     }
+    if (problem->limits.timed) fill_timed(solver, i, node);
     be_at(solver, i, node);
 }
 
@@ -119,6 +171,7 @@ static void end_steps(Solver *solver, int i, int centred)
     Order *order = lane->order;
     Node *node = order->node;
     lane->need = NO_STEP;
+    if (lane->bound < order->bound) order->price = lane->price;
     order->bound = least(order->bound, lane->bound);
     order->centred = centred || lane->bound <= order->enough;
     if (order->centred || !(order->mu > 0.0)) {
@@ -169,6 +222,7 @@ static int goes_there(Solver *solver, int i)
     case START:
         lane->barrier = barrier;
         lane->bound = solver->all.bound[i];
+        lane->price = solver->all.trial_mu[i];
         go_on(solver, i);
         break;
     case LIGHTER:
@@ -245,6 +299,7 @@ static int go(Solver *solver)
         Lane *lane = &solver->lane[i];
         if (there[i]) {
             lane->barrier = all->barrier[i];
+            if (all->bound[i] < lane->bound) lane->price = all->trial_mu[i];
             lane->bound = least(lane->bound, all->bound[i]);
             go_on(solver, i);
         }
@@ -273,6 +328,10 @@ static void begin_all_steps(Solver *solver)
 static void set_up_solver(Solver *solver, const Problem *problem)
 {
     solver->problem = problem;
+    double promised = 0.0;
+    for (int64_t k = 0; k < problem->devices.count; k++)
+        promised += problem->relaxation.promise[k * problem->relaxation.radii];
+    solver->all.soft = SOFT * promised / problem->limits.length;
     for (int64_t k = 0; k < MOST_DEVICES; k++)
         for (int i = 0; i < LENGTH; i++)
             put_interval(&solver->all.link[k].interval, i, 0, &problem->relaxation);

@@ -54,6 +54,7 @@ typedef struct {
     Wide floor;       /* least curvature of H */
     Intervals interval;
     WidePoint y, trial; /* multipliers, and those to look at */
+    Wide near; /* metres of its leg that may cost anything */
     WidePoint gradient; /* at the trial, by y */
     WidePoint cross;    /* d2 / dy dmu */
     WideSym block;      /* diagonal block of the Hessian; once eliminated, its inverse */
@@ -66,6 +67,9 @@ typedef struct {
     int64_t size; /* stops */
     Link link[MOST_DEVICES];
     Wide mu, trial_mu;
+    Wide length; /* that legs may have, each counted as often as its cone is wide */
+    Wide promise[MOST_DEVICES], hover[MOST_DEVICES]; /* of devices off the order; of timed ones */
+    double soft; /* edges of what is rounded, in units of y */
     Wide weight;         /* eps */
     Wide bound, barrier; /* at the trial, without and with the barrier */
     Wide slope, bend;    /* d/dmu, d2/dmu2 */
@@ -159,13 +163,48 @@ static inline Wide wide_split(Wide x, Mask *power)
     return (Wide)(((Mask)x & 0x000fffffffffffff) | 0x3ff0000000000000);
 }
 
-/* The barrier and its derivatives; outside the cones it is infinite. */
-static void look_at_barrier(Lanes *all, double length)
+/* What devices off the order bring at most where metres have a price: a rounded max(0, promise -
+   price hover), and its first and second derivative by price. */
+static inline Conjugates left_over(Wide promise, Wide hover, Wide price, double soft)
 {
-    const Wide mu = all->trial_mu, eps = all->weight;
+    const Wide x = promise - price * hover, width = hover * soft + 1e-12;
+    const Wide root = wide_root(x * x + width * width), share = width / root;
+    return (Conjugates){
+        0.5 * (x + root), -0.5 * hover * (1.0 + x / root), 0.5 * hover * hover * share * share / root};
+}
+
+static inline double left_over_at(double promise, double hover, double price, double soft)
+{
+    return left_over(all_of(promise), all_of(hover), all_of(price), soft).h[0];
+}
+
+static void look_beside(Lanes *all, const Problem *problem)
+{
+    for (int64_t k = 0; k < problem->devices.count; k++) {
+        const Conjugates at = left_over(all->promise[k], all->hover[k], all->trial_mu, all->soft);
+        all->bound += at.h;
+        all->slope += at.slope;
+        all->bend += at.bend;
+    }
+    for (Link *link = all->link; link < all->link + all->size; link++) {
+        const WidePoint y = link->trial;
+        const Wide far = wide_root(y.x * y.x + y.y * y.y + all->soft * all->soft);
+        const Wide pull = link->near / far, turn = pull / (far * far);
+        all->bound += link->near * far;
+        link->gradient.x += pull * y.x;
+        link->gradient.y += pull * y.y;
+        wide_add_to(&link->block, (WideSym){
+            pull - turn * y.x * y.x, -turn * y.x * y.y, pull - turn * y.y * y.y});
+    }
+}
+
+/* The barrier and its derivatives; outside the cones it is infinite. */
+static void look_at_barrier(Lanes *all)
+{
+    const Wide mu = all->trial_mu, eps = all->weight, length = all->length;
     Mask outside = (Mask)(mu <= 0.0), power = {0};
     Wide product = all_of(1.0);
-    all->slope = all_of(length);
+    all->slope = length;
     all->bend = all_of(0.0);
     for (Link *link = all->link; link < all->link + all->size; link++) {
         const WidePoint y = link->trial;
@@ -189,7 +228,8 @@ static void look_at_barrier(Lanes *all, double length)
 /* Look at the trials: values, gradients and blocks. */
 static void look(Lanes *all, const Problem *problem)
 {
-    look_at_barrier(all, problem->limits.length);
+    look_at_barrier(all);
+    if (problem->limits.timed) look_beside(all, problem);
     for (int64_t k = 0; k < all->size; k++) {
         Link *link = all->link + k, *next = k + 1 < all->size ? link + 1 : NULL;
         const WidePoint w = next ? wide_less(link->trial, next->trial) : link->trial, u = link->at;

@@ -18,12 +18,16 @@ _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 class _Devices(ctypes.Structure):
     _fields_ = (
-        ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("rows", _INT), ("table", _POINTER)
+        ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("hover", _POINTER),
+        ("after", _POINTER), ("rows", _INT), ("table", _POINTER),
     )  # fmt: skip
 
 
 class _Limits(ctypes.Structure):
-    _fields_ = (("steps", _INT), ("per_step", _INT), ("length", _DOUBLE))
+    _fields_ = (
+        ("steps", _INT), ("per_step", _INT), ("length", _DOUBLE), ("timed", _INT),
+        ("stop", _DOUBLE), ("brake", _DOUBLE),
+    )  # fmt: skip
 
 
 class _Relaxation(ctypes.Structure):
@@ -60,6 +64,8 @@ class Devices:
     u: Floats  # (K, 2) positions in metres
     delta: Floats  # (K,) importance, above 0
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
+    hover: Floats | None = None  # (K,) metres that could be flown while each sends
+    after: Floats | None = None  # (K,) most metres from its turn on, its own hover included
 
     def as_c(self) -> _Devices:
         """The structure as C takes it; the arrays have to outlive it."""
@@ -70,6 +76,10 @@ class Devices:
             count,
             address(self.u, np.float64, (count, 2)),
             address(self.delta, np.float64, (count,)),
+            *(
+                None if metres is None else address(metres, np.float64, (count,))
+                for metres in (self.hover, self.after)
+            ),
             rows,
             address(self.rows, np.float64, (rows, 3)),
         )
@@ -82,12 +92,17 @@ class PathLimits:
     steps: int  # N
     per_step: int  # K_bar
     length: float  # L_max, metres
+    # Whether hovers and turns of the devices count, for bounds only; metres that a stop takes at
+    # least beyond its leg, and from a leg of another length on, as many more.
+    timed: bool = False
+    stop: float = 0.0
+    brake: float = 0.0
 
     def as_c(self) -> _Limits:
         """The structure as C takes it."""
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
-        return _Limits(self.steps, self.per_step, self.length)
+        return _Limits(self.steps, self.per_step, self.length, self.timed, self.stop, self.brake)
 
 
 @dataclass(frozen=True)

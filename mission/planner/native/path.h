@@ -11,11 +11,6 @@ typedef struct {
     double excess[MOST_DEVICES]; /* by device: what the bound promises beyond what the path brings */
 } Path;
 
-static double promise_of(const Node *node, int64_t k, const Relaxation *relaxation)
-{
-    return relaxation->promise[k * relaxation->radii + node->level[k]];
-}
-
 /* Fill `path` from the node's dual; returns what it would earn with a stop everywhere. */
 static double recover(const Node *node, const Problem *problem, Path *path)
 {

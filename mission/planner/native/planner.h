@@ -13,6 +13,8 @@ typedef struct {
     int64_t count;       /* K */
     const Point *at;     /* (K,) metres */
     const double *delta; /* (K,) importance, above 0 */
+    const double *hover; /* (K,) metres that could be flown in the time for which each sends */
+    const double *after; /* (K,) most metres from its turn on, hovers included */
     int64_t rows;
     const double *table; /* (rows, 3) f, f', f'' of the channel, one row a metre */
 } Devices;
@@ -22,6 +24,9 @@ typedef struct {
     int64_t steps;    /* N */
     int64_t per_step; /* K_bar */
     double length;    /* L_max, metres */
+    int64_t timed;    /* whether hovers and turns count; for bounds only */
+    double stop;      /* metres that a stop takes at least, beyond its leg, */
+    double brake;     /* and from a leg of this length on, as many more */
 } Limits;
 
 /* Tables of the dual bound; see `mission.planner.reward.Conjugates`. */

@@ -39,6 +39,14 @@ static inline double worth(const Devices *devices, int64_t k, Point from)
     return devices->delta[k] * reward(between(from, devices->at[k]), devices).f;
 }
 
+/* Metres that a stop takes beyond its leg, of that length at least; 0 where there may be none. */
+static double stop_of(const Limits *limits, double leg)
+{
+    if (!(leg > 0.0)) return 0.0;
+    return limits->stop +
+           (leg < limits->brake ? 2.0 * sqrt(leg * limits->brake) - leg : limits->brake);
+}
+
 /* sum of delta f over the devices assigned to a step (-1: to none). */
 static double earned(const Point *way, const int64_t *assigned, const Devices *devices)
 {

@@ -17,6 +17,8 @@ static const double TINY = 1e-4; /* of the best value: an excess not worth branc
    at its progress. Those that end do so within this many times the nodes that it foretells. */
 enum { FIRST_LOOK = 40000 };
 static const double OVERRUN = 1.5;
+static const double STRICTER = 1.0, EASED = 0.7; /* what later legs count more, and less again */
+enum { TURNS_WEIGHED = 2 };
 
 /* Memory for a search. */
 typedef struct {
@@ -56,6 +58,23 @@ static int64_t pick_stop(
         if (ends[1] - ends[0] > 1 && excess > floor) {
             floor = excess;
             best = i;
+        }
+    }
+    return best;
+}
+
+/* The undecided edge of the leg whose stop takes most that is not counted yet; or -1. */
+static int64_t pick_stopping(const Node *node, const Path *path, const Problem *problem)
+{
+    int64_t best = -1;
+    double least_m = problem->limits.stop;
+    for (int64_t i = 0; i < node->size; i++) {
+        if (node->edge[i] != UNDECIDED) continue;
+        const double leg = between(path->points[i + 1], path->points[i]);
+        const double missing = stop_of(&problem->limits, leg) - stopping(node, i, problem);
+        if (missing > least_m) {
+            best = i;
+            least_m = missing;
         }
     }
     return best;
@@ -128,7 +147,7 @@ static void compare_insertions(
         }
         while (done < made && !is_closed(contest) &&
                work_on(solver, probes[done].first, probes[done].last, k >= 0)) {
-            by_insertion(node, &probes[done++], problem, goal, contest->next);
+            by_insertion(node, &probes[done++], problem, goal, contest->next, all->children);
             compare(contest, all);
         }
         if (k < 0) return;
@@ -156,18 +175,64 @@ static Contest branch(Search *all, const Problem *problem, const Goal *goal, dou
     }
     const int64_t probes = node->size < SHORT_ORDER ? MANY_PROBES : PROBES;
     compare_insertions(&contest, probes, all, problem, goal, floor);
-    if (stops_now(node) >= problem->limits.steps && !is_closed(&contest)) {
-        by_merge(node, pick_edge(node, path), problem, goal, contest.next, all->children);
-        compare(&contest, all);
+    const int loose = is_loose(&problem->limits);
+    if ((loose || stops_now(node) >= problem->limits.steps) && !is_closed(&contest)) {
+        const int64_t edge =
+            loose ? pick_stopping(node, path, problem) : pick_edge(node, path);
+        if (edge >= 0) {
+            by_merge(node, edge, problem, goal, contest.next, all->children);
+            compare(&contest, all);
+        }
     }
     /* Nobody promises too much, but together they may need more places than there are. */
     if (!contest.best) compare_insertions(&contest, 1, all, problem, goal, -INFINITY);
     return contest;
 }
 
-/* Put the node's relaxed path to use; 1 if the plan is better than before. */
-static int improve(Search *all, const Problem *problem, Plan *plan)
+/* Let later legs count more where too much comes after a device's turn, or less where too little. */
+static void weigh_turns(Node *node, const Path *path, const Problem *problem)
 {
+    const Devices *devices = &problem->devices;
+    double behind = 0.0, worst = 0.0;
+    int64_t at = -1;
+    for (int64_t k = node->size - 1; k >= 0; k--) {
+        behind += devices->hover[node->order[k]];
+        const double over = behind - devices->after[node->order[k]];
+        if (over > worst) {
+            worst = over;
+            at = k;
+        }
+        if (over < 0.0) node->wait[k] *= EASED;
+        behind += between(path->points[k + 1], path->points[k]) + stopping(node, k, problem);
+    }
+    if (at >= 0) node->wait[at] += STRICTER;
+}
+
+/* Let the plan go along the node's relaxed path. */
+static void keep_path(Search *all, const Problem *problem, Plan *plan)
+{
+    Point *points = all->polish.draft;
+    int64_t count = all->node.size + 1;
+    memcpy(points, all->path.points, (size_t)count * sizeof(Point));
+    while (count > problem->limits.steps) merge_nearest(points, count--);
+    fill_spare(points, count, problem->limits.steps, &problem->devices, &all->polish.spare);
+    memcpy(plan->way, points, (size_t)problem->limits.steps * sizeof(Point));
+}
+
+/* Put the node's relaxed path to use; 1 if the plan is better than before. Where hovers count it is
+   a path to begin with at best: the plan keeps the last, and its value. */
+static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *plan)
+{
+    if (problem->limits.timed) {
+        for (int turn = 0; turn < TURNS_WEIGHED; turn++) {
+            recover(&all->node, problem, &all->path);
+            weigh_turns(&all->node, &all->path, problem);
+            if (all->node.size > 0) tighten(&all->node, goal, &all->children->solver);
+        }
+        recover(&all->node, problem, &all->path);
+        keep_path(all, problem, plan);
+        return 0;
+    }
     if (recover(&all->node, problem, &all->path) <= plan->value) return 0;
     polish(
         all->path.points, all->node.size + 1, &problem->limits, &problem->devices, 0.0, FINE,
@@ -211,6 +276,13 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     Progress progress = {FIRST_LOOK / problem->devices.count, INFINITY};
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
+    if (problem->limits.timed) {
+        for (int64_t k = 0; k < problem->devices.count; k++)
+            node->dual += left_over_at(
+                promise_of(node, k, &problem->relaxation), problem->devices.hover[k], 0.0,
+                all->children->solver.all.soft);
+        node->bound = node->dual;
+    }
     node->mu = node->bound / problem->limits.length;
     if (!push(tree, node)) proof.bound = node->bound;
     while (tree->open > 0) {
@@ -223,15 +295,14 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         }
         pop(tree, node);
         proof.nodes++;
-        if (improve(all, problem, plan)) enough = plan->value / (1.0 - gap);
+        const double eps =
+            BARRIER_SHARE * plan->value / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
+        Goal goal = {rest_of(node, problem), eps, enough, plan->value / problem->limits.length};
+        if (improve(all, problem, &goal, plan)) goal.enough = enough = plan->value / (1.0 - gap);
         if (node->bound <= enough) {
             proof.bound = most(proof.bound, node->bound);
             continue;
         }
-        const double eps =
-            BARRIER_SHARE * plan->value / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
-        const Goal goal = {
-            rest_of(node, problem), eps, enough, plan->value / problem->limits.length};
         const Contest contest = branch(all, problem, &goal, TINY * plan->value);
         if (!contest.best) {
             proof.bound = most(proof.bound, node->bound);

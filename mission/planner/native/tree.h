@@ -16,8 +16,10 @@ enum { PLACED = -1 }; /* level of a device that stands in the order */
 typedef struct {
     double bound, dual; /* what no plan of the node exceeds; the share of it that the path gives */
     double mu;          /* multiplier of the length */
+    double price;       /* of a metre, where `dual` was found; of timed ones */
     int64_t size;       /* devices in the order */
     Point y[MOST_DEVICES];          /* by position: dual of the edge before it */
+    double wait[MOST_DEVICES];      /* by position: multiplier of what may come after it, over mu */
     uint64_t mask[MOST_DEVICES];    /* by device: gaps that it may still be inserted in */
     int16_t order[MOST_DEVICES];    /* by position: device */
     int16_t interval[MOST_DEVICES]; /* by position: row of the distance interval */
@@ -103,7 +105,9 @@ static void insert(Node *node, int64_t devices, int64_t device, int64_t gap, int
         node->interval[i] = node->interval[i - 1];
         node->edge[i] = node->edge[i - 1];
         node->y[i] = node->y[i - 1];
+        node->wait[i] = node->wait[i - 1];
     }
+    node->wait[gap] = 0.0;
     node->order[gap] = (int16_t)device;
     node->interval[gap] = (int16_t)row;
     node->edge[gap] = edge;
@@ -124,15 +128,20 @@ static int apart(const Node *node, int64_t i)
     return node->edge[i] == BARRED || (i > 0 && node->order[i - 1] > node->order[i]);
 }
 
+/* Whether merged stops are only near each other: those that take time of their own. */
+static int is_loose(const Limits *limits) { return limits->brake > 0.0; }
+
 /* Fewest stops after the start that serve the order; -1 if the merges overfill one, or put devices
    together that are apart.
 
    Stops serve stretches of the order, so that filling each as far as it goes is optimal. */
-static int64_t stops_needed(const Node *node, int64_t per_step)
+static int64_t stops_needed(const Node *node, const Limits *limits)
 {
+    const int64_t per_step = limits->per_step;
+    const int loose = is_loose(limits);
     int64_t needed = 0, load = 0;
     for (int64_t i = 0, run; i < node->size; i += run) {
-        for (run = 1; i + run < node->size && node->edge[i + run] == MERGED; run++)
+        for (run = 1; i + run < node->size && node->edge[i + run] == MERGED && !loose; run++)
             if (apart(node, i + run)) return -1;
         if (run > per_step) return -1;
         if (!apart(node, i) && load + run <= per_step) {
@@ -147,7 +156,7 @@ static int64_t stops_needed(const Node *node, int64_t per_step)
 
 static int enough_stops(const Node *node, const Limits *limits)
 {
-    const int64_t needed = stops_needed(node, limits->per_step);
+    const int64_t needed = stops_needed(node, limits);
     return needed >= 0 && needed < limits->steps;
 }
 
@@ -172,7 +181,8 @@ static int64_t run_with(const Node *node, int64_t edge)
 static int settle(Node *node, const Limits *limits)
 {
     if (!enough_stops(node, limits)) return 0;
-    const int plenty = stops_now(node) < limits->steps;
+    if (is_loose(limits) && node->size < limits->steps) return 1;
+    const int plenty = stops_now(node) < limits->steps && !is_loose(limits);
     for (int64_t i = 0; i < node->size; i++) {
         if (node->edge[i] != UNDECIDED || apart(node, i)) continue;
         if (plenty) { /* none need be merged, and all may that one stop has places for */

@@ -1,0 +1,121 @@
+"""Bounds of rounds in which devices take time: hovers while they send, turns once they are ready.
+
+The search of visiting orders (`native/search.h`) counts in metres. A hover is as many metres as
+would be flown meanwhile, a stop what starting and braking take beyond the leg to it. A device that
+gets ready late leaves so many metres for what comes after its turn. Where joules are limited, a
+metre is what the cheapest of them takes.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from mission.base.arrays import Floats
+from mission.planner.certified import Case, Goal, case_of
+from mission.planner.evaluate import AHEAD_S, AHEAD_SHARE
+from mission.planner.native.library import MOST_DEVICES, Found, search_orders
+from mission.planner.problem import RoundProblem
+
+_PARTS = 4  # of altitudes that are open
+_SHARED_NODES = 24_000  # looked into, divided by the devices, for each altitude and limit
+_LEGS_M = np.linspace(0.0, 200.0, 401)  # whose joules are compared with those of a stop
+_BRAKES_M = np.linspace(0.0, 100.0, 101)
+
+
+@dataclass(frozen=True)
+class Metres:
+    """What a round has of them, and what takes some besides its legs."""
+
+    whole: float
+    hover: Floats  # (K,) while each device sends
+    after: Floats  # (K,) that are left from its turn on, its hover included
+    stop: float = 0.0  # of a stop at least, and from a leg of another length on, as many more
+    brake: float = 0.0
+
+    def bound(self, case: Case, worth: Floats, value: float, goal: Goal) -> float:
+        """What no plan is worth more than, of devices that are `worth` something (K,)."""
+        hover, after = (np.ascontiguousarray(m[worth > 0.0]) for m in (self.hover, self.after))
+        devices = replace(case.devices, hover=hover, after=after)
+        limits = replace(
+            case.limits, length=self.whole, timed=True, stop=self.stop, brake=self.brake
+        )
+        nobody = np.full(len(devices.delta), -1)
+        found = Found(value, np.zeros((limits.steps, 2)), nobody, math.inf)
+        effort = goal.effort(found, goal.max_nodes)
+        if effort is None:
+            return math.inf
+        return search_orders(devices, limits, case.relaxation, plan=found, effort=effort).bound
+
+
+def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
+    """What no plan is worth more than, hovers and turns included; infinity where none is proven.
+
+    `value` is that of the best plan so far.
+    """
+    count = int(np.count_nonzero(problem.importance))
+    timed = problem.limits is not None and (problem.upload_s is not None or _late(problem).any())
+    if not (timed and 0 < count <= MOST_DEVICES and problem.steps > 1 and problem.most_m > 0.0):
+        return math.inf
+    goal = replace(goal, max_nodes=min(goal.max_nodes, _SHARED_NODES // count))
+    return min(
+        max(metres.bound(case, problem.importance, value, goal) for case in _cases(problem))
+        for metres in _limits(problem)
+        if metres.whole > 0.0
+    )
+
+
+def _cases(problem: RoundProblem) -> Iterator[Case]:
+    """The problem at its altitude; or at both ends of each part of those that are open."""
+    if problem.altitudes_m is None:
+        yield case_of(problem)
+        return
+    for ends_m in pairwise(np.linspace(*problem.altitudes_m, _PARTS + 1).tolist()):
+        for altitude_m, other_m in (ends_m, ends_m[::-1]):
+            yield case_of(problem.at(altitude_m), towards_m=(other_m,))
+
+
+def _late(problem: RoundProblem) -> Floats:
+    """(K,) seconds into the round, as foreseen, before which a device's turn is too early."""
+    if problem.ready_in_s is None:
+        return np.zeros(len(problem.importance))
+    assert problem.limits is not None
+    if problem.limits.performance.guidance is None:
+        return problem.ready_in_s
+    late_s = (problem.ready_in_s + AHEAD_S) / (1.0 - AHEAD_SHARE)
+    return np.where(problem.ready_in_s > 0.0, late_s, 0.0)
+
+
+def _limits(problem: RoundProblem) -> Iterator[Metres]:
+    """The round's seconds and joules, as metres."""
+    limits, never = problem.limits, np.full(len(problem.importance), math.inf)
+    assert limits is not None
+    performance = limits.performance
+    upload_s = np.zeros_like(never) if problem.upload_s is None else problem.upload_s
+    hovers = bool(upload_s[problem.importance > 0.0].min() > 0.0)
+    most_s, rate = problem.longest_s, performance.fastest_mps
+    (stop, brake), left_s = performance.stop_m, np.maximum(0.0, most_s - _late(problem))
+    if math.isfinite(most_s):
+        whole, after = performance.longest_m(most_s), rate * left_s
+        if hovers:
+            yield Metres(rate * most_s, rate * upload_s, after, stop, brake)
+        elif problem.upload_s is not None:
+            yield Metres(whole, rate * upload_s, after)
+        else:  # at its end a flight has to brake
+            braked = np.where(after > brake, after - brake / 2.0, after**2 / max(2.0 * brake, 1e-9))
+            yield Metres(min(whole, problem.most_m), upload_s, braked)
+    if math.isfinite(limits.energy_j) and problem.upload_s is not None:
+        per_m = performance.cheapest_j
+        beyond = np.array([performance.least_j(leg) for leg in _LEGS_M]) / per_m - _LEGS_M
+        stop = float(beyond[1:].min())
+        fits = [(stop + _braking(brake) <= beyond)[1:].all() for brake in _BRAKES_M]
+        hover = upload_s * performance.hover_j(1.0) / per_m
+        whole, brake = limits.energy_j / per_m, float(_BRAKES_M[fits].max())
+        yield Metres(whole, hover, never, *((stop, brake) if hovers else (0.0, 0.0)))
+
+
+def _braking(brake_m: float) -> Floats:
+    """Metres of starting and braking beyond each of `_LEGS_M`, as `native/rewards.h` has them."""
+    return np.where(brake_m > _LEGS_M, 2.0 * np.sqrt(_LEGS_M * brake_m) - _LEGS_M, brake_m)
