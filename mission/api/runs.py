@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mission.api.configuring import Source, as_path, config, folder, python_words
 from mission.api.figures import Figure, chosen
@@ -98,7 +98,7 @@ class Run:
         return str(self._loaded.summary.get("status", "finished"))
 
     @property
-    def summary(self) -> Mapping[str, object]:
+    def summary(self) -> Mapping[str, Any]:
         """What `summary.json` says; empty for a log by itself."""
         return self._loaded.summary
 
