@@ -64,20 +64,23 @@ def _run(
         )
 
 
-def moving_time(path: FlightPath, limits: LimitsConfig) -> float:
-    """Seconds that the trajectory of `plan_path` takes from rest to rest, without making it."""
+def passing_times(path: FlightPath, limits: LimitsConfig) -> list[float]:
+    """Seconds (M,) after which the trajectory of `plan_path` passes each of its points, from rest
+    to rest, without making it; the last stands for its end."""
     row = path.points_ned_m[0].tolist()
     v = _vertices(path, (row[0], row[1], row[2]))
     plan = _speeds(v, limits, (0.0, 0.0, 0.0)) if len(v.points) > 1 else None
     if plan is None:
-        return limits.smoothing_s
+        return [0.0] + [limits.smoothing_s] * (v.counts[0] - 1)
     blends = [v * s / a for v, s, a in zip(plan.speeds, plan.sines, plan.accels, strict=True)]
-    moving_s = limits.smoothing_s + 2 * sum(blends)
+    passed, now = [0.0], limits.smoothing_s / 2
     for i, leg in enumerate(plan.legs):
         v0, v1 = plan.speeds[i], plan.speeds[i + 1]
         straight = max(leg.length - v0 * blends[i] - v1 * blends[i + 1], 0.0)
-        moving_s += sum(part[2] for part in _parts(leg, v0, v1, straight))
-    return moving_s
+        now += blends[i] + sum(part[2] for part in _parts(leg, v0, v1, straight)) + blends[i + 1]
+        passed += [now] * (v.counts[i + 1] - len(passed))
+    at_end = v.counts[-1] - v.counts[-2]
+    return passed[:-at_end] + [now + limits.smoothing_s / 2] * at_end
 
 
 class _Vertices(NamedTuple):

@@ -86,9 +86,9 @@ def begins_s(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> 
     performance = problem.limits.performance
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
     points, holds_s = np.array([stop.xy_m for stop in stops]), [stop.hold_s for stop in stops]
-    arrived_s = performance.foresee(points, holds_s, performance.widest_m).arrived_s
+    arrived_s, _ = performance.timing(points, holds_s, performance.widest_m)
     found = np.zeros(problem.steps)
-    for stop, at_s in zip(stops, arrived_s.tolist(), strict=True):
+    for stop, at_s in zip(stops, arrived_s, strict=True):
         for step, begin_s in zip(stop.steps, stop.slots_s, strict=True):
             found[step] = at_s + begin_s
     if performance.guidance is None:  # what is not flown is never ahead

@@ -77,7 +77,7 @@ def share_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> 
     if problem.limits is None:
         return 0.0
     if math.isinf(problem.limits.energy_j):  # which takes most of the time to foresee
-        taken_s = problem.limits.performance.duration_s(*_flight(problem, plan, hold_s))
+        _, taken_s = problem.limits.performance.timing(*_flight(problem, plan, hold_s))
         return taken_s / problem.limits.duration_s
     return problem.limits.share(foresee_round(problem, plan, hold_s=hold_s))
 

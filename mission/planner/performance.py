@@ -1,10 +1,10 @@
 """How the aircraft flies, as far as plans depend on it, and what a round may take at most."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,12 +13,14 @@ from mission.base.arrays import Floats
 
 if TYPE_CHECKING:
     from flightdyn.config import LimitsConfig
-    from flightdyn.foresight import Foresight
     from flightdyn.guidance.path import FlightPath
+
+_Value = TypeVar("_Value")
 
 WITHIN_ROUNDING = 1.0 + 1e-9
 _ASTRAY_M = 0.15  # from where it holds to where it believes to be: a hover there begins with that
 _ROUNDED = 1.01  # times: watts between samples of a table
+_REMEMBERED = 20_000  # runs
 _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its energy is tabled
 
 
@@ -45,13 +47,24 @@ class Performance:
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
-        arrived_s, now_s, energy_j = [0.0], 0.0, 0.0
+        arrived_s, duration_s = self.timing(points_m, hold_s, radius_m)
+        energy_j = 0.0
+        for points, _, hover_s in self._runs(points_m, hold_s):
+            moved_j = self._remembered(self._energy_j, points, radius_m)
+            energy_j += moved_j + self._hover_w * hover_s
+        return Foreseen(np.array(arrived_s), duration_s, energy_j)
+
+    def timing(
+        self, points_m: Floats, hold_s: Sequence[float], radius_m: float
+    ) -> tuple[list[float], float]:
+        """When each stop is reached, and the flight's seconds: `foresee` without its energy, which
+        takes most of the work."""
+        arrived_s, now_s = [0.0], 0.0
         for points, stops, hover_s in self._runs(points_m, hold_s):
-            leg = self._leg(points, radius_m)
-            arrived_s += (now_s + leg.passed_s[1 : stops + 1]).tolist()
-            now_s += leg.duration_s + hover_s
-            energy_j += leg.energy_j + self._hover_w * hover_s
-        return Foreseen(np.array(arrived_s), now_s, energy_j)
+            passed_s, moved_s = self._remembered(self._passed_s, points, radius_m)
+            arrived_s += [now_s + at_s for at_s in passed_s[1 : stops + 1]]
+            now_s += moved_s + hover_s
+        return arrived_s, now_s
 
     def _runs(
         self, points_m: Floats, hold_s: Sequence[float]
@@ -65,21 +78,6 @@ class Performance:
                 points = points[[0, 0]] + [[0.0, 0.0], [_ASTRAY_M, 0.0]]
             yield points, last - first, hold_s[last]
             first = last
-
-    def duration_s(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> float:
-        """The seconds of `foresee`, without the rest of it: ten times as fast."""
-        from flightdyn.foresight import SETTLING_S
-        from flightdyn.guidance.path_plan import moving_time
-
-        taken_s = 0.0
-        for points, _, hover_s in self._runs(points_m, hold_s):
-            if self.guidance is None:
-                taken_s += polyline.length(points) / self.speed_mps
-            else:
-                moving_s = moving_time(self._path(points, radius_m), self.guidance)
-                taken_s += (moving_s + SETTLING_S) * self.pace
-            taken_s += hover_s
-        return taken_s
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
         """A hover on the spot."""
@@ -164,21 +162,44 @@ class Performance:
         """Joules of a hover."""
         return self._hover_w * duration_s
 
-    def _leg(self, points_m: Floats, radius_m: float) -> "Foresight":
-        from flightdyn.foresight import Foresight, foresee
-
+    def _passed_s(self, points_m: Floats, radius_m: float) -> tuple[list[float], float]:
+        """When each point of a run is passed, and how long it takes."""
         if self.guidance is None:
-            passed_s = polyline.along(points_m) / self.speed_mps
-            leg_s = float(passed_s[-1])
-            return Foresight(passed_s, leg_s, self._cruise_w * leg_s)
+            passed_s = (polyline.along(points_m) / self.speed_mps).tolist()
+            return passed_s, passed_s[-1]
+        from flightdyn.foresight import SETTLING_S
+        from flightdyn.guidance.path_plan import passing_times
+
+        passed_s = passing_times(self._path(points_m, radius_m), self.guidance)
+        return [at_s * self.pace for at_s in passed_s], (passed_s[-1] + SETTLING_S) * self.pace
+
+    def _energy_j(self, points_m: Floats, radius_m: float) -> float:
+        """Joules of a run."""
+        if self.guidance is None:
+            return self._cruise_w * polyline.length(points_m) / self.speed_mps
+        from flightdyn.foresight import foresee
+
         path, wind = self._path(points_m, radius_m), (*self.wind_mps, 0.0)
         leg = foresee(path, self.guidance, density=self.density, wind_mps=wind)
         longer_s = leg.duration_s * (self.pace - 1.0)
-        return Foresight(
-            leg.passed_s * self.pace,
-            leg.duration_s + longer_s,
-            leg.energy_j + max(0.0, longer_s) * self._hover_w,
-        )
+        return leg.energy_j + max(0.0, longer_s) * self._hover_w
+
+    def _remembered(
+        self, of_run: Callable[[Floats, float], _Value], points_m: Floats, radius_m: float
+    ) -> _Value:
+        """What is asked of a run, which a planner does again and again: from path to path most of
+        them are alike."""
+        key = of_run.__name__, points_m.tobytes(), radius_m
+        if key not in self._runs_known:
+            if len(self._runs_known) >= _REMEMBERED:
+                self._runs_known.clear()
+            self._runs_known[key] = of_run(points_m, radius_m)
+        known: _Value = self._runs_known[key]
+        return known
+
+    @cached_property
+    def _runs_known(self) -> dict[tuple[str, bytes, float], Any]:
+        return {}
 
     def _path(self, points_m: Floats, radius_m: float) -> "FlightPath":
         from flightdyn.guidance.path import FlightPath

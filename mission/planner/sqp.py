@@ -194,7 +194,7 @@ def _corners(problem: RoundProblem, plan: RoundPlan, nudge_m: float) -> tuple[Fl
     speed = performance.speed_mps
 
     def beyond() -> float:
-        return performance.duration_s(points, hold_s, radius) * speed - polyline.length(points)
+        return performance.timing(points, hold_s, radius)[1] * speed - polyline.length(points)
 
     for index, stop in enumerate(stops):
         if index == 0 or not stop.steps:
@@ -208,7 +208,7 @@ def _corners(problem: RoundProblem, plan: RoundPlan, nudge_m: float) -> tuple[Fl
     free /= 2.0 * nudge_m
     # Joules count as the seconds that they last at the flight's mean power.
     taken = share_of(problem, plan)
-    flown_m = performance.duration_s(points, hold_s, radius) * speed
+    flown_m = performance.timing(points, hold_s, radius)[1] * speed
     whole_m = flown_m / taken if taken > 0.0 else problem.most_m
     return free[1:], whole_m, whole_m * (1.0 - taken)
 

@@ -1,9 +1,7 @@
 """A plan as stops: waypoints that coincide become one, with several time steps."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+import math
+from dataclasses import dataclass
 
 from mission.base.arrays import Floats
 from mission.planner.problem import RoundPlan
@@ -37,30 +35,25 @@ def stops_of(
     long each device sends: each step then lasts until its devices have sent, one after another,
     and a stop until all of its steps have.
     """
-    groups: list[tuple[Floats, list[int]]] = []
-    steps = {int(at): step for step, at in enumerate(plan.stops_at)}
-    for at, point in enumerate(plan.route_m):
-        here = [steps[at]] if at in steps else []
-        if groups and float(np.linalg.norm(point - groups[-1][0])) <= SAME_PLACE_M:
-            groups[-1][1].extend(here)
-        else:
-            groups.append((np.asarray(point, dtype=np.float64), here))
+    steps = {at: step for step, at in enumerate(plan.stops_at.tolist())}
+    groups: list[tuple[int, list[int]]] = []  # the first point of the route, and the steps
+    route = plan.route_m.tolist()
+    for at, point in enumerate(route):
+        if not groups or math.dist(point, route[groups[-1][0]]) > SAME_PLACE_M:
+            groups.append((at, []))
+        if at in steps:
+            groups[-1][1].append(steps[at])
     alone = len(groups) == 1
-    stops = (
-        Stop(point, tuple(served), hold_s if served and (alone or index > 0) else 0.0)
-        for index, (point, served) in enumerate(groups)
-    )
-    if upload_s is None:
-        return tuple(stops)
-    busy_s = plan.schedule @ upload_s  # (N,)
-    return tuple(_until_sent(stop, busy_s[list(stop.steps)].tolist()) for stop in stops)
-
-
-def _until_sent(stop: Stop, busy_s: Sequence[float]) -> Stop:
-    """The stop, with each of its steps given as long as its devices send."""
-    begins_s: list[float] = []
-    free_s = 0.0
-    for begin_s, step_s in zip(stop.slots_s, busy_s, strict=True):
-        begins_s.append(max(begin_s, free_s))
-        free_s = begins_s[-1] + step_s
-    return replace(stop, hold_s=max(stop.hold_s, free_s), begins_s=tuple(begins_s))
+    busy_s = None if upload_s is None else (plan.schedule @ upload_s).tolist()  # (N,)
+    stops: list[Stop] = []
+    for index, (at, served) in enumerate(groups):
+        hover_s = hold_s if served and (alone or index > 0) else 0.0
+        begins_s: list[float] = []
+        if busy_s is not None:
+            free_s = 0.0
+            for rank, step in enumerate(served):
+                begins_s.append(max(hover_s * rank / len(served), free_s))
+                free_s = begins_s[-1] + busy_s[step]
+            hover_s = max(hover_s, free_s)
+        stops.append(Stop(plan.route_m[at], tuple(served), hover_s, tuple(begins_s)))
+    return tuple(stops)

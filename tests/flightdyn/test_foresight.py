@@ -7,7 +7,7 @@ from flights import HOME, legs, make, path_along, run, take_off
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import moving_time, plan_path
+from flightdyn.guidance.path_plan import passing_times, plan_path
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
 
@@ -34,11 +34,12 @@ def length(path: FlightPath) -> float:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_the_time_of_a_trajectory_is_known_without_making_it(seed: int) -> None:
+def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) -> None:
     path = random_path(seed)
-    trajectory, _ = plan_path(path, LIMITS)
-    made_s = trajectory.end_s - trajectory.start_s
-    assert moving_time(path, LIMITS) == pytest.approx(made_s, abs=1e-9)
+    twice = np.repeat(path.points_ned_m, 1 + seed % 2, axis=0)  # some of them coincide
+    path = path_along(twice, speed_mps=20.0, acceptance_m=5.0)
+    passed_s = foresee(path, LIMITS).passed_s
+    assert passing_times(path, LIMITS) == pytest.approx(passed_s.tolist(), abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
