@@ -17,9 +17,9 @@ import altair as alt
 import numpy as np
 from pages import keys
 
-from mission.figures.charts import LayerChart, finished
-from mission.figures.render import Chart, save_all, stacked
-from mission.figures.style import BAD, COOL, GRID, INK, SOFT, table
+from mission.figures.charts import finished
+from mission.figures.render import save_all, stacked
+from mission.figures.style import BAD, COOL, GRID, INK, SOFT, Chart, arranged, table
 from mission.sweep.grid import file_name
 from mission.sweep.outcome.curves import ENOUGH, communities_of
 from mission.sweep.outcome.figures import draw_sweep
@@ -153,7 +153,7 @@ def compared(results: Sequence[RunResult]) -> list[str]:
     return list(dict.fromkeys(gain.other for gain in paired_gains(results)))
 
 
-def gain_map(results: Sequence[RunResult], other: str, community: str) -> LayerChart:
+def gain_map(results: Sequence[RunResult], other: str, community: str) -> Chart:
     """Points of final accuracy that the method gains, a cell a setting, blue where it wins."""
     gains = [g for g in paired_gains(results) if (g.other, g.community) == (other, community)]
     places = _places(results)
@@ -175,7 +175,7 @@ def gain_map(results: Sequence[RunResult], other: str, community: str) -> LayerC
     )  # fmt: skip
 
 
-def participation_map(results: Sequence[RunResult], other: str, community: str) -> LayerChart:
+def participation_map(results: Sequence[RunResult], other: str, community: str) -> Chart:
     """Devices of a community whose update arrived: with the other strategy, and the method."""
     groups: dict[tuple[str, str], list[RunResult]] = {}
     for result in results:
@@ -231,7 +231,7 @@ class Cell:
 
 def cell_map(
     title: str, cells: list[Cell], *, down: str, across: str, most: float, signed: bool, note: str
-) -> LayerChart:
+) -> Chart:
     """Rows by the setting `down`, columns by `across`, both in order of appearance.
 
     Colours reach to `most`; `signed`: from -`most`, through none at zero.
@@ -267,7 +267,7 @@ def cell_map(
         *(
             base.transform_filter(alt.datum.weight == weight)
             .mark_text(fontSize=11, fontWeight=weight, color=INK)
-            .encode(text="words:N")
+            .encode(alt.Text("words:N"))
             for weight in ("bold", "normal")
         ),
     ]
@@ -275,19 +275,17 @@ def cell_map(
     return finished(layers, title=title, note=note, width=width, height=height)
 
 
-def beside(charts: Sequence[LayerChart]) -> alt.HConcatChart:
-    """Charts beside each other, each with colours of its own."""
-    row = alt.hconcat(*charts, spacing=24)
-    apart: alt.HConcatChart = row.resolve_scale(color="independent", fillOpacity="independent")
-    return apart
-
-
 def gain_maps(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     """Where the method wins over two swept settings, and whose updates arrive, by name of file."""
     return {
         f"gain-map-{file_name(other)}.png": stacked(
             [
-                beside((gain_map(results, other, who), participation_map(results, other, who)))
+                arranged(
+                    (gain_map(results, other, who), participation_map(results, other, who)),
+                    how="hconcat",
+                    own=("color", "fillOpacity"),
+                    spacing=24,
+                )
                 for who in communities_of(results)
             ],
             title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",

@@ -164,6 +164,7 @@ class RunComparison:
     """One run: every round, all of them together, and device by device."""
 
     run: LoadedRun
+    measured: tuple[Measured, ...]  # round by round, what its numbers are made of
     rounds: tuple[Comparison, ...]
     total: Comparison
     devices: tuple[DeviceComparison, ...]
@@ -200,6 +201,7 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
     return RunComparison(
         run=loaded,
+        measured=tuple(measured),
         rounds=tuple(_made([item], item.record.round) for item in measured),
         total=_made(measured, None),
         devices=tuple(

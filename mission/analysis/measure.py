@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission.analysis.alignment import align, closest_approach
+from mission.analysis.alignment import Alignment, align, closest_approach
 from mission.analysis.load import flown, reached
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
-from mission.log.values import FlightData, PlanRecord
+from mission.log.values import FlightData, PlanRecord, Track
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
@@ -26,7 +26,9 @@ class Measured:
     # device or the places of a plan file, and `slots_missed`; `unready`, the devices that sent
     # nothing, as they still trained.
     numbers: Mapping[str, float]
-    cross_m: Floats
+    truth: Track
+    belief: Track
+    fit: Alignment  # of the true track to the plan
     straight: Floats  # cross-track of the samples on straights
     corner_cut_m: Floats
     height_m: Floats  # error over the track; at the places of a plan file, whose heights vary
@@ -39,6 +41,11 @@ class Measured:
     est_per: Floats
     true_per: Floats
     per_shift: Floats  # true - planned
+
+    @property
+    def cross_m(self) -> Floats:
+        """(n,) distance of the true track to the planned path."""
+        return self.fit.cross_m
 
 
 def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
@@ -79,7 +86,9 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
             "slots_missed": len(slots) - len(reached),
             "unready": len(uplinks) - len(sent),
         },
-        cross_m=fit.cross_m,
+        truth=truth,
+        belief=belief,
+        fit=fit,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
         height_m=truth.pos_m[:, 2] - plan.altitude_m,

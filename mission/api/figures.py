@@ -10,7 +10,7 @@ from mission.api.configuring import as_path
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
-    from mission.figures.render import Chart
+    from mission.figures.style import Chart
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Figure:
     """One picture. As the last value of a notebook's cell it is shown."""
 
     name: str
-    chart: "Chart" = field(repr=False)  # as Altair has it
+    chart: "Chart" = field(repr=False)  # Vega-Lite, as JSON has it
 
     def save(self, path: Path | str) -> Path:
         """Write it to a file, .png, .svg or .pdf; returns the path.

@@ -3,17 +3,28 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import altair as alt
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.figures.style import BAD, HEIGHT, INK, SOFT, WIDTH, keys, line_keys, named, table
+from mission.figures.style import (
+    BAD,
+    HEIGHT,
+    INK,
+    SOFT,
+    WIDTH,
+    Chart,
+    keys,
+    layered,
+    line_keys,
+    named,
+    table,
+)
 
 Values: TypeAlias = Sequence[float] | Floats
 
-LayerChart: TypeAlias = alt.LayerChart
 _MARKED = 25  # points of a line that are few enough to be marked
 _DASHED = [5, 4]
 _LOOKS = (([1, 0], [2, 3]), (_DASHED, [8, 3, 2, 3]))  # solid and dashed; where colours come again
@@ -48,7 +59,7 @@ def line_chart(
     gate: str = "",
     marks: Series | None = None,
     height: float = HEIGHT,
-) -> LayerChart:
+) -> Chart:
     """Lines over a common axis; `x` and `y` are its titles, with units.
 
     The vertical axis begins at zero where nothing is negative, and ends at `most` at the latest.
@@ -100,8 +111,8 @@ def _gate(name: str) -> list[alt.Chart]:
     at = alt.Chart(table(y=[1.0], name=[name]))
     text = at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11)
     return [
-        at.mark_rule(color=BAD, strokeDash=_DASHED).encode(y="y:Q"),
-        text.encode(x=alt.value("width"), y="y:Q", text="name:N"),
+        at.mark_rule(color=BAD, strokeDash=_DASHED).encode(alt.Y("y:Q")),
+        text.encode(x=alt.value("width"), y=alt.Y("y:Q"), text=alt.Text("name:N")),
     ]
 
 
@@ -112,16 +123,16 @@ def finished(
     note: str = "",
     width: float = WIDTH,
     height: float = HEIGHT,
-) -> LayerChart:
+    **more: Any,
+) -> Chart:
     """Layers as a chart with its title and a line that says how to read it."""
-    words = alt.TitleParams(title, subtitle=note) if note else alt.TitleParams(title)
-    chart = alt.LayerChart(layer=list(layers))
-    return chart.properties(width=width, height=height, title=words)
+    words = {"text": title, **({"subtitle": note} if note else {})}
+    return layered(layers, title=words, width=width, height=height, **more)
 
 
 def bar_chart(
     title: str, bars: Sequence[Series], *, x: str, y: str, note: str = "", height: float = HEIGHT
-) -> LayerChart:
+) -> Chart:
     """Bars from zero at whole numbers, the later ones before the earlier."""
     names = [item.label for item in bars]
     data = table(series=_labels(bars, "x"), x=_joined(bars, "x"), y=_joined(bars, "y"))
@@ -151,7 +162,7 @@ class DotRow:
     ends: tuple[float, float] | None  # of the interval
 
 
-def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) -> LayerChart:
+def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) -> Chart:
     """A row a strategy: every seed as a ring, the mean as a dot, its interval as a bar."""
     order = [row.label for row in rows]
     values = [value for row in rows for value in row.values]
@@ -187,7 +198,7 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
             0,
             alt.Chart(data)
             .mark_rule(strokeWidth=5, opacity=0.35)
-            .encode(x_axis, y, colour, x2="high"),
+            .encode(x_axis, y, colour, alt.X2(field="high")),
         )
     if zero:
         layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
@@ -201,7 +212,7 @@ def _bands(series: Sequence[Series], across: alt.X) -> list[alt.Chart]:
     return [
         alt.Chart(table(x=item.x, low=item.low, high=item.high))
         .mark_area(fill=item.colour, opacity=0.15, clip=True)
-        .encode(x=across, y=alt.Y("low:Q"), y2="high:Q")
+        .encode(x=across, y=alt.Y("low:Q"), y2=alt.Y2(field="high"))
         for item in series
         if item.low is not None and item.high is not None
     ]

@@ -1,18 +1,17 @@
 """How a flight went: distance from its plan, battery, wind, and the estimator's sensors."""
 
 from collections.abc import Callable
+from typing import Any
 
 import altair as alt
 import numpy as np
 
-from mission.analysis.alignment import align
 from mission.analysis.compare import RunComparison
-from mission.analysis.load import flown
 from mission.base.arrays import Floats, Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
 from mission.figures.frame import thin
-from mission.figures.style import BAD, COOL, GOOD, GRID, WARM, table
+from mission.figures.style import BAD, COOL, GOOD, GRID, WARM, Chart, table
 from mission.log.values import FlightData, InnovationTrack, WindTrack
 
 _POINTS = 400  # of a line over time: more cannot be told apart
@@ -20,7 +19,7 @@ _TOLERANCE = 0.02  # metres that thinning may move a line
 _TIME = "simulated time (s)"
 
 
-def flight_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerChart]:
+def flight_charts(comparison: RunComparison) -> list[Chart]:
     """Errors against the plan, by round."""
     items = comparison.rounds
     rounds = [item.round for item in items if item.round is not None]
@@ -51,18 +50,13 @@ def flight_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerC
         y="delay (s)",
         whole_x=True,
     )
-    moved = any(plan.path_m > 0 for plan in run.plans)
-    return [*([along_chart(run)] if moved else []), cross, late]
+    moved = any(item.fit.length_m > 0 for item in comparison.measured)
+    return [*([along_chart(comparison)] if moved else []), cross, late]
 
 
-def along_chart(run: FlightData) -> alt.LayerChart:
+def along_chart(comparison: RunComparison) -> Chart:
     """Cross-track error along the path; of several rounds the parameter `shown` chooses one."""
-    plans = {plan.round: plan for plan in run.plans}
-    fits = {
-        record.round: align(flown(run, record).pos_m[:, :2], plans[record.round].route_m)
-        for record in run.rounds
-        if record.round in plans
-    }
+    fits = {item.record.round: item.fit for item in comparison.measured}
     lines = {
         number: thin(np.column_stack((fit.along_m, fit.cross_m)), _TOLERANCE)
         for number, fit in fits.items()
@@ -87,7 +81,7 @@ def along_chart(run: FlightData) -> alt.LayerChart:
     ]
     marks = [
         alt.Chart(corners).mark_rule(color=GRID, strokeDash=[3, 3]).encode(x),
-        line.encode(x, alt.Y("y:Q", title="distance (m)"), order="step:Q"),
+        line.encode(x, alt.Y("y:Q", title="distance (m)"), alt.Order("step:Q")),
         alt.Chart(track).mark_point(size=50, opacity=0).encode(x, alt.Y("y:Q"), tooltip=tip),
     ]
     several = len(fits) > 1
@@ -95,11 +89,11 @@ def along_chart(run: FlightData) -> alt.LayerChart:
     if several:
         marks = [mark.transform_filter("datum.round == shown") for mark in marks]
         note = f"of the round chosen above; {note}"
-    chart = finished(marks, title="Distance from the path, along it", note=note)
-    return chart.add_params(alt.param("shown", value=min(fits))) if several else chart
+    more: dict[str, Any] = {"params": [{"name": "shown", "value": min(fits)}]} if several else {}
+    return finished(marks, title="Distance from the path, along it", note=note, **more)
 
 
-def condition_charts(run: FlightData) -> list[alt.LayerChart]:
+def condition_charts(run: FlightData) -> list[Chart]:
     """Battery, and wind where there was any."""
     return [
         *([_battery(run)] if len(run.battery.t_ns) else []),
@@ -107,7 +101,7 @@ def condition_charts(run: FlightData) -> list[alt.LayerChart]:
     ]
 
 
-def estimator_charts(run: FlightData) -> list[alt.LayerChart]:
+def estimator_charts(run: FlightData) -> list[Chart]:
     """A chart for each sensor of the estimator."""
     return [
         _innovations(sensor, index, track)
@@ -115,14 +109,14 @@ def estimator_charts(run: FlightData) -> list[alt.LayerChart]:
     ]
 
 
-def _battery(run: FlightData) -> alt.LayerChart:
+def _battery(run: FlightData) -> Chart:
     every = max(1, len(run.battery.t_ns) // _POINTS)
     t_s = (run.battery.t_ns[::every] / 1e9).tolist()
     left = Series("remaining", GOOD, t_s, 100.0 * run.battery.remaining[::every])
     return line_chart("Battery", [left], x=_TIME, y="remaining (%)", most=100.0)
 
 
-def _wind(wind: WindTrack) -> alt.LayerChart:
+def _wind(wind: WindTrack) -> Chart:
     across = np.hypot(wind.vel_mps[:, 0], wind.vel_mps[:, 1])
     series = [
         Series("horizontal", COOL, *_thinned(wind.t_ns, across, np.mean)),
@@ -140,7 +134,7 @@ def _wind(wind: WindTrack) -> alt.LayerChart:
     )
 
 
-def _innovations(sensor: str, index: int, track: InnovationTrack) -> alt.LayerChart:
+def _innovations(sensor: str, index: int, track: InnovationTrack) -> Chart:
     """How far a sensor was from what the estimator expected; the line at 1 is its gate."""
     name = sensor.replace("gnss", "GNSS")
     x, y = _thinned(track.t_ns, track.ratio, np.max)

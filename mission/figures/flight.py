@@ -2,47 +2,44 @@
 
 from collections.abc import Sequence
 
-import altair as alt
 import numpy as np
 
-from mission.analysis.alignment import align
-from mission.analysis.load import LoadedRun, flown, ground_speed
+from mission.analysis.compare import RunComparison
+from mission.analysis.load import ground_speed
 from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.frame import thin
 from mission.figures.render import stacked
-from mission.figures.style import COOL, FLOWN, GOOD, PLANNED
+from mission.figures.style import COOL, FLOWN, GOOD, PLANNED, Chart
 from mission.log.values import NS_PER_S
 
 _TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
 _ALONG = "along the plan (m)"
 
 
-def profiles(flights: Sequence[LoadedRun]) -> alt.VConcatChart:
+def profiles(flights: Sequence[RunComparison]) -> Chart:
     """Along the planned path, a line a flight."""
-    about = flights[0].about if len(flights) == 1 else f"{len(flights)} flights"
+    about = flights[0].run.about if len(flights) == 1 else f"{len(flights)} flights"
     return stacked(profile_charts(flights), title="Along the plan", about=about)
 
 
-def profile_charts(flights: Sequence[LoadedRun]) -> list[alt.LayerChart]:
+def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
     """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
-    plan = flights[0].data.plans[0]
+    plan = flights[0].run.data.plans[0]
     planned_m = np.column_stack((polyline.along(plan.route_m), plan.route_height_m))
     height = [Series("planned", PLANNED, planned_m[:, 0], planned_m[:, 1], dashed=True)]
     cross, speed, error = [], [], []
     for index, flight in enumerate(flights):
         alone = len(flights) == 1
-        name, colour = ("flown", FLOWN) if alone else (flight.about, community_colour(index))
-        data = flight.data
-        track = flown(data, data.rounds[0])
-        belief = flown(data, data.rounds[0], track=data.belief)
-        fit = align(track.pos_m[:, :2], data.plans[0].route_m)
-        away_m = belief.pos_m - track.pos_m
+        name, colour = ("flown", FLOWN) if alone else (flight.run.about, community_colour(index))
+        (measured,) = flight.measured
+        track, fit = measured.truth, measured.fit
+        away_m = measured.belief.pos_m - track.pos_m
         t_s = (track.t_ns - track.t_ns[0]) / NS_PER_S
         height.append(_thinned(name, colour, fit.along_m, track.pos_m[:, 2]))
-        if data.plans[0].path_m > 0:
+        if fit.length_m > 0:
             cross.append(_thinned(name, colour, fit.along_m, fit.cross_m))
         speed.append(_thinned(name, colour, fit.along_m, ground_speed(track)))
         sides = ("horizontal", COOL), ("height", GOOD)

@@ -5,7 +5,6 @@ from typing import Any, TypeAlias
 
 import altair as alt
 import numpy as np
-import pyarrow as pa
 
 from mission.analysis.load import flown
 from mission.base.airspace import Airspace
@@ -18,6 +17,9 @@ from mission.figures.style import (
     PAPER,
     PLANNED,
     SOFT,
+    Chart,
+    Rows,
+    layered,
     line_keys,
     named,
     table,
@@ -94,7 +96,7 @@ class MapFrame:
         share = (points_m - self._low) / (self._high - self._low)
         return np.column_stack((share[:, 0] * self.width, (1.0 - share[:, 1]) * self.height))
 
-    def chart(self, data: pa.Table) -> alt.Chart:
+    def chart(self, data: Rows) -> alt.Chart:
         """A layer at `x` and `y`, of the chosen `round` where one is chosen (0 is of all)."""
         made = alt.Chart(data).encode(self.x(), self.y())
         if self._chosen is None:
@@ -136,7 +138,7 @@ class MapFrame:
         return layers + [
             alt.Chart(line_table([("no-fly area", 0, np.vstack((ring, ring[:1])))]))
             .mark_line(clip=True, **look)
-            .encode(self.x(), self.y(), order="step:Q")
+            .encode(self.x(), self.y(), alt.Order("step:Q"))
             for some, look in looks
             for ring in some
         ]
@@ -177,8 +179,8 @@ class MapFrame:
             .encode(
                 self.x(),
                 self.y(),
-                order="step:Q",
-                detail="part:N",
+                alt.Order("step:Q"),
+                alt.Detail("part:N"),
                 stroke=alt.Stroke("kind:O", scale=named(kinds, colours), legend=key),
                 strokeWidth=alt.StrokeWidth("kind:O", scale=named(kinds, widths), legend=key),
                 strokeDash=alt.StrokeDash("kind:O", scale=named(kinds, dashes), legend=key),
@@ -213,14 +215,12 @@ class MapFrame:
             start.mark_point(size=70, shape="diamond", stroke=FLOWN, **look),
         ]
 
-    def finished(self, layers: Sequence[alt.Chart]) -> alt.LayerChart:
+    def finished(self, layers: Sequence[alt.Chart], title: Chart) -> Chart:
         """Layered chart of the map."""
-        made = alt.LayerChart(layer=list(layers)).properties(width=self.width, height=self.height)
-        if self._chosen is None:
-            return made
-        return made.add_params(
-            alt.param("shown", value=self._chosen), alt.param("everything", value=False)
-        )
+        chosen = {"shown": self._chosen, "everything": False} if self._chosen is not None else {}
+        params = [{"name": name, "value": value} for name, value in chosen.items()]
+        more = {"params": params} if params else {}
+        return layered(layers, title=title, width=self.width, height=self.height, **more)
 
 
 def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
@@ -245,7 +245,7 @@ def _heights(zone: NoFly) -> str:
     return f"{low:g} to {high:g} m" if low else f"up to {high:g} m"
 
 
-def line_table(lines: Lines) -> pa.Table:
+def line_table(lines: Lines) -> Rows:
     """Paths as rows: `part` tells them apart, `step` orders their points."""
     return table(
         kind=[kind for kind, _, points in lines for _ in points],

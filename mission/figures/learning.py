@@ -8,7 +8,18 @@ import altair as alt
 from mission.analysis.compare import RunComparison
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, bar_chart, finished, line_chart, some
-from mission.figures.style import COOL, GOOD, GRID, PLANNED, SOFT, WARM, keys, named, table
+from mission.figures.style import (
+    COOL,
+    GOOD,
+    GRID,
+    PLANNED,
+    SOFT,
+    WARM,
+    Chart,
+    keys,
+    named,
+    table,
+)
 from mission.log.records import LATE, OUTCOMES
 from mission.log.values import FlightData
 
@@ -16,7 +27,7 @@ _PALE = 0.35
 _SPREAD = "spread of accuracy over a community's devices; in force for the next round"
 
 
-def learning_charts(run: FlightData) -> list[alt.LayerChart]:
+def learning_charts(run: FlightData) -> list[Chart]:
     """Accuracy and fairness CoV per community, and the updates that arrived, by round.
 
     Where the log has the untrained models, as round 0, accuracy begins with them.
@@ -53,12 +64,12 @@ def learning_charts(run: FlightData) -> list[alt.LayerChart]:
     return [accuracy, cov, updates]
 
 
-def radio_charts(run: FlightData, comparison: RunComparison) -> list[alt.LayerChart]:
+def radio_charts(run: FlightData, comparison: RunComparison) -> list[Chart]:
     """Objective, packet error rates and participation."""
     return [_objective(run), _error_rates(comparison), _participation(run)]
 
 
-def _objective(run: FlightData) -> alt.LayerChart:
+def _objective(run: FlightData) -> Chart:
     rounds = [record.round for record in run.rounds]
     series = [
         Series("planned", COOL, rounds, [r.plan_objective for r in run.rounds], dashed=True),
@@ -71,7 +82,7 @@ def _objective(run: FlightData) -> alt.LayerChart:
     return line_chart("Objective", series, x="round", y="importance times success", whole_x=True)
 
 
-def _error_rates(comparison: RunComparison) -> alt.LayerChart:
+def _error_rates(comparison: RunComparison) -> Chart:
     """Planned, believed and true PER, a row a device."""
     devices = [device for device in comparison.devices if device.scheduled]
     kinds = ("planned", "believed", "true")
@@ -95,13 +106,13 @@ def _error_rates(comparison: RunComparison) -> alt.LayerChart:
         y=alt.Y("device:O", title="device"),
         color=alt.Color("kind:O", scale=named(kinds, [PLANNED, WARM, GOOD]), legend=key),
         size=alt.Size("kind:O", scale=named(kinds, [110, 55, 22]), legend=key),
-        detail="community:N",
+        detail=alt.Detail("community:N"),
     )
     height = max(60.0, (16.0 if len(devices) <= 40 else 12.0) * len(devices))
     return finished([placed], title="Packet error rate by device", height=height)
 
 
-def _participation(run: FlightData) -> alt.LayerChart:
+def _participation(run: FlightData) -> Chart:
     """Device by round: delivered, lost, late, or not scheduled."""
     late = any(item.outcome == LATE for item in run.uplinks)
     names, count = run.devices.communities, len(run.devices.community)
@@ -134,4 +145,5 @@ def _participation(run: FlightData) -> alt.LayerChart:
         height=max(60.0, min(14.0 * count, 900.0)),
         note=f"filled: delivered, outlined: lost,{' pale: late,' if late else ''} "
         "grey: not scheduled",
-    ).properties(view=alt.ViewBackground(fill=GRID, fillOpacity=0.4))
+        view={"fill": GRID, "fillOpacity": 0.4},
+    )

@@ -13,14 +13,16 @@ from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.frame import MapFrame, line_table, run_lines, zones_of
 from mission.figures.places import item_numbers, places
-from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
     INK,
     PAPER,
     RING,
     SOFT,
+    Chart,
+    arranged,
     dot_radii,
+    heading,
     importance_size,
     keys,
     named,
@@ -51,7 +53,7 @@ _AREA = Look(6.0, 8.0, SOFT)  # of areas without room for their names
 Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
 
-def overview(run: FlightData, about: str) -> alt.LayerChart:
+def overview(run: FlightData, about: str) -> Chart:
     """All rounds on one map: flown coloured by round, planned dashed over it."""
     frame = MapFrame(*extent(run, margin=_MARGIN), _WIDTH)
     lines = run_lines(run, run.plans)
@@ -66,7 +68,7 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
         *(_by_round(frame, flights) if flights else []),
         frame.chart(line_table(planned))
         .mark_line(stroke=INK, strokeWidth=0.7, strokeDash=[2, 5])
-        .encode(order="step:Q", detail="part:N"),
+        .encode(alt.Order("step:Q"), alt.Detail("part:N")),
         *_devices(run, frame, [(0, importance, {})], sized_by),
         *words(
             frame,
@@ -75,10 +77,10 @@ def overview(run: FlightData, about: str) -> alt.LayerChart:
         ),
     ]
     title = heading("Planned (dashed) and flown paths, all rounds", about)
-    return frame.finished(layers).properties(title=title)
+    return frame.finished(layers, title)
 
 
-def round_maps(run: FlightData, about: str) -> alt.ConcatChart:
+def round_maps(run: FlightData, about: str) -> Chart:
     """A map a round, at most twelve, evenly chosen: who was served, and where it flew."""
     chosen = _evenly([plan for plan in run.plans if record_of(run, plan)], _MAPS)
     chosen = chosen or [run.plans[0]]
@@ -87,12 +89,12 @@ def round_maps(run: FlightData, about: str) -> alt.ConcatChart:
     panels = [round_map(run, [plan], width=width) for plan in chosen]
     some = f" · {len(chosen)} of {len(run.plans)} rounds" if len(chosen) < len(run.plans) else ""
     title = heading("Planned and flown, round by round", about + some)
-    return alt.concat(*panels, columns=columns, spacing=24).properties(title=title)
+    return arranged(panels, how="concat", columns=columns, spacing=24, title=title)
 
 
 def round_map(
     run: FlightData, plans: Sequence[PlanRecord], *, width: float = _WIDTH, about: str = ""
-) -> alt.LayerChart:
+) -> Chart:
     """A map of one round; of several, of which the parameter `shown` chooses one.
 
     The parameter `everything` shows the flown paths of the others too.
@@ -125,9 +127,7 @@ def round_map(
         ),
     ]
     title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
-    return frame.finished(layers).properties(
-        title=heading(title, about) if about else alt.TitleParams(title)
-    )
+    return frame.finished(layers, heading(title, about) if about else {"text": title})
 
 
 def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
@@ -167,7 +167,7 @@ def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt
         else alt.Legend(gradientLength=260, tickMinStep=1, format="d"),
     )
     chart = frame.chart(line_table(lines)).encode(
-        order="step:Q", detail="part:N", color=colour, tooltip="round:Q"
+        alt.Order("step:Q"), alt.Detail("part:N"), alt.Tooltip("round:Q"), color=colour
     )
     if not few:
         return [chart.mark_line(strokeWidth=_THIN_PX)]
@@ -272,7 +272,7 @@ def _links(run: FlightData, frame: MapFrame, served: Mapping[int, Served]) -> li
     colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
     links = frame.chart(data).encode(color=colour, tooltip=tip)
     return [
-        links.mark_rule(strokeWidth=1.2).encode(x2="x2", y2="y2"),
+        links.mark_rule(strokeWidth=1.2).encode(alt.X2(field="x2"), alt.Y2(field="y2")),
         links.mark_point(filled=True, size=14, opacity=1),
     ]
 

@@ -8,15 +8,15 @@ import numpy as np
 from mission.analysis.load import FENCE_SHOWN
 from mission.base.arrays import Ints
 from mission.base.palette import community_colour
-from mission.figures.charts import LayerChart
 from mission.figures.frame import MapFrame, NoFly, edges
-from mission.figures.render import heading
 from mission.figures.style import (
     CROWD,
     PAPER,
     PLANNED,
     RING,
+    Chart,
     dot_radii,
+    heading,
     importance_size,
     keys,
     named,
@@ -43,7 +43,7 @@ def plan_picture(
     communities: Sequence[str] = (),
     size_m: tuple[float, float] | None = None,
     no_fly: Sequence[NoFly] = (),
-) -> LayerChart:
+) -> Chart:
     """The path with its slots, and the devices; one that is not served stays hollow.
 
     Where they are known, `about` says whose plan it is, `communities` (K,) each device's, `size_m`
@@ -72,8 +72,7 @@ def plan_picture(
         *_devices(problem, plan, frame, communities),
         *_words(problem, plan, frame),
     ]
-    words_above = heading(title, [numbers, *([about] if about else [])])
-    return frame.finished(layers).properties(title=words_above)
+    return frame.finished(layers, heading(title, [numbers, *([about] if about else [])]))
 
 
 def _served(plan: RoundPlan) -> tuple[Ints, Ints]:
@@ -100,8 +99,10 @@ def _path(problem: RoundProblem, plan: RoundPlan, frame: MapFrame) -> list[alt.C
     way = frame.chart(path)
     start = way.transform_filter("datum.step == 0")
     return [
-        frame.chart(links).mark_rule(strokeWidth=1.3).encode(colour, x2="x2", y2="y2"),
-        frame.chart(route).mark_line(stroke=PLANNED, strokeWidth=1.8).encode(order="step:Q"),
+        frame.chart(links)
+        .mark_rule(strokeWidth=1.3)
+        .encode(colour, alt.X2(field="x2"), alt.Y2(field="y2")),
+        frame.chart(route).mark_line(stroke=PLANNED, strokeWidth=1.8).encode(alt.Order("step:Q")),
         way.mark_point(fill=PAPER, stroke=PLANNED, size=32, opacity=1),
         start.mark_point(fill=PLANNED, stroke=PLANNED, shape="square", size=70, opacity=1),
     ]

@@ -9,47 +9,37 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
 
-import altair as alt
+from altair import SCHEMA_VERSION
 
 from mission.base.errors import AerofedError, InputError
 from mission.base.palette import LIGHT
 from mission.base.run_folder import write_atomically
-from mission.figures.style import CONFIG
-
-Chart: TypeAlias = alt.LayerChart | alt.VConcatChart | alt.HConcatChart | alt.ConcatChart
-Spec: TypeAlias = dict[str, Any]  # Vega-Lite, as JSON has it
+from mission.figures.style import CONFIG, Chart, arranged, heading
 
 _ROUND = 65.0  # about a chart: its title and axes, in pixels
 _TALLEST = 1.7  # of a picture with columns, height by width
 _ENGINE = Path(__file__).with_name("engine.py")
 _KINDS = ("png", "svg", "pdf")
-_VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+_VERSION = ".".join(SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 
 
 def stacked(
     charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False, together: int = 1
-) -> alt.VConcatChart:
+) -> Chart:
     """Charts under each other, as one picture; each with keys of its own, or all with one.
 
     So many that belong `together` come into columns where the picture would be too tall otherwise.
     """
-    own: Literal["shared", "independent"] = "shared" if one_key else "independent"
+    own = () if one_key else ("color", "strokeDash", "stroke", "fillOpacity")
     columns = _columns(charts, together) if together > 1 else 1
     rows: Sequence[Chart] = charts
     if columns > 1:
         rows = [
-            alt.concat(*charts[i : i + together], columns=columns, spacing=14).resolve_scale(
-                color=own, strokeDash=own
-            )
+            arranged(charts[i : i + together], how="concat", own=own, columns=columns, spacing=14)
             for i in range(0, len(charts), together)
         ]
-    picture = alt.vconcat(*rows, spacing=14).properties(title=heading(title, about))
-    scaled: alt.VConcatChart = picture.resolve_scale(
-        color=own, strokeDash=own, stroke=own, fillOpacity=own
-    )
-    return scaled
+    return arranged(rows, how="vconcat", own=own, spacing=14, title=heading(title, about))
 
 
 def _columns(charts: Sequence[Chart], together: int) -> int:
@@ -61,11 +51,6 @@ def _columns(charts: Sequence[Chart], together: int) -> int:
         if not alone and rows * height <= _TALLEST * columns * width:
             return columns
     return together
-
-
-def heading(title: str, about: str | list[str]) -> alt.TitleParams:
-    """A picture's title over what it shows: run, strategy, seed."""
-    return alt.TitleParams(title, subtitle=about, fontSize=15, offset=12)
 
 
 def save(picture: Chart, target: Path) -> None:
@@ -99,7 +84,7 @@ def save_all(pictures: Mapping[str, Chart], folder: Path) -> tuple[Path, ...]:
     return tuple(folder / name for name in pictures)
 
 
-def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, object]:
+def card(chart: Chart, *, is_map: bool = False) -> dict[str, object]:
     """A chart for a page: `title` and `note` are the page's to write, `spec` is Vega-Lite.
 
     Its data are columns, which is shorter; the page makes rows of them.
@@ -108,8 +93,7 @@ def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, object]:
     The wheel zooms with the shift key, so that the page scrolls; a drag moves, a double click
     resets.
     """
-    spec = _spec(chart)
-    _add_zoom(spec["layer"], ["x", "y"] if is_map else ["x"])
+    spec = {**chart, "layer": _zoomed(chart["layer"], ["x", "y"] if is_map else ["x"])}
     title = spec.pop("title")
     aspect = spec["height"] / spec["width"] if is_map else None
     # `resize`: another round's numbers may need more room beside the axis.
@@ -124,13 +108,13 @@ def card(chart: alt.LayerChart, *, is_map: bool = False) -> dict[str, object]:
     return {"title": title["text"], "note": note, "spec": spec, "aspect": aspect}
 
 
-def _add_zoom(layers: Sequence[Spec], channels: Sequence[str]) -> None:
-    """To the first layer that has numbers on its horizontal axis, if there is one."""
-    for layer in layers:
-        if layer.get("encoding", {}).get("x", {}).get("type") == "quantitative":
-            select = {"type": "interval", "encodings": channels, "zoom": "wheel![event.shiftKey]"}
-            layer["params"] = [{"name": "zoom", "select": select, "bind": "scales"}]
-            return
+def _zoomed(layers: Sequence[Chart], channels: Sequence[str]) -> list[Chart]:
+    """The layers, the first of which with numbers on its horizontal axis zooms."""
+    select = {"type": "interval", "encodings": channels, "zoom": "wheel![event.shiftKey]"}
+    zoom = {"params": [{"name": "zoom", "select": select, "bind": "scales"}]}
+    kinds = [layer.get("encoding", {}).get("x", {}).get("type") for layer in layers]
+    first = kinds.index("quantitative") if "quantitative" in kinds else -1
+    return [{**layer, **zoom} if i == first else layer for i, layer in enumerate(layers)]
 
 
 def libraries() -> str:
@@ -178,11 +162,5 @@ def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
 
 def _described(picture: Chart) -> str:
     """Vega-Lite JSON of a chart in the light theme."""
-    text = json.dumps({**_spec(picture), "config": CONFIG})
+    text = json.dumps({**picture, "config": CONFIG})
     return re.sub(r"var\(--(\w+)\)", lambda found: LIGHT[found[1]], text)
-
-
-def _spec(picture: Chart) -> Spec:
-    # What is described here is valid: the tests see to that, and it takes as long as drawing.
-    spec: Spec = picture.to_dict(validate=False)
-    return spec

@@ -3,16 +3,15 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import altair as alt
-
-from mission.analysis.compare import Comparison, RunComparison
+from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import learning_charts
 from mission.figures.maps import overview, round_map, round_maps
-from mission.figures.render import Chart, save, save_all, stacked
+from mission.figures.render import save, save_all, stacked
+from mission.figures.style import Chart
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
     ("Cross-track error on straights, rms", "distance (m)", lambda c: c.straight_rms_m),
@@ -41,7 +40,7 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     if run.plan_file is not None:
         if run.rounds:
             pictures["map.png"] = round_map(run, run.plans, about=about)
-            pictures["profile.png"] = profiles([loaded])
+            pictures["profile.png"] = profiles([compare_run(loaded)])
         return pictures
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run, about)
@@ -62,13 +61,13 @@ def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:
     return target
 
 
-def comparison_figure(runs: Sequence[RunComparison]) -> alt.VConcatChart:
+def comparison_figure(runs: Sequence[RunComparison]) -> Chart:
     """Runs against each other, round by round: tracking, timing, objective and arrivals.
 
     Flights of plan files, which have no rounds, stand against each other along their plans.
     """
     if all(run.run.data.plan_file is not None for run in runs):
-        return profiles([run.run for run in runs])
+        return profiles(runs)
     charts = [
         line_chart(
             title,

@@ -1,18 +1,22 @@
 """How every picture looks. Colours are the CSS variables of a page; a file gets their light values.
 
-Descriptions are Altair charts; `mission.figures.render` makes files and parts of pages of them.
+Layers are described in Altair, and put together as Vega-Lite: Altair copies every layer whenever
+charts are put into one. `mission.figures.render` makes files and parts of pages of them.
 """
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import altair as alt
 import numpy as np
-import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from mission.base.arrays import Floats
 from mission.base.palette import css_colour, per_colour
+
+Chart: TypeAlias = dict[str, Any]  # Vega-Lite, as JSON has it
+Rows: TypeAlias = dict[str, Any]  # the data of a layer
 
 PAPER, INK, SOFT, GRID = "var(--paper)", "var(--ink)", "var(--soft)", "var(--grid)"
 PLANNED, FLOWN, BAND, FENCE = "var(--planned)", "var(--flown)", "var(--band)", "var(--fence)"
@@ -53,18 +57,53 @@ CONFIG: dict[str, object] = {
 }  # fmt: skip
 
 
-def table(**columns: ArrayLike) -> pa.Table:
-    """Columns of equal length as the data of a layer; null where a number is NaN.
+def layered(
+    layers: Sequence[alt.Chart], *, title: Chart, width: float, height: float, **more: Any
+) -> Chart:
+    """Layers as one chart; `more` are further keys of it, such as `params`."""
+    datasets: Chart = {}
+    # What is described here is valid: the tests see to that, and it takes as long as drawing.
+    inner = {"datasets": datasets, "top_level": False}
+    each = [layer.to_dict(validate=False, context=inner) for layer in layers]
+    return {
+        "title": title, "width": width, "height": height, "layer": each, "datasets": datasets,
+        **more,
+    }  # fmt: skip
+
+
+def arranged(
+    charts: Sequence[Chart],
+    *,
+    how: Literal["vconcat", "hconcat", "concat"],
+    own: Sequence[str] = (),
+    **more: Any,
+) -> Chart:
+    """Charts beside or under each other; in each, the channels `own` have scales of their own."""
+    datasets = {name: rows for chart in charts for name, rows in chart["datasets"].items()}
+    scales = {"resolve": {"scale": dict.fromkeys(own, "independent")}} if own else {}
+    parts = [{key: of for key, of in chart.items() if key != "datasets"} for chart in charts]
+    return {how: parts, "datasets": datasets, **scales, **more}
+
+
+def heading(title: str, about: str | Sequence[str] = "") -> Chart:
+    """A picture's title over what it shows: run, strategy, seed."""
+    return {"text": title, "subtitle": about or [], "fontSize": 15, "offset": 12}
+
+
+def table(**columns: ArrayLike) -> Rows:
+    """Columns of equal length as the data of a layer; null where a number is not finite.
 
     Six digits are more than any place shows.
     """
-    return pa.table({name: _column(np.asarray(values)) for name, values in columns.items()})
+    each = [_column(np.asarray(values)) for values in columns.values()]
+    return {"values": [dict(zip(columns, row, strict=True)) for row in zip(*each, strict=True)]}
 
 
-def _column(values: NDArray[np.generic]) -> pa.Array:
+def _column(values: NDArray[np.generic]) -> list[object]:
     if values.dtype.kind == "f":
-        values = np.array([float(f"{value:.6g}") for value in values.tolist()])
-    return pa.array(values, from_pandas=True)
+        return [float(f"{v:.6g}") if math.isfinite(v) else None for v in values.tolist()]
+    found: list[object] = values.tolist()
+    return found
 
 
 def keys(names: Sequence[str], *, title: str | None = None, **look: Any) -> alt.Legend:

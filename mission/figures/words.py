@@ -166,7 +166,7 @@ def _layers(
         word=[word.text for word in mine],
     )
     dx, dy = _offset(side, look.gap_px)
-    places = frame.chart(data).encode(text="word:N")
+    places = frame.chart(data).encode(alt.Text("word:N"))
     shape: dict[str, Any] = {"align": _ALIGN[side[0]], "dx": dx, "dy": dy, "fontSize": look.font_px}
     rim: dict[str, Any] = {"stroke": PAPER, "strokeWidth": 2.5, "strokeOpacity": 0.8}
     return places.mark_text(color=PAPER, **rim, **shape), places.mark_text(

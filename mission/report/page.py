@@ -59,7 +59,7 @@ def report_html(loaded: LoadedRun) -> str:
         if run.plan_file is None:
             flown |= {
                 "details": [(f"Round {i.round}", i.round, _facts(i)) for i in comparison.rounds],
-                "flight": [card(chart) for chart in flight_charts(run, comparison)],
+                "flight": [card(chart) for chart in flight_charts(comparison)],
                 "radio": [card(chart) for chart in radio_charts(run, comparison)],
                 "table": (
                     "Every round",
@@ -74,7 +74,7 @@ def report_html(loaded: LoadedRun) -> str:
             facts = [(text, number(of[0], digits)) for text, digits, of in labelled([comparison])]
             flown |= {
                 "details": [("The mission, to its last place", numbers[0], facts)],
-                "flight": [card(chart) for chart in profile_charts([loaded])],
+                "flight": [card(chart) for chart in profile_charts([comparison])],
                 "table": ("Places", _PLACE_HEADS, _places(run, run.plan_file)),
             }
     return page(

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from mission.base.palette import COLOURS, community_colour
-from mission.figures.charts import DotRow, LayerChart, Series, dot_rows, line_chart
-from mission.figures.render import Chart, save_all, stacked
+from mission.figures.charts import DotRow, Series, dot_rows, line_chart
+from mission.figures.render import save_all, stacked
+from mission.figures.style import Chart
 from mission.sweep.outcome.curves import (
     Curve,
     Panel,
@@ -56,7 +57,7 @@ def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     return pictures
 
 
-def curve_charts(picture: Picture) -> list[LayerChart]:
+def curve_charts(picture: Picture) -> list[Chart]:
     """A chart for each panel: the mean of every group, with its interval where it has one.
 
     Where there are many groups, each panel has a chart for each setting.
@@ -68,13 +69,13 @@ def curve_charts(picture: Picture) -> list[LayerChart]:
     ]
 
 
-def final_chart(results: Sequence[RunResult], community: str) -> LayerChart:
+def final_chart(results: Sequence[RunResult], community: str) -> Chart:
     """Where every strategy of a community ends."""
     rows = _final_rows(results, community)
     return dot_rows(f"{community}: accuracy at the end", rows, x="accuracy (%)")
 
 
-def gain_charts(results: Sequence[RunResult]) -> list[LayerChart]:
+def gain_charts(results: Sequence[RunResult]) -> list[Chart]:
     """What the method gains on each other strategy, a chart a community."""
     return [
         dot_rows(f"{name}: {METHOD} less the other", rows, x="accuracy (points)", zero=True)
@@ -110,7 +111,7 @@ def _row(label: str, colour: str, values: Sequence[float], *, least: float) -> D
     return DotRow(label, colour, shown, item.mean, ends if math.isfinite(item.half) else None)
 
 
-def _curves(picture: Picture, panel: Panel, where: str) -> LayerChart:
+def _curves(picture: Picture, panel: Panel, where: str) -> Chart:
     curves = picture.curves(panel, where).items()
     return line_chart(
         f"{panel.title}, {where}" if where else panel.title,

@@ -5,15 +5,20 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from mission.figures.render import Chart
+import altair as alt
+
+from mission.figures.style import Chart
 
 Row = dict[str, Any]
 
 
 def described(chart: Chart) -> dict[str, Any]:
     """The description, checked against Vega-Lite's schema."""
-    spec: dict[str, Any] = chart.to_dict()
-    return spec
+    for rows in chart["datasets"].values():
+        for row in rows:
+            assert all(isinstance(value, str | int | float | None) for value in row.values())
+    alt.Chart.from_dict({**chart, "datasets": {}}, validate=True)
+    return chart
 
 
 def layers(spec: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -192,7 +192,7 @@ def test_words_cover_neither_each_other_nor_dots_where_there_is_room(count: int)
     boxes = []
     for chart in charts[len(charts) // 2 :]:  # over the rims
         mark = chart.to_dict()["mark"]
-        for row in next(iter(chart.to_dict()["datasets"].values())):
+        for row in chart.data["values"]:
             wide, high = 0.56 * mark["fontSize"] * len(row["word"]), 0.7 * mark["fontSize"]
             left = row["x"] + mark["dx"]
             left -= {"left": 0.0, "center": wide / 2.0, "right": wide}[mark["align"]]
@@ -279,7 +279,7 @@ def test_the_map_of_several_rounds_says_that_importance_is_their_mean(tmp_path: 
 def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:
     fly(tmp_path, rounds=3)
     run = load_run(tmp_path).data
-    for chart in (round_map(run, run.plans), along_chart(run)):
+    for chart in (round_map(run, run.plans), along_chart(compare_run(load_run(tmp_path)))):
         spec = described(chart)
         assert {"name": "shown", "value": 1} in spec["params"]
         filters = [str(layer.get("transform", "")) for layer in layers(spec)]

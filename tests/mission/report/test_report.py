@@ -118,7 +118,7 @@ def test_what_cannot_be_reported_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write"):
         write_report(made.log, tmp_path / "no" / "r.html")
     (tmp_path / "summary.json").write_text("{")
-    with pytest.raises(InputError, match=r"summary\.json: cannot be read"):
+    with pytest.raises(InputError, match=r"summary\.json: not valid JSON"):
         write_report(tmp_path)
 
 
