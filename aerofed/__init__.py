@@ -26,11 +26,13 @@ from mission.api.figures import Figure
 from mission.api.planning import first_problem, plan
 from mission.api.runs import Run, load, resume, run
 from mission.api.sweeps import Sweep, load_sweep, sweep
+from mission.base.airspace import Airspace
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError, PlanError, UsersCodeError
 from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
+from mission.planner.performance import Foreseen, Performance, RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.run.callbacks import Callback, CallbackContext, RoundReport
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
@@ -38,6 +40,7 @@ from mission.scenario.strategies import Sortie, Strategy
 
 __all__ = [
     "AerofedError",
+    "Airspace",
     "Algorithm",
     "Area",
     "Callback",
@@ -45,6 +48,7 @@ __all__ = [
     "Channel",
     "DeviceData",
     "Figure",
+    "Foreseen",
     "ImportanceStrategy",
     "InputError",
     "LearningConfig",
@@ -53,11 +57,13 @@ __all__ = [
     "MissionConfig",
     "Partition",
     "PartitionTask",
+    "Performance",
     "PlanError",
     "Planner",
     "Radio",
     "RoundInfo",
     "RoundLearning",
+    "RoundLimits",
     "RoundPlan",
     "RoundProblem",
     "RoundRecord",

@@ -11,7 +11,8 @@ SECTIONS = {
     "Running and reading": "run resume load Run compare sweep load_sweep Sweep Figure",
     "Configurations, plans, channels": "config first_problem plan channel",
     "A strategy of your own": "Strategy StrategyContext Sortie ImportanceStrategy RoundInfo Area",
-    "A planner of your own": "Planner RoundProblem RoundPlan finish fit_budget",
+    "A planner of your own": "Planner RoundProblem RoundPlan finish fit_budget "
+    "Airspace RoundLimits Performance Foreseen",
     "An algorithm of your own": "Algorithm StaleStart Update",
     "Local training of your own": "Trainer TrainingDevice DeviceData LocalSettings LocalResult",
     "A radio of your own": "Radio Channel",

@@ -74,14 +74,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
 
 def test_the_public_names() -> None:
     assert aerofed.__all__ == [
-        "AerofedError", "Algorithm", "Area", "Callback", "CallbackContext", "Channel", "DeviceData",
-        "Figure", "ImportanceStrategy", "InputError", "LearningConfig", "LocalResult",
-        "LocalSettings", "MissionConfig", "Partition", "PartitionTask", "PlanError", "Planner",
-        "Radio", "RoundInfo", "RoundLearning", "RoundPlan",
-        "RoundProblem", "RoundRecord", "RoundReport", "Run", "RunConfig", "Samples", "Sortie",
-        "StaleStart", "Strategy", "StrategyContext", "Sweep", "Trainer", "TrainingDevice", "Update",
-        "UplinkRecord", "UsersCodeError", "channel", "compare", "config", "finish", "first_problem",
-        "fit_budget", "load", "load_sweep", "plan", "resume", "run", "sweep",
+        "AerofedError", "Airspace", "Algorithm", "Area", "Callback", "CallbackContext", "Channel",
+        "DeviceData", "Figure", "Foreseen", "ImportanceStrategy", "InputError", "LearningConfig",
+        "LocalResult", "LocalSettings", "MissionConfig", "Partition", "PartitionTask",
+        "Performance", "PlanError", "Planner", "Radio", "RoundInfo", "RoundLearning",
+        "RoundLimits", "RoundPlan", "RoundProblem", "RoundRecord", "RoundReport", "Run",
+        "RunConfig", "Samples", "Sortie", "StaleStart", "Strategy", "StrategyContext", "Sweep",
+        "Trainer", "TrainingDevice", "Update", "UplinkRecord", "UsersCodeError", "channel",
+        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep", "plan",
+        "resume", "run", "sweep",
     ]  # fmt: skip
 
 
