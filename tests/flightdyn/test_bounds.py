@@ -1,0 +1,63 @@
+"""What is documented as allowed can be flown: take-off and landing at the ends of bounds.
+
+The bounds are read from the configuration, so that a wider one has to pass here.
+"""
+
+from typing import Any
+
+import annotated_types
+import numpy as np
+import pytest
+from flights import make, run, take_off
+from pydantic import BaseModel, ValidationError
+
+from flightdyn.aircraft import Aircraft
+from flightdyn.config import AircraftConfig, GnssConfig, ImuConfig, MagConfig, SensorsConfig
+
+
+def least(model: type[BaseModel], key: str) -> Any:
+    return next(m.ge for m in model.model_fields[key].metadata if isinstance(m, annotated_types.Ge))
+
+
+def most(model: type[BaseModel], key: str) -> Any:
+    return next(m.le for m in model.model_fields[key].metadata if isinstance(m, annotated_types.Le))
+
+
+def up_and_down(aircraft: Aircraft) -> None:
+    take_off(aircraft, 3.0)
+    aircraft.velocity(np.array([0.0, 0.0, 0.7]), 0.0)
+    assert run(aircraft, 20.0, lambda: aircraft.on_ground)
+    assert not aircraft.crashed
+
+
+def test_at_the_lowest_rate_the_ground_is_met_softly() -> None:
+    hz = least(AircraftConfig, "physics_hz")
+    for seed in (1, 2):
+        aircraft = make(seed=seed, sensors=SensorsConfig(), physics_hz=hz)
+        up_and_down(aircraft)
+
+
+@pytest.mark.parametrize("rates", [(200, 0.1), (1000, 0.02)], ids=["slow", "fast"])
+def test_with_the_noisiest_imu_it_lands(rates: tuple[int, float]) -> None:
+    """White noise grows with the rate of the samples, and less of it is averaged at some rates."""
+    keys = ("gyro_noise_density", "accel_noise_density")
+    imu = ImuConfig(**{key: most(ImuConfig, key) for key in keys})
+    hz, interval_s = rates
+    for seed in (1, 2):
+        aircraft = make(
+            seed=seed,
+            sensors=SensorsConfig(imu=imu),
+            physics_hz=hz,
+            guidance_interval_s=interval_s,
+        )
+        up_and_down(aircraft)
+
+
+def test_with_the_worst_receiver_and_magnetometer_it_gets_ready() -> None:
+    receiver = GnssConfig(std_horizontal_m=most(GnssConfig, "std_horizontal_m"))
+    magnetometer = MagConfig(hard_iron_gauss=most(MagConfig, "hard_iron_gauss"))
+    for seed in range(1, 9):
+        sensors = SensorsConfig(gnss=receiver, mag=magnetometer)
+        assert not make(seed=seed, sensors=sensors).why_not_ready
+    with pytest.raises(ValidationError, match="less than or equal to"):
+        GnssConfig(std_horizontal_m=20.0)
