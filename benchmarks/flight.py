@@ -77,14 +77,15 @@ def stepped(aircraft: Aircraft, seconds: float) -> Cost:
 
 def physics(aircraft: Aircraft, seconds: float) -> Cost:
     """What of a guided flight is JSBSim's: half of the time by CPU, half by wall."""
+    flying: Any = aircraft
     vehicle: Any = aircraft.vehicle
     run, spent = vehicle.run, []
     for clock in (time.thread_time, time.perf_counter):
         watch = Stopwatch(clock)
-        vehicle.run = aircraft.plant.run = watch.wrap("physics", run)
+        vehicle.run = flying.run = watch.wrap("physics", run)
         advance(aircraft, seconds / 2)
         spent.append(watch.spent["physics"])
-    vehicle.run = aircraft.plant.run = run
+    vehicle.run = flying.run = run
     return Cost(seconds / 2, *spent)
 
 
@@ -169,18 +170,17 @@ class Stopwatch:
 
 def aircraft_table(seconds: float) -> None:
     """Print where the aircraft's own time goes."""
-    aircraft = cruising("realistic")
+    aircraft: Any = cruising("realistic")
     watch = Stopwatch()
     vehicle: Any = aircraft.vehicle
-    vehicle.run = aircraft.plant.run = watch.wrap("physics", vehicle.run)
+    vehicle.run = aircraft.run = watch.wrap("physics", vehicle.run)
     navigation: Any = aircraft.navigation
     navigation.fly = watch.wrap("the same with IMU and guidance steps in C", navigation.fly)
     navigation.sense = watch.wrap("the other sensors, when due", navigation.sense)
     navigation.update = watch.wrap("estimator: filter", navigation.update)
     guidance: Any = aircraft._guidance
     guidance.step = watch.wrap("guidance steps after what is due", guidance.step)
-    plant: Any = aircraft.plant
-    plant._look_around = watch.wrap("battery, faults, ground", plant._look_around)
+    aircraft._look_around = watch.wrap("battery, faults, ground", aircraft._look_around)
     advance(aircraft, seconds)
     print("\ninside the aircraft, by timers (their own time taken off)")
     for name, spent in watch.spent.items():

@@ -17,8 +17,9 @@ import numpy as np
 from flightdyn.random import RandomStreams
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.simulated import SimulatedFlyer, open_simulated
+from mission.flight.flight_plan import Demand, FlightPlan
+from mission.flight.flyers.flyers import Attached, Task
+from mission.flight.flyers.simulated import BuiltInFlyers, SimulatedFlyer
 from mission.flight.mission_items import mission_items
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
@@ -155,9 +156,9 @@ async def hovering() -> AsyncIterator[SimulatedFlyer]:
     config = configuration()
     with ExitStack() as stack:
         log = _observers(stack, config, log=True)[1:]
-        vehicle = make_vehicle(config)
-        area = config.area.build()
-        async with open_simulated(config, vehicle, area=area, observers=log) as flyer:
+        demand = Demand(SPEED_MPS, config.mission.heights_m[1], math.inf, 5.0)
+        task = Task(config, config.area.build(), RandomStreams(config.seed), demand)
+        async with BuiltInFlyers.of(task).open(Attached(log, Path(), print)) as flyer:
             await flyer.take_off()
             yield flyer
 

@@ -7,7 +7,7 @@ are the same here, and time is the vehicle's own.
 import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,6 @@ from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath, wait_of
 from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.observer import VehicleObserver
 
 LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
@@ -47,27 +46,22 @@ _SECOND_NS = 1_000_000_000
 _LEAST_MPS = 0.1  # that plans are timed by
 
 
+@dataclass
 class ExternalFlyer(Flyer):
     """Flies stretches one after another; what was flown comes from telemetry."""
 
-    def __init__(
-        self,
-        pilot: Pilot,
-        feed: TelemetryFeed,
-        recorder: FlightRecorder,
-        *,
-        area: Area,
-        mission: MissionConfig,
-        guidance: LimitsConfig,
-        link: LinkConfig,
-        say: Say,
-    ) -> None:
-        self.pilot, self.area, self.mission = pilot, area, mission
-        self.guidance = guidance
-        self.feed, self._recorder = feed, recorder
-        self._link, self._say = link, say
+    pilot: Pilot
+    feed: TelemetryFeed
+    recorder: FlightRecorder
+    area: Area
+    mission: MissionConfig
+    guidance: LimitsConfig
+    link: LinkConfig
+    say: Say
+
+    def __post_init__(self) -> None:
         self._doubted = False
-        self._ordered_mps = mission.speed_mps  # plans may be timed by a lower speed
+        self._ordered_mps = self.mission.speed_mps  # plans may be timed by a lower speed
         self._foreseen_s = self._flown_s = 0.0  # of the rounds so far
 
     @property
@@ -91,7 +85,7 @@ class ExternalFlyer(Flyer):
         Raises:
             FlightError: it is armed already, or not ready in time.
         """
-        await until_ready(self.pilot, self.feed, timeout_s=self._link.ready_timeout_s)
+        await until_ready(self.pilot, self.feed, timeout_s=self.link.ready_timeout_s)
         if self.pilot.armed:
             raise FlightError("the vehicle is armed already: land and disarm it first")
 
@@ -111,7 +105,7 @@ class ExternalFlyer(Flyer):
         if reserve > 0.0:
             await self._battery_told()
         if self.feed.battery_remaining < reserve:
-            self._say(f"{self._low(reserve)}: no take-off before it is charged")
+            self.say(f"{self._low(reserve)}: no take-off before it is charged")
             await self._charged(reserve)
         await self.pilot.take_off(self.altitude_m)
 
@@ -167,9 +161,9 @@ class ExternalFlyer(Flyer):
     async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
         """What is flown while `fly` carries out a mission that was uploaded."""
         self.feed.reached_ns.clear()
-        self._recorder.start(self.here())
+        self.recorder.start(self.here())
         await fly()
-        return self._recorder.finish(self.here(), self.battery_remaining)
+        return self.recorder.finish(self.here(), self.battery_remaining)
 
     def find_passages(
         self, flight: Flight, places_ned_m: Floats, *, items: Sequence[int], hold_s: Sequence[float]
@@ -201,9 +195,7 @@ class ExternalFlyer(Flyer):
         """See `Flyer`; a charged battery has to be waited for, so people are told."""
         self._doubt_battery()
         if self.battery_remaining < needed:
-            self._say(
-                f"{self._low(needed)}: the vehicle returns, lands and waits for a charged one"
-            )
+            self.say(f"{self._low(needed)}: the vehicle returns, lands and waits for a charged one")
         return await super().refresh(needed)
 
     async def _change_battery(self, needed: float) -> None:
@@ -219,7 +211,7 @@ class ExternalFlyer(Flyer):
         """Wait for more than what a battery recovers by resting: half of all above the need, but no
         more than a charged one is sure to read."""
         enough = min((1.0 + needed) / 2.0, CHARGED)
-        timeout_s = self._link.battery_timeout_s
+        timeout_s = self.link.battery_timeout_s
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.battery_remaining >= enough:
@@ -245,7 +237,7 @@ class ExternalFlyer(Flyer):
         reserve = self.mission.battery_reserve
         if self.feed.battery.doubt and reserve > 0.0 and not self._doubted:
             self._doubted = True
-            self._say(
+            self.say(
                 f"{self.feed.battery.doubt}: mission.battery_reserve = {reserve:g} cannot be kept"
             )
 
@@ -257,7 +249,7 @@ class ExternalFlyer(Flyer):
         if polyline.legs(plan.points_m).max(initial=0.0) < enough_m or reached_mps == 0.0:
             return
         if reached_mps < _SLOW * plan.speed_mps:
-            self._say(
+            self.say(
                 f"the vehicle reached {reached_mps:.1f} m/s where {ordered_mps:g} were ordered "
                 "(its lean limit, or wind): the next rounds are timed by that"
             )
@@ -300,49 +292,6 @@ def _fastest(flight: Flight) -> float:
     return float(np.hypot(*moved_m).max(initial=0.0))
 
 
-@asynccontextmanager
-async def open_external(
-    link: LinkConfig,
-    *,
-    mission: MissionConfig,
-    area: Area,
-    demand: Demand,
-    observers: Sequence[VehicleObserver],
-    say: Say,
-) -> AsyncIterator[ExternalFlyer]:
-    """Connect to the autopilot at `link.url`, and tell `say` what it cannot do of the `demand`.
-
-    A flight that ends otherwise than by landing is left holding its position. Parameters that
-    were set for the flight are set back, however it ends.
-
-    Raises:
-        LinkLostError: no autopilot there in time, or one that does not say where it is.
-        FlightError: it does not come to know where it is.
-        InputError: it is somewhere else than the area.
-    """
-    recorder = FlightRecorder()
-    async with located(link, area=area, observers=(recorder, *observers), say=say) as (pilot, feed):
-        limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
-        changes = limits.adjustments(demand) if link.set_parameters else {}
-        for name, (before, during) in changes.items():
-            feed.note(f"parameter {name}: {before:g} -> {during:g} for the flight")
-        speed_mps = mission.speed_mps
-        if not link.set_parameters:
-            speed_mps = min(speed_mps, limits.speed_mps)
-        flown = mission.model_copy(update={"speed_mps": speed_mps})
-        async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
-            yield ExternalFlyer(
-                pilot,
-                feed,
-                recorder,
-                area=area,
-                mission=flown,
-                guidance=limits.guidance,
-                link=link,
-                say=say,
-            )
-
-
 @dataclass(frozen=True)
 class ExternalFlyers(Flyers):
     """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
@@ -356,16 +305,34 @@ class ExternalFlyers(Flyers):
     def await_vehicle(self, *, say: Say) -> VehicleLimits:
         return await_vehicle(self.task.config.link, area=self.task.area, say=say)
 
-    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        task = self.task
-        return open_external(
-            task.config.link,
-            mission=task.config.mission,
-            area=task.area,
-            demand=task.demand,
-            observers=attached.observers,
-            say=attached.say,
-        )
+    @asynccontextmanager
+    async def open(self, attached: Attached) -> AsyncIterator[ExternalFlyer]:
+        """Connect to the autopilot at `link.url`, and tell people what it cannot do of the demand.
+
+        A flight that ends otherwise than by landing is left holding its position. Parameters that
+        were set for the flight are set back, however it ends.
+
+        Raises:
+            LinkLostError: no autopilot there in time, or one that does not say where it is.
+            FlightError: it does not come to know where it is.
+            InputError: it is somewhere else than the area.
+        """
+        task, say, recorder = self.task, attached.say, FlightRecorder()
+        link, mission, demand = task.config.link, task.config.mission, task.demand
+        observers = (recorder, *attached.observers)
+        async with located(link, area=task.area, observers=observers, say=say) as (pilot, feed):
+            limits = await limits_of(pilot, feed, demand, adjusted=link.set_parameters, say=say)
+            changes = limits.adjustments(demand) if link.set_parameters else {}
+            for name, (before, during) in changes.items():
+                feed.note(f"parameter {name}: {before:g} -> {during:g} for the flight")
+            speed_mps = mission.speed_mps
+            if not link.set_parameters:
+                speed_mps = min(speed_mps, limits.speed_mps)
+            flown = mission.model_copy(update={"speed_mps": speed_mps})
+            async with adjusted(pilot.parameters, changes, say=say), left_holding(pilot):
+                yield ExternalFlyer(
+                    pilot, feed, recorder, task.area, flown, limits.guidance, link, say
+                )
 
 
 def telemetry_of(link: LinkConfig) -> str:

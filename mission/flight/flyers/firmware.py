@@ -9,21 +9,19 @@ takes orders, whose answers take it some of its own time.
 import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Self
 
 from flightdyn.plant import Plant
-from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.flight_plan import Demand, FlightPlan
+from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.contact import located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Say, Task
+from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import NoVehicleError
 from mission.flight.pilot.feed import Known
@@ -35,7 +33,6 @@ from sitl.autopilot.codec.orders import Fields, MissionItem
 from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
-from sitl.observer import VehicleObserver
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
@@ -43,6 +40,7 @@ _HEARD = frozenset({31, 33, 46, 147})  # what the feed takes from the relay
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
 
+@dataclass(kw_only=True)
 class FirmwareFlyer(ExternalFlyer):
     """Flies stretches one after another; truth from the physics, belief from telemetry."""
 
@@ -110,78 +108,6 @@ class RelayedMessages:
             yield await queue.get()
 
 
-@asynccontextmanager
-async def open_firmware(
-    config: RunConfig,
-    plant: Plant,
-    folder: Path,
-    *,
-    area: Area,
-    demand: Demand,
-    observers: Sequence[VehicleObserver],
-    say: Say,
-) -> AsyncIterator[FirmwareFlyer]:
-    """Start the configured firmware in a new folder `folder` and connect a pilot to it.
-
-    Ground stations of `link.gcs` see the vehicle too. The firmware ends with the block.
-
-    Raises:
-        LinkLostError: a port cannot be had; the firmware cannot be started, dies or falls silent.
-        FlightError: it cannot be flown: not ready in time, another program, a parameter of the
-            configuration that it does not know.
-    """
-    recorder, messages, raw_link = FlightRecorder(), RelayedMessages(), RawLink()
-    vehicle = FirmwareVehicle(
-        config.vehicle,
-        plant,
-        folder,
-        [raw_link, *station_links(config.link)],
-        mission_speed_mps=config.mission.speed_mps,
-        speed=math.inf if config.link.speed == "max" else config.link.speed,
-        hear=messages.hear,
-        heard=_HEARD,
-    )
-    name, when = NAMES[config.vehicle.autopilot], " at its start"
-    try:
-        with of_a_vehicle():
-            async with vehicle:
-                vehicle.clock.run()
-                known = Known(messages, vehicle.clock.at, boot_ms=0)
-                async with located(
-                    config.link,
-                    area=area,
-                    observers=(recorder, *observers),
-                    say=say,
-                    raw_link=raw_link,
-                    known=known,
-                ) as (pilot, feed):
-                    await _check_program(pilot, config)
-                    limits = await limits_of(pilot, feed, demand, adjusted=False, say=say)
-                    speed_mps = min(config.mission.speed_mps, limits.speed_mps)
-                    flyer = FirmwareFlyer(
-                        pilot,
-                        feed,
-                        recorder,
-                        area=area,
-                        mission=config.mission.model_copy(update={"speed_mps": speed_mps}),
-                        guidance=limits.guidance,
-                        link=config.link,
-                        say=say,
-                    )
-                    flyer.vehicle = vehicle
-                    flyer.wind = config.vehicle.aircraft.wind
-                    vehicle.clock.rest()
-                    when = ""
-                    yield flyer
-    except NoVehicleError:
-        waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
-        said = vehicle.with_last_words(f"{waited} (link.connect_timeout_s)")
-        raise LinkLostError(f"{name}{when}: {said}") from None
-    except FirmwareError as error:
-        kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
-        raise kind(f"{name}{when}: {error}") from None
-
-
 @dataclass(frozen=True)
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
@@ -217,17 +143,70 @@ class FirmwareFlyers(Flyers):
             raise InputError(str(error)) from None
         super().check()
 
-    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        """Start the firmware, in a folder of its own below the run's."""
-        return open_firmware(
-            self.task.config,
+    @asynccontextmanager
+    async def open(self, attached: Attached) -> AsyncIterator[FirmwareFlyer]:
+        """Start the firmware in a folder of its own below the run's, and connect a pilot to it.
+
+        Ground stations of `link.gcs` see the vehicle too. The firmware ends with the block.
+
+        Raises:
+            LinkLostError: a port cannot be had; the firmware cannot be started, dies or falls
+                silent.
+            FlightError: it cannot be flown: not ready in time, another program, a parameter of the
+                configuration that it does not know.
+        """
+        config, recorder, messages = self.task.config, FlightRecorder(), RelayedMessages()
+        raw_link = RawLink()
+        vehicle = FirmwareVehicle(
+            config.vehicle,
             self.plant,
             attached.folder / FOLDER,
-            area=self.task.area,
-            demand=self.task.demand,
-            observers=attached.observers,
-            say=attached.say,
+            [raw_link, *station_links(config.link)],
+            mission_speed_mps=config.mission.speed_mps,
+            speed=math.inf if config.link.speed == "max" else config.link.speed,
+            hear=messages.hear,
+            heard=_HEARD,
         )
+        name, when = NAMES[config.vehicle.autopilot], " at its start"
+        try:
+            with of_a_vehicle():
+                async with vehicle:
+                    vehicle.clock.run()
+                    async with located(
+                        config.link,
+                        area=self.task.area,
+                        observers=(recorder, *attached.observers),
+                        say=attached.say,
+                        raw_link=raw_link,
+                        known=Known(messages, vehicle.clock.at, boot_ms=0),
+                    ) as (pilot, feed):
+                        await _check_program(pilot, config)
+                        limits = await limits_of(
+                            pilot, feed, self.task.demand, adjusted=False, say=attached.say
+                        )
+                        speed_mps = min(config.mission.speed_mps, limits.speed_mps)
+                        flyer = FirmwareFlyer(
+                            pilot,
+                            feed,
+                            recorder,
+                            self.task.area,
+                            config.mission.model_copy(update={"speed_mps": speed_mps}),
+                            limits.guidance,
+                            config.link,
+                            attached.say,
+                            vehicle=vehicle,
+                        )
+                        flyer.wind = config.vehicle.aircraft.wind
+                        vehicle.clock.rest()
+                        when = ""
+                        yield flyer
+        except NoVehicleError:
+            waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
+            said = vehicle.with_last_words(f"{waited} (link.connect_timeout_s)")
+            raise LinkLostError(f"{name}{when}: {said}") from None
+        except FirmwareError as error:
+            kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
+            raise kind(f"{name}{when}: {error}") from None
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:

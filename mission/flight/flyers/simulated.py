@@ -3,7 +3,7 @@
 import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Self
 
@@ -12,7 +12,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
-from mission.config.models import MissionConfig, RunConfig
+from mission.config.models import MissionConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.fence_zones import fence_of
 from mission.flight.flight_plan import FlightPlan
@@ -30,7 +30,6 @@ from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.config import VehicleConfig
 from sitl.links import Link, RawLink, UdpLink
-from sitl.observer import VehicleObserver
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
@@ -122,52 +121,6 @@ class SimulatedFlyer(Flyer):
         self.vehicle.exchange_battery()
 
 
-@asynccontextmanager
-async def open_simulated(
-    config: RunConfig,
-    vehicle: Vehicle,
-    *,
-    area: Area,
-    observers: Sequence[VehicleObserver],
-) -> AsyncIterator[SimulatedFlyer]:
-    """Start the simulated vehicle, fresh on the ground at home, and connect a pilot to it.
-
-    Ground stations of `link.gcs` see the vehicle too. An interrupted flight is ended by an
-    order to hold.
-
-    Raises:
-        LinkLostError: the link cannot be opened or the vehicle does not answer.
-    """
-    recorder = FlightRecorder()
-    for observer in (recorder, *observers):
-        vehicle.add_observer(observer)
-    speed = math.inf if config.link.speed == "max" else config.link.speed
-    raw_link = RawLink() if config.link.kind == "in_process" else None
-    port = config.link.udp_port
-    with of_a_vehicle():
-        link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
-        async with (
-            Simulation(vehicle, link, *station_links(config.link), speed=speed),
-            connect(
-                "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
-                raw_link=raw_link,
-                stall_timeout_s=config.link.stall_timeout_s,
-            ) as pilot,
-        ):
-            flyer = SimulatedFlyer(
-                pilot, vehicle, recorder, area, config.mission, guidance_of(config.vehicle)
-            )
-            flyer.wind = config.vehicle.aircraft.wind
-            try:
-                yield flyer
-            except asyncio.CancelledError:
-                if vehicle.moving:
-                    with suppress(AerofedError, TimeoutError):
-                        async with asyncio.timeout(HOLD_TIMEOUT_S):
-                            await pilot.hold()
-                raise
-
-
 @dataclass(frozen=True)
 class BuiltInFlyers(Flyers):
     """Our own autopilot on the simulated aircraft. A run flies it once."""
@@ -190,10 +143,41 @@ class BuiltInFlyers(Flyers):
         parameters = self.vehicle.autopilot.parameters
         return (*super().fence(), *fence_of((), parameters, self.task.area))
 
-    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        return open_simulated(
-            self.task.config,
-            self.vehicle,
-            area=self.task.area,
-            observers=attached.observers,
-        )
+    @asynccontextmanager
+    async def open(self, attached: Attached) -> AsyncIterator[SimulatedFlyer]:
+        """Connect a pilot to the vehicle; ground stations of `link.gcs` see it too.
+
+        An interrupted flight is ended by an order to hold.
+
+        Raises:
+            LinkLostError: the link cannot be opened or the vehicle does not answer.
+        """
+        config, vehicle, recorder = self.task.config, self.vehicle, FlightRecorder()
+        for observer in (recorder, *attached.observers):
+            vehicle.add_observer(observer)
+        speed = math.inf if config.link.speed == "max" else config.link.speed
+        raw_link = RawLink() if config.link.kind == "in_process" else None
+        port = config.link.udp_port
+        with of_a_vehicle():
+            link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
+            async with (
+                Simulation(vehicle, link, *station_links(config.link), speed=speed),
+                connect(
+                    "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
+                    raw_link=raw_link,
+                    stall_timeout_s=config.link.stall_timeout_s,
+                ) as pilot,
+            ):
+                guidance = guidance_of(config.vehicle)
+                flyer = SimulatedFlyer(
+                    pilot, vehicle, recorder, self.task.area, config.mission, guidance
+                )
+                flyer.wind = config.vehicle.aircraft.wind
+                try:
+                    yield flyer
+                except asyncio.CancelledError:
+                    if vehicle.moving:
+                        with suppress(AerofedError, TimeoutError):
+                            async with asyncio.timeout(HOLD_TIMEOUT_S):
+                                await pilot.hold()
+                    raise

@@ -1,7 +1,7 @@
 """A flyer that flies nothing: every waypoint is met exactly, at the planned speed (the paper)."""
 
 from collections.abc import AsyncIterator, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,14 +112,6 @@ class UnflownFlyer(Flyer):
             observer.sampled(sample)
 
 
-@asynccontextmanager
-async def open_unflown(
-    mission: MissionConfig, *, area: Area, observers: Sequence[VehicleObserver]
-) -> AsyncIterator[UnflownFlyer]:
-    """The flyer that flies nothing."""
-    yield UnflownFlyer(area, mission, observers)
-
-
 @dataclass(frozen=True)
 class NoFlyers(Flyers):
     """Nobody flies: a plan, if there is one, is met exactly."""
@@ -129,6 +121,7 @@ class NoFlyers(Flyers):
     def check(self) -> None:
         """Refuse nothing: no link is needed."""
 
-    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        task = self.task
-        return open_unflown(task.config.mission, area=task.area, observers=attached.observers)
+    @asynccontextmanager
+    async def open(self, attached: Attached) -> AsyncIterator[UnflownFlyer]:
+        """The flyer that flies nothing."""
+        yield UnflownFlyer(self.task.area, self.task.config.mission, attached.observers)
