@@ -54,6 +54,7 @@ class RunFolder:
     summary = _Inside("summary.json")
     checkpoint = _Inside("checkpoint")
     figures = _Inside("figures")
+    report = _Inside("report.html")
 
     @classmethod
     @contextmanager

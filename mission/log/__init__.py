@@ -10,7 +10,7 @@ from mission.base.errors import InputError
 
 
 class LogError(InputError):
-    """The log cannot be written, or the file is not one that this program can use."""
+    """The file is not a log that this program can use."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")

@@ -29,14 +29,13 @@ from mcap.records import (
     Schema,
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes
 from mission.log import DamagedLogError, ForeignLogError, LogError
-from mission.log.sink import new_writer
 from mission.log.topics import FORMAT_VERSION, Topic
 from mission.log.values import NS_PER_S, area_from_text
 
@@ -282,7 +281,8 @@ def recover(source: Path, target: Path) -> Recovery:
 def _rewritten(saved: Contents) -> bytes:
     """The contents as a file, a chunk for each that there was."""
     stream = io.BytesIO()
-    writer = new_writer(stream)
+    writer = Writer(stream, chunk_size=_CHUNK_BYTES, enable_data_crcs=True)
+    writer.start(library=f"aerofed {LIBRARY_IDENTIFIER}")
     schemas = {
         schema.id: writer.register_schema(schema.name, schema.encoding, schema.data)
         for schema in saved.schemas.values()

@@ -21,7 +21,8 @@ from foxglove.websocket import Capability, ServerListener
 from mission.base.console import RunConsole
 from mission.base.errors import LinkLostError
 from mission.log import topics
-from mission.log.topics import TOPICS, Topic
+from mission.log.sink import channels
+from mission.log.topics import Topic
 
 # Foxglove's and Lichtblick's web and desktop applications; pages of this machine and programs
 # that are no browser (which send no Origin) are let in, too.
@@ -50,17 +51,7 @@ class LiveView:
         logging.getLogger("foxglove.websocket").setLevel(logging.CRITICAL)
         # Kept: channels alone do not keep their context alive, and without it are never announced.
         self._context = foxglove.Context()
-        self._channels = {
-            topic.name: foxglove.Channel(
-                topic.name,
-                message_encoding=topic.encoding,
-                schema=foxglove.Schema(
-                    name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
-                ),
-                context=self._context,
-            )
-            for topic in TOPICS
-        }
+        self._channels = channels(self._context)
         self._latched = _Latched(self._channels)
         # Where no page finds it: only the proxy looks at who comes.
         inner = _hidden_address()
@@ -142,11 +133,12 @@ class _Latched(ServerListener):  # type: ignore[misc]  # foxglove is skipped by 
             before = self._sent.get(name, [])
             self._sent[name] = [item for item in before if item[0] == t_ns] + [(t_ns, data)]
 
-    def on_subscribe(self, client: Any, channel: Any) -> None:
+    def on_subscribe(self, _: Any, channel: Any) -> None:
         with self._lock:
             sent = tuple(self._sent.get(channel.topic, ()))
         for t_ns, data in sent:
-            self._channels[channel.topic].log(data, log_time=t_ns, sink_id=client.id)
+            # To all who look at this topic: nothing tells which of the library's sinks is whose.
+            self._channels[channel.topic].log(data, log_time=t_ns)
 
 
 def admitted(head: bytes) -> bool:

@@ -1,18 +1,14 @@
 """Where encoded messages go: the MCAP file here, viewers in `live`."""
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import Protocol
 
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+import foxglove
+from foxglove.mcap import MCAPWriteOptions
 
-from mission.log import LogError
+from mission.base.record_file import RecordFile
 from mission.log.topics import TOPICS, Topic
-
-# A chunk ends with each flush; this only bounds one that grows while simulated time stands still.
-_CHUNK_BYTES = 4 << 20
 
 
 class Sink(Protocol):
@@ -25,20 +21,23 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
-def new_writer(stream: IO[bytes]) -> Any:
-    """A started `mcap.writer.Writer`: zstd chunks, every index, statistics and checksums."""
-    writer = Writer(
-        stream,
-        chunk_size=_CHUNK_BYTES,
-        compression=CompressionType.ZSTD,
-        enable_data_crcs=True,
-    )
-    writer.start(library=f"aerofed {LIBRARY_IDENTIFIER}")
-    return writer
+def channels(context: foxglove.Context) -> dict[str, foxglove.Channel]:
+    """A channel for each topic of a flight log, by its name."""
+    return {
+        topic.name: foxglove.Channel(
+            topic.name,
+            message_encoding=topic.encoding,
+            schema=foxglove.Schema(
+                name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
+            ),
+            context=context,
+        )
+        for topic in TOPICS
+    }
 
 
 class McapSink:
-    """An MCAP file of every topic of a flight log.
+    """An MCAP file: zstd chunks, every index, statistics and checksums.
 
     The bytes are a function of what is written and flushed: nothing of the wall clock goes in.
     """
@@ -47,70 +46,45 @@ class McapSink:
         """Start the file, replacing one that is there.
 
         Raises:
-            LogError: it cannot be made.
+            InputError: it cannot be made.
         """
-        self.path = path
-        with self._named():
-            self._file = path.open("wb")
-            self._writer = new_writer(self._file)
-            schemas = {
-                name: self._writer.register_schema(name, topic.schema_encoding, topic.schema)
-                for name, topic in {topic.schema_name: topic for topic in TOPICS}.items()
-            }
-            self._channels: dict[str, int] = {
-                topic.name: self._writer.register_channel(
-                    topic.name, topic.encoding, schemas[topic.schema_name]
-                )
-                for topic in TOPICS
-            }
-        self._sequence = dict.fromkeys(self._channels, 0)
+        self.file = RecordFile(path)
+        self._context = foxglove.Context()  # kept: channels alone do not keep it alive
+        # A chunk ends with each flush, and goes into the file as a whole, or not at all.
+        options = MCAPWriteOptions(chunk_size=None, compression_threads=0, disable_seeking=True)
+        self._writer = foxglove.open_mcap(self.file, context=self._context, writer_options=options)
+        self._channels = channels(self._context)
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        sequence = self._sequence[topic.name]
-        self._sequence[topic.name] = sequence + 1
-        try:  # a context manager would cost a tenth of the log
-            self._writer.add_message(self._channels[topic.name], t_ns, data, t_ns, sequence)
-        except OSError as error:
-            raise self._error(error) from None
+        self._channels[topic.name].log(data, log_time=t_ns)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a named set of strings (an MCAP Metadata record)."""
-        with self._named():
-            self._writer.add_metadata(name, dict(values))
+        self._writer.write_metadata(name, dict(values))
 
     def attach(self, t_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write a file into the file (an MCAP Attachment record)."""
-        with self._named():
-            self._writer.add_attachment(0, t_ns, name, media_type, data)
+        self._writer.attach(
+            log_time=t_ns, create_time=0, name=name, media_type=media_type, data=data
+        )
 
     def flush(self) -> None:
-        """Hand everything to the operating system: it survives the death of this process."""
-        with self._named():
-            self._writer.flush()
+        """Hand everything to the operating system: it survives the death of this process.
+
+        Raises:
+            InputError: it could not be written, or somebody else changed the file.
+        """
+        self._writer.flush()
+        self.file.check()
 
     def sync(self) -> None:
         """Flush to the disk itself, so that it survives a power loss."""
-        self.flush()
-        with self._named():
-            os.fsync(self._file.fileno())
+        self._writer.flush()
+        self.file.sync()
+        self.file.check()
 
     def close(self) -> None:
         """Write indexes and statistics. Closing twice is fine."""
-        if self._file.closed:
-            return
-        with self._named():
-            try:
-                self._writer.finish()
-            finally:
-                self._file.close()
-
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        """Say of which file an error of the operating system is."""
-        try:
-            yield
-        except OSError as error:
-            raise self._error(error) from None
-
-    def _error(self, error: OSError) -> LogError:
-        return LogError(self.path, f"cannot write the log: {error.strerror}")
+        self._writer.close()
+        self.file.close()
+        self.file.check()

@@ -8,9 +8,10 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, Generic, NamedTuple, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from mission.base.errors import InputError
+from mission.base.record_file import RecordFile
 from mission.base.tables import columns, csv_lines
 from mission.base.user_files import DATA_BYTES, read_text
 from mission.log.records import (
@@ -29,7 +30,7 @@ _WIDER: Mapping[type, type] = {UplinkRecord: TimedUplinkRecord}
 
 
 class TableError(InputError):
-    """A table cannot be written, or what is in the file is not such a table."""
+    """What is in a file is not such a table."""
 
 
 class Table(Generic[Record]):
@@ -47,31 +48,30 @@ class Table(Generic[Record]):
         `communities`: those that the records have numbers of.
 
         Raises:
-            TableError: the file cannot be written.
+            InputError: the file cannot be written.
         """
-        self.path = path
         self._header = [cell.name for cell in _cells(record, communities)]
-        try:
-            self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
-        except OSError as error:
-            raise TableError(f"{path}: cannot write the table: {error.strerror}") from None
+        self.file = RecordFile(path)
         self._append([self._header])
 
     def extend(self, records: Iterable[Record]) -> None:
-        """Write a row each and hand them to the operating system."""
+        """Write a row each and hand them to the operating system.
+
+        Raises:
+            InputError: they could not be written, or somebody else changed the file.
+        """
         rows = map(flat, records)
         self._append([row[name] for name in self._header] for row in rows)
 
     def _append(self, rows: Iterable[Sequence[object]]) -> None:
-        try:
-            self._file.write(csv_lines(rows))
-            self._file.flush()
-        except OSError as error:
-            raise TableError(f"{self.path}: cannot write the table: {error.strerror}") from None
+        self.file.write(csv_lines(rows).encode())
+        self.file.flush()
+        self.file.check()
 
     def close(self) -> None:
         """Close the file; what was appended is in it. Closing twice is fine."""
-        self._file.close()
+        self.file.close()
+        self.file.check()
 
     def __enter__(self) -> Self:
         return self

@@ -55,16 +55,17 @@ class FlightLog:
         `start_ns`: when the log begins.
 
         Raises:
-            LogError: the file cannot be made.
+            InputError: the file cannot be made.
         """
         self._area = area
         self._devices = devices
         self._fence = tuple(fence)
-        self._file = McapSink(path)
-        self._sinks: tuple[Sink, ...] = (self._file, *mirrors)
+        self._mcap = McapSink(path)
+        self.file = self._mcap.file
+        self._sinks: tuple[Sink, ...] = (self._mcap, *mirrors)
         self._vehicle = VehicleTopics(area, rates or LogRates(), self._write)
         self._now_ns = self._flushed_ns = start_ns
-        self._file.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
+        self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
         self.attach(LAYOUT, "application/json", layout(area, devices.communities))
 
@@ -151,7 +152,7 @@ class FlightLog:
         self._vehicle.write_path(t_ns)
         self._vehicle.begin_path()
         self._flush()
-        self._file.sync()
+        self._mcap.sync()
 
     def learning(
         self,
@@ -177,14 +178,14 @@ class FlightLog:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the file."""
         self._flush()
-        self._file.attach(self._now_ns, name, media_type, data)
-        self._file.flush()
+        self._mcap.attach(self._now_ns, name, media_type, data)
+        self._mcap.flush()
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Put a named set of strings into the file. Nothing of the wall clock, please."""
         self._flush()
-        self._file.metadata(name, values)
-        self._file.flush()
+        self._mcap.metadata(name, values)
+        self._mcap.flush()
 
     def close(self) -> None:
         """Complete the file. Closing twice is fine."""

@@ -10,7 +10,7 @@ from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.comparison_text import labelled
 from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
-from mission.base.run_folder import write_atomically
+from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.flight import profile_charts
@@ -22,7 +22,6 @@ from mission.report.about import about
 from mission.report.html import page
 
 _PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
-REPORT_NAME = "report.html"
 
 
 def write_report(path: Path, target: Path | None = None) -> Path:
@@ -40,7 +39,7 @@ def write_report(path: Path, target: Path | None = None) -> Path:
         done = "finished" if run.data.plan_file is None else "flown"
         raise InputError(f"{path}: no round was {done}, so there is nothing to report{why}")
     text = report_html(run)
-    target = target or (path / REPORT_NAME if path.is_dir() else path.with_suffix(".html"))
+    target = target or (RunFolder(path).report if path.is_dir() else path.with_suffix(".html"))
     write_atomically(target, text)
     return target
 

@@ -9,6 +9,7 @@ import numpy as np
 from fl.federation import rounds as learning
 from mission.base.console import RunConsole
 from mission.base.interrupts import in_background
+from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
 from mission.base.user_code import errors_of_learning
@@ -42,6 +43,13 @@ class Experiment(ABC):
     def finished(self) -> bool:
         """Whether the rounds or one of the budgets are spent."""
         return self.totals.is_over(self.budget)
+
+    @property
+    def files(self) -> Sequence[RecordFile]:
+        """Log and tables."""
+        recorder = self.recorder
+        tables = recorder.rounds, recorder.uplinks, recorder.devices
+        return recorder.log.file, *(table.file for table in tables)
 
     async def run(self) -> None:
         """Record the untrained models, then go through all rounds.

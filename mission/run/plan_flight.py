@@ -1,7 +1,7 @@
 """One `aerofed fly`: a run of one flight, by a plan file, that serves no devices."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, FlightError, InputError
+from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import csv_lines
@@ -127,6 +128,11 @@ class _PlanFlight:
     totals: RunTotals = field(default_factory=lambda: RunTotals.before(0))
     comparison: RunComparison | None = None
     ended: bool = False  # by itself: neither failed nor interrupted
+
+    @property
+    def files(self) -> Sequence[RecordFile]:
+        """The log."""
+        return (self.log.file,)
 
     async def run(self) -> None:
         """Fly the plan from take-off to landing."""

@@ -1,6 +1,6 @@
 """What every flight into a folder has around it: how it ended, its summary, its pictures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -9,6 +9,7 @@ from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import ending_flights, run_flight
+from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
 from mission.run.outcome import TRACEBACK, Outcome, Summary
@@ -22,6 +23,10 @@ class Recorded(Protocol):
     """What is flown: the rounds of a run, or a plan file."""
 
     totals: RunTotals
+
+    @property
+    def files(self) -> Sequence[RecordFile]:
+        """What it writes as it goes on."""
 
     async def run(self) -> None:
         """Fly everything, from start to end.
@@ -85,6 +90,8 @@ def fly_recorded(
 
                     draw_run(folder.path)
                 flight.conclude(summary)
+                for file in flight.files:  # long after the last word, while figures were drawn
+                    file.check()
     finally:
         # Last of all: a folder that says "finished" has everything. Its page shows the times in it.
         stopwatch.stop()

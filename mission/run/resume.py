@@ -60,6 +60,15 @@ def data_dir_of(values: Mapping[str, object]) -> Path | None:
     return Path(str(name)) if name else None
 
 
+def begun_with_page(folder: RunFolder) -> bool:
+    """Whether the run of a folder was started with a page; not where no checkpoint tells."""
+    file = folder.checkpoint / ROUNDS
+    if not file.exists():
+        return False
+    values = parse_json(read_text(file, most=DATA_BYTES), file)
+    return isinstance(values, dict) and bool(values.get("report"))
+
+
 def read_checkpoint(path: Path) -> dict[str, object]:
     """The values of the checkpoint in the run's folder `path`.
 

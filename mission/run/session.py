@@ -29,7 +29,7 @@ from mission.run.flown_experiment import FlownExperiment
 from mission.run.outcome import Summary
 from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
-from mission.run.resume import data_dir_of, read_checkpoint, refuse_others
+from mission.run.resume import begun_with_page, data_dir_of, read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
@@ -107,7 +107,7 @@ def resume_session(
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
     checkpoint's folder. `workers` and `figures` as in `fly_session`; `page` is made if the run was
-    started with one. Returns the exit code.
+    started with one, also where it alone is missing. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
@@ -117,13 +117,16 @@ def resume_session(
     stopwatch = stopwatch or Stopwatch()
     folder = RunFolder(path)
     with ExitStack() as opened:
-        finished = folder.status() == "finished"
-        if not finished:
+        if not _is_whole(folder, page):
             refuse_others(folder)  # before the lock leaves its file there
             opened.enter_context(folder.lock())
-            finished = folder.status() == "finished"  # another one was at it
-        if finished:
+        if _is_whole(folder, page):  # now: another one may have been at it
             console.say(f"{path} is finished: nothing to resume")
+            return 0
+        if page is not None and folder.status() == "finished":
+            with console.waiting("writing the report"):
+                page(path)
+            console.say(f"{path} is finished: made its {folder.report.name}, which was missing")
             return 0
         values = read_checkpoint(path)
         data_dir = data_dir_of(values)
@@ -149,6 +152,13 @@ def resume_session(
             scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
         )
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
+
+
+def _is_whole(folder: RunFolder, page: Page | None) -> bool:
+    """Whether a run has ended, and has its page where it was started with one."""
+    if folder.status() != "finished":
+        return False
+    return page is None or folder.report.exists() or not begun_with_page(folder)
 
 
 def _fly(

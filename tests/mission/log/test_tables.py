@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.base.errors import InputError
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.log.tables import Table, TableError, read_table
 
@@ -108,12 +109,12 @@ def test_damage_is_refused_with_file_and_line(tmp_path: Path, damage, message: s
 
 
 def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
-    with pytest.raises(TableError, match="No such file"):
+    with pytest.raises(InputError, match="No such file"):
         read_table(tmp_path / "u.csv", UplinkRecord)
     (tmp_path / "u.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(TableError, match="not UTF-8"):
+    with pytest.raises(InputError, match="not UTF-8"):
         read_table(tmp_path / "u.csv", UplinkRecord)
-    with pytest.raises(TableError, match="cannot write the table"):
+    with pytest.raises(InputError, match="cannot write"):
         Table(tmp_path / "no" / "u.csv", UplinkRecord)
 
 

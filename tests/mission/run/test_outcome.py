@@ -20,6 +20,7 @@ from mission.base.errors import (
     TrainingError,
     UsersCodeError,
 )
+from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder
 from mission.base.stopwatch import Stopwatch
 from mission.planner.errors import SolverError
@@ -137,6 +138,7 @@ class Flight:
 
     def __init__(self, stopwatch: Stopwatch) -> None:
         self.totals = RunTotals.before(0)
+        self.files: tuple[RecordFile, ...] = ()
         self.stopwatch = stopwatch
 
     async def run(self) -> None:
