@@ -6,14 +6,14 @@ handed over with the errors of our receiver and barometer, and only the IMU's re
 in. Terms: ArduPilot's libraries/SITL/SIM_JSON.
 """
 
+import logging
 import socket
 
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
-from sitl.errors import FirmwareError, FirmwareRestartedError
+from sitl.errors import FirmwareRestartedError
 from sitl.firmware.bridge import bound, give_up_soon, sensors_of
 from sitl.firmware.native.library import (
-    FOREIGN,
     RESTARTED,
     Json,
     Stepped,
@@ -21,6 +21,8 @@ from sitl.firmware.native.library import (
     json_send,
     json_wait,
 )
+
+_logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 9002
 LOOPS_HZ = 400  # of ArduCopter, where SCHED_LOOP_RATE does not say otherwise
@@ -36,7 +38,11 @@ RATE_HZ = slowest_rate_hz(LOOPS_HZ)
 
 
 class ArduPilotBridge:
-    """Steps a plant for the ArduPilot that sends to `port`."""
+    """Steps a plant for the ArduPilot that sends to `port`.
+
+    The first to ask is answered, until a process asks that is new and counts from 0, as ArduPilot
+    does after a reboot, from another port.
+    """
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:
         """Raises SitlInputError where the plant has no sensors."""
@@ -45,10 +51,10 @@ class ArduPilotBridge:
         self._port = port
         self._socket: socket.socket | None = None
         self._json = Json()  # what goes between ArduPilot and here
-        self._json.answered = -1
+        self._json.answered = self._json.length = -1
         self._stepped = Stepped(plant, self._sensors.imu, self._json)
-        self._connected = False
         self._baro_error_m = 0.0
+        self._warned = False  # of datagrams that are not ArduPilot's
 
     @property
     def truths(self) -> TruthRing:
@@ -57,7 +63,7 @@ class ArduPilotBridge:
     @property
     def connected(self) -> bool:
         """Whether a firmware has asked for anything."""
-        return self._connected
+        return bool(self._json.peer)
 
     @property
     def port(self) -> int:
@@ -68,10 +74,9 @@ class ArduPilotBridge:
     def open(self) -> None:
         self._socket = bound(socket.SOCK_DGRAM, self._port)
         give_up_soon(self._socket)
+        self._json.socket = self._socket.fileno()
 
     def run(self, ticks: int) -> int:
-        if not (self._connected or self._connect()):
-            return 0
         plant = self.plant
         due = min(self._sensors.due, plant.due)
         ticks = min(ticks, max(due - plant.clock.tick, 1))
@@ -84,10 +89,9 @@ class ArduPilotBridge:
 
     def rest(self) -> None:
         # It repeats itself each second while nobody answers: one of these is answered later.
-        if self._connected or self._connect():
-            came = json_wait(self._stepped.at)
-            self._check(came)
-            self._json.asked |= came
+        came = json_wait(self._stepped.at)
+        self._check(came)
+        self._json.asked |= came
 
     def close(self) -> None:
         if self._socket is not None:
@@ -95,26 +99,16 @@ class ArduPilotBridge:
             self._socket = None
 
     def _check(self, came: int) -> None:
-        """Raise what is wrong, if anything is."""
+        """Raise where ArduPilot has started anew; warn once of datagrams that are not its own."""
+        if self._json.length >= 0 and not self._warned:
+            self._warned = True
+            _logger.warning(
+                "UDP port %d: dropped what is no request of ArduPilot's JSON interface: %d bytes "
+                "with the magic number %d; known are 40 with 18458 and 72 with 29569",
+                *(self.port, self._json.length, self._json.magic),
+            )
         if came == RESTARTED:
             raise FirmwareRestartedError("ArduPilot has started anew")
-        if came == FOREIGN:
-            raise FirmwareError(
-                f"no request of ArduPilot's JSON interface: {self._json.length} bytes with the "
-                f"magic number {self._json.magic}; known are 40 with 18458 and 72 with 29569"
-            )
-
-    def _connect(self) -> bool:
-        """Nobody but the first to ask is heard from then on."""
-        assert self._socket is not None
-        try:
-            _, peer = self._socket.recvfrom(0, socket.MSG_PEEK)
-            self._socket.connect(peer)
-        except (BlockingIOError, ConnectionError):
-            return False
-        self._json.socket = self._socket.fileno()
-        self._connected = True
-        return True
 
     def _send(self) -> None:
         """What the sensors say at this tick."""

@@ -43,7 +43,7 @@ class Bridge(Protocol):
             How often; 0 where the firmware asked for nothing for a moment.
 
         Raises:
-            FirmwareError: the firmware speaks another protocol.
+            FirmwareError: the firmware runs on a clock of its own.
             FirmwareRestartedError: it has ended, or begun anew.
         """
 

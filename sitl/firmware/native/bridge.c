@@ -3,6 +3,7 @@
 #include "bridge.h"
 
 #include <errno.h>
+#include <netinet/in.h>
 #include <string.h>
 #include <sys/socket.h>
 
@@ -13,6 +14,9 @@
 SIZE_OF(Hil);
 SIZE_OF(Json);
 SIZE_OF(Ring);
+
+/* Datagrams that are looked at in a call: nobody who sends many keeps it from returning. */
+enum { AT_ONCE = 64 };
 
 static int gone(Hil *link, int error)
 {
@@ -107,21 +111,37 @@ EXPORTED int hil_run(Hil *link, int64_t ticks)
 
 static void json_repeat(Json *link)
 {
+    const struct sockaddr_in to = {.sin_family = AF_INET,
+                                   .sin_port = (uint16_t)link->peer,
+                                   .sin_addr.s_addr = (uint32_t)(link->peer >> 16)};
     /* A firmware that has just ended is told of by its process. */
-    send((int)link->socket, link->reply, (size_t)link->size, 0);
+    sendto((int)link->socket, link->reply, (size_t)link->size, 0, (const struct sockaddr *)&to,
+           sizeof to);
 }
 
 EXPORTED int json_wait(Json *link)
 {
-    uint8_t request[256];
-    for (;;) {
-        const ssize_t size = recv((int)link->socket, request, sizeof request, 0);
+    for (int i = 0; i < AT_ONCE; i++) {
+        uint8_t data[256];
+        struct sockaddr_in from = {0};
+        socklen_t length = sizeof from;
+        const ssize_t size =
+            recvfrom((int)link->socket, data, sizeof data, 0, (struct sockaddr *)&from, &length);
+        uint32_t count;
         if (size < 0) return NOTHING;
-        const int came = take_request(link, request, size);
-        if (came != ORDERED || link->count > link->answered) return came;
+        if (!is_request(link, data, size, &count)) continue;
+        const int64_t peer = (int64_t)from.sin_addr.s_addr << 16 | from.sin_port;
+        const int other = link->peer != 0 && peer != link->peer;
+        if (other && count > 0) continue; /* was left behind: a process that begins counts from 0 */
+        link->peer = peer;
+        if (other) return RESTARTED;
+        link->count = count;
+        take_pulses(link, data);
+        if (link->count > link->answered) return ORDERED;
         if (link->count < link->answered) return RESTARTED;
         json_repeat(link); /* the reply was lost */
     }
+    return NOTHING;
 }
 
 EXPORTED void json_send(Json *link)

@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 /* What came of a call. */
-enum { NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, FAILED };
+enum { NOTHING, ORDERED, GONE, FREE_RUNNING, RESTARTED, FAILED };
 
 enum { MOST_FRAME = 280 };
 
@@ -56,7 +56,7 @@ typedef struct { /* PX4 behind a TCP connection */
     uint8_t stream[4096], out[2 * MOST_FRAME];
 } Hil;
 
-typedef struct { /* ArduPilot behind a connected UDP socket */
+typedef struct { /* ArduPilot behind a UDP socket */
     World world;
     double sample[6], state[9]; /* the IMU's; position, velocity, attitude without errors */
     double errors[6];           /* of position and velocity */
@@ -64,15 +64,16 @@ typedef struct { /* ArduPilot behind a connected UDP socket */
     int64_t count, answered;    /* of the request, and of the one that was answered last */
     int64_t asked;              /* whether the request came while time stood still */
     int64_t came;               /* of the ticks that were asked for last */
-    int64_t socket, length, magic; /* of a request that is none */
-    int64_t size; /* of the reply */
+    int64_t socket, peer;       /* address and port that are answered; 0: nobody has asked yet */
+    int64_t length, magic;      /* of the newest datagram that was no request; length -1: none */
+    int64_t size;               /* of the reply */
     uint8_t reply[1024];
 } Json;
 
 /* Both of these take ticks, each when the firmware asks for it, and answer all but the last. They
    return how many were taken; `came` becomes ORDERED, or why there were no more: NOTHING for a moment;
-   GONE, with `error`; FREE_RUNNING where the firmware does not wait for our clock; FOREIGN where it
-   is another program; RESTARTED; FAILED where the aircraft could not be stepped. */
+   GONE, with `error`; FREE_RUNNING where the firmware does not wait for our clock; RESTARTED; FAILED
+   where the aircraft could not be stepped. */
 int hil_run(Hil *link, int64_t ticks);
 int json_run(Json *link, int64_t ticks);
 

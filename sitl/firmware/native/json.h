@@ -10,20 +10,26 @@
 
 enum { MAGIC_16 = 18458, MAGIC_32 = 29569, IDLE_US = 1000, SPAN_US = 1000 };
 
-static int take_request(Json *link, const uint8_t *request, int64_t size)
+/* Whether a datagram is a request, and its number. */
+static int is_request(Json *link, const uint8_t *data, int64_t size, uint32_t *count)
 {
-    uint16_t magic = 0, pulses[4];
-    uint32_t count;
-    if (size >= 2) memcpy(&magic, request, 2);
+    uint16_t magic = 0;
+    if (size >= 2) memcpy(&magic, data, 2);
     const int channels = magic == MAGIC_16 ? 16 : magic == MAGIC_32 ? 32 : 0;
-    link->length = size;
-    link->magic = magic;
-    if (channels == 0 || size != 8 + 2 * channels) return FOREIGN;
-    memcpy(&count, request + 4, 4);
+    if (channels == 0 || size != 8 + 2 * channels) {
+        link->length = size;
+        link->magic = magic;
+        return 0;
+    }
+    memcpy(count, data + 4, 4);
+    return 1;
+}
+
+static void take_pulses(Json *link, const uint8_t *request)
+{
+    uint16_t pulses[4];
     memcpy(pulses, request + 8, sizeof pulses);
-    link->count = count;
     for (int i = 0; i < 4; i++) link->motors[i] = (pulses[i] - IDLE_US) / (double)SPAN_US;
-    return ORDERED;
 }
 
 static char *put_text(char *at, const char *text)

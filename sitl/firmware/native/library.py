@@ -20,8 +20,8 @@ _THREE, _FOUR, _SIX = _DOUBLE * 3, _DOUBLE * 4, _DOUBLE * 6
 KEPT = 4096  # guidance intervals, 80 s
 NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
 # What came of a call. ORDERED: the motors are what the firmware wants for the next tick; GONE: it
-# has hung up; FREE_RUNNING: its clock is not ours; FOREIGN: it speaks another protocol.
-NOTHING, ORDERED, GONE, FREE_RUNNING, FOREIGN, RESTARTED, _FAILED = range(7)
+# has hung up; FREE_RUNNING: its clock is not ours; RESTARTED: it has begun anew.
+NOTHING, ORDERED, GONE, FREE_RUNNING, RESTARTED, _FAILED = range(6)
 
 
 class _Ring(ctypes.Structure):
@@ -90,13 +90,13 @@ class Hil(ctypes.Structure):
 
 
 class Json(ctypes.Structure):
-    """ArduPilot behind a connected UDP socket; `errors` are those of position and velocity."""
+    """ArduPilot behind a UDP socket; `errors` are those of position and velocity."""
 
     _fields_ = (
         *(("world", _World), ("sample", _SIX), ("state", _DOUBLE * 9), ("errors", _SIX)),
         ("motors", _FOUR),
         *((name, _LONG) for name in ("count", "answered", "asked", "came")),
-        *((name, _LONG) for name in ("socket", "length", "magic", "size")),
+        *((name, _LONG) for name in ("socket", "peer", "length", "magic", "size")),
         ("reply", ctypes.c_uint8 * 1024),
     )
 

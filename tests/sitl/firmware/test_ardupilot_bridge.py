@@ -11,7 +11,7 @@ import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.errors import FirmwareError, FirmwareRestartedError
+from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.native.library import Json, json_send
 from sitl.firmware.vehicle import plant_rate_hz
@@ -122,7 +122,7 @@ def test_pulses_turn_the_motors_in_its_order(
 
 
 @pytest.mark.parametrize(
-    ("request_", "said"),
+    ("stray", "said"),
     [
         (b"", "0 bytes"),
         (b"hello", "5 bytes"),
@@ -130,12 +130,55 @@ def test_pulses_turn_the_motors_in_its_order(
         (b"\x1a\x48" + b"\x00" * 50, "52 bytes with the magic number 18458"),
     ],
 )
-def test_another_program_on_the_port_is_named(
-    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn, request_: bytes, said: str
+def test_another_program_on_the_port_is_warned_of_once_and_not_taken_for_ardupilot(
+    bridge: ArduPilotBridge,
+    ardupilot: ArduPilotStandIn,
+    caplog: pytest.LogCaptureFixture,
+    stray: bytes,
+    said: str,
 ) -> None:
-    ardupilot.send_bytes(request_)
-    with pytest.raises(FirmwareError, match=said):
+    other = ArduPilotStandIn(bridge.port)
+    for _ in range(3):
+        other.send_bytes(stray)
+        assert not bridge.run(1)
+    assert not bridge.connected
+    ardupilot.ask(0)
+    assert bridge.run(1)
+    assert ardupilot.answer()
+    assert other.lines() == []
+    assert caplog.text.count(said) == 1
+    other.close()
+
+
+def test_a_flood_does_not_keep_the_loop_from_returning(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    """A peer may repeat a request for ever, and each time it is answered."""
+    ardupilot.ask(0)
+    assert bridge.run(1)
+    for _ in range(150):
+        ardupilot.ask(0)
+    assert not bridge.run(1)
+    assert 1 < len(ardupilot.lines()) < 150
+
+
+def test_a_new_process_is_followed_and_the_one_before_is_not_heard_again(
+    bridge: ArduPilotBridge, ardupilot: ArduPilotStandIn
+) -> None:
+    for count in range(3):
+        ardupilot.ask(count)
+        assert bridge.run(1)
+        ardupilot.answer()
+    rebooted = ArduPilotStandIn(bridge.port)  # speaks from a port of its own
+    rebooted.ask(0)
+    with pytest.raises(FirmwareRestartedError, match="anew"):
         bridge.run(1)
+    ardupilot.ask(3, (2000,) * 4)
+    rebooted.ask(0)
+    with pytest.raises(FirmwareRestartedError, match="anew"):
+        bridge.run(1)
+    assert ardupilot.lines() == []
+    rebooted.close()
 
 
 def test_a_count_that_falls_back_is_a_restart(
