@@ -1,11 +1,15 @@
 """A folder of flight logs on disk, as the log protocol and MAVLink FTP serve it."""
 
-from collections.abc import Callable
+import os
+import re
+import stat
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-_PATTERN = "*.mcap"
+_NAME = "flight-{:04d}.mcap"
+_OURS = re.compile(r"flight-[0-9]{4,}\.mcap")
 
 
 class LogFile(NamedTuple):
@@ -16,8 +20,20 @@ class LogFile(NamedTuple):
     written_s: int  # seconds since 1970
 
 
+def next_log(folder: Path) -> Path:
+    """The first name of a flight log that is free in a folder, also of links to nowhere."""
+    number = 1
+    while os.path.lexists(path := folder / _NAME.format(number)):
+        number += 1
+    return path
+
+
 class LogFolder:
-    """The MCAP files of a folder, but for the one that is being written."""
+    """The flight logs of a folder, but for the one that is being written.
+
+    They are known by their names, those of `next_log`, and are regular files: what else lies there
+    is neither shown nor removed, and links are not followed.
+    """
 
     def __init__(
         self, folder: Path | None, *, being_written: Callable[[], Path | None] = lambda: None
@@ -28,19 +44,18 @@ class LogFolder:
 
     def logs(self) -> list[LogFile]:
         """Those that are complete, the oldest first."""
-        found: list[LogFile] = []
-        for path in self._complete():
-            with suppress(OSError):  # removed by somebody meanwhile
-                about = path.stat()
-                found.append(LogFile(path.name, about.st_size, int(about.st_mtime)))
-        return found
+        return [
+            LogFile(path.name, about.st_size, int(about.st_mtime))
+            for path, about in self._complete()
+        ]
 
     def read(self, name: str, offset: int, count: int) -> bytes:
         """`count` bytes of a log from `offset` on; fewer at its end, none of one that has gone."""
         if self._folder is None:
             return b""
         try:
-            with (self._folder / name).open("rb") as file:
+            opened = os.open(self._folder / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            with os.fdopen(opened, "rb") as file:
                 file.seek(offset)
                 return file.read(count)
         except OSError:
@@ -48,11 +63,16 @@ class LogFolder:
 
     def erase(self) -> None:
         """Remove all that are complete."""
-        for path in self._complete():
-            path.unlink(missing_ok=True)
+        for path, _ in self._complete():
+            with suppress(OSError):  # by somebody else, or the folder may not be written to
+                path.unlink()
 
-    def _complete(self) -> list[Path]:
+    def _complete(self) -> Iterator[tuple[Path, os.stat_result]]:
         if self._folder is None:
-            return []
+            return
         present = self._being_written()
-        return [path for path in sorted(self._folder.glob(_PATTERN)) if path != present]
+        for path in sorted(self._folder.glob("*.mcap")):
+            with suppress(OSError):  # removed by somebody meanwhile
+                about = path.lstat()
+                if path != present and _OURS.fullmatch(path.name) and stat.S_ISREG(about.st_mode):
+                    yield path, about

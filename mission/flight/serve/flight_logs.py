@@ -1,6 +1,7 @@
 """Flight logs of a vehicle that stands alone: a file from each arming to the disarming after it."""
 
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -8,9 +9,9 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
+from sitl.logfolder import next_log
 from sitl.observer import VehicleEvent, VehicleSample
 
-_NAME = "flight-{:04d}.mcap"
 _NOBODY = Devices(np.zeros((0, 2)), ())
 
 
@@ -21,12 +22,16 @@ class FlightLogs:
         """Make the folder where it is not there; files in it stay.
 
         Raises:
-            InputError: it cannot be made.
+            InputError: it cannot be made or written to.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
         except OSError as error:
-            raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from None
+            raise InputError(
+                f"--logs {folder}: cannot be written to: {error.strerror or error}"
+            ) from None
         self._folder = folder
         self._area = area
         self._log: FlightLog | None = None
@@ -39,7 +44,7 @@ class FlightLogs:
     def happened(self, event: VehicleEvent) -> None:
         armed = event.kind == "armed" and event.text == "armed"
         if armed and self._log is None:
-            self.being_written = self._next()
+            self.being_written = next_log(self._folder)
             self._log = FlightLog(
                 self.being_written, area=self._area, devices=_NOBODY, start_ns=event.t_ns
             )
@@ -53,9 +58,3 @@ class FlightLogs:
         if self._log is not None:
             self._log.close()
         self._log = self.being_written = None
-
-    def _next(self) -> Path:
-        number = 1
-        while (path := self._folder / _NAME.format(number)).exists():
-            number += 1
-        return path

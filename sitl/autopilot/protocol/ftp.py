@@ -19,6 +19,7 @@ from sitl.logfolder import LogFolder
 _HEADER = struct.Struct("<HBBBBBxI")  # number, session, opcode, size, asked, complete, offset
 _DATA = 239
 _PAYLOAD = 251
+_PIECE = 1 << 16  # bytes of a file whose checksum is worked out
 _SESSIONS = 8
 _LOGS = ("/log", "/fs/microsd/log")  # where PX4 has them, on a file system of its own and not
 _PARAMETERS = "@PARAM/param.pck"
@@ -72,7 +73,8 @@ class FtpServer:
         self._sessions: dict[int, _File] = {}  # the least recently used one first
         self.burst = Burst(outbox, at_once=30, every_s=0.005)
         self._bursting: int | None = None  # the session
-        self._last: tuple[Peer, bytes, bytes] | None = None  # request and answer
+        # Request and answer, None while it is worked out.
+        self._last: tuple[Peer, bytes, bytes | None] | None = None
         self._handlers: dict[int, Callable[[_Request], tuple[int, bytes]]] = {
             mav.MAV_FTP_OPCODE_NONE: lambda r: (r.session, b""),
             mav.MAV_FTP_OPCODE_TERMINATESESSION: self._terminate,
@@ -80,7 +82,6 @@ class FtpServer:
             mav.MAV_FTP_OPCODE_LISTDIRECTORY: self._list,
             mav.MAV_FTP_OPCODE_OPENFILERO: self._open,
             mav.MAV_FTP_OPCODE_READFILE: self._read,
-            mav.MAV_FTP_OPCODE_CALCFILECRC: self._checksum,
             **dict.fromkeys(_PROTECTED, _protected),
         }
 
@@ -93,7 +94,8 @@ class FtpServer:
     ) -> None:
         payload, last = bytes(msg.payload), self._last
         if last is not None and last[:2] == (peer, payload):
-            self._send(peer, last[2])  # our answer was lost
+            if last[2] is not None:
+                self._send(peer, last[2])  # our answer was lost
             return
         number, session, opcode, size, _, _, offset = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size : _HEADER.size + min(size, _DATA)]
@@ -103,6 +105,12 @@ class FtpServer:
                 raise _RefusedError(mav.MAV_FTP_ERR_INVALIDDATASIZE)
             if opcode == mav.MAV_FTP_OPCODE_BURSTREADFILE:
                 self._begin_burst(peer, request, now)
+                return
+            if opcode == mav.MAV_FTP_OPCODE_CALCFILECRC:
+                file = self._find(request.path)
+                self._last = (peer, payload, None)
+                self._bursting = None
+                self.burst.start(self._checksum(peer, payload, request, file), now)
                 return
             handler = self._handlers.get(opcode)
             if handler is None:
@@ -216,12 +224,19 @@ class FtpServer:
             raise _RefusedError(mav.MAV_FTP_ERR_EOF)
         return request.session, file.read(request.offset, request.size or _DATA)
 
-    def _checksum(self, request: _Request) -> tuple[int, bytes]:
-        file, checksum, at = self._find(request.path), 0xFFFFFFFF, 0
-        while data := file.read(at, 1 << 16):
+    def _checksum(
+        self, peer: Peer, payload: bytes, request: _Request, file: _File
+    ) -> Iterator[mav.MAVLink_message | None]:
+        """The checksum of a file, which may be long: nothing, piece by piece, and the answer."""
+        checksum, at = 0xFFFFFFFF, 0
+        while data := file.read(at, _PIECE):
             checksum, at = zlib.crc32(data, checksum), at + len(data)
+            yield None
         # FTP's starts at zero and is not inverted at the end.
-        return request.session, struct.pack("<I", checksum ^ 0xFFFFFFFF)
+        answer = struct.pack("<I", checksum ^ 0xFFFFFFFF)
+        packed = _packed(request, mav.MAV_FTP_OPCODE_ACK, answer)
+        self._last = (peer, payload, packed)
+        yield _message(peer, packed)
 
     def _parameter_pack(self) -> bytes:
         """All parameters in ArduPilot's packed format, which ground stations read."""

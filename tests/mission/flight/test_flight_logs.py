@@ -7,8 +7,10 @@ import pytest
 from synthetic_flight import AREA
 
 from flightdyn.state import Kinematics
+from mission.base.errors import InputError
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.inspection import info
+from sitl.logfolder import next_log
 from sitl.observer import VehicleEvent
 
 _ZERO = np.zeros(3)
@@ -24,3 +26,14 @@ def test_a_later_flight_is_as_long_as_it_was(tmp_path: Path) -> None:
         assert (found.start_s, found.end_s) == (start_s, end_s)
         hours = (end_s - start_s) / 3600.0
         assert found.megabytes_per_hour == pytest.approx(found.size_bytes / 1e6 / hours)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
+def test_a_folder_that_takes_no_files_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match=r"^--logs /proc/self: cannot be written to: [^\n]+$"):
+        FlightLogs(Path("/proc/self"), area=AREA)
+
+
+def test_a_link_to_nowhere_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "flight-0001.mcap").symlink_to(tmp_path / "elsewhere")
+    assert next_log(tmp_path).name == "flight-0002.mcap"

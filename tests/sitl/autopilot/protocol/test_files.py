@@ -200,6 +200,39 @@ def test_ftp_bounds_what_it_is_told(folder: Path) -> None:
     assert desk.refused(LIST, b"/log", size=255) == mav.MAV_FTP_ERR_INVALIDDATASIZE
 
 
+def test_what_is_no_log_of_the_vehicle_is_neither_shown_nor_read_nor_removed(folder: Path) -> None:
+    secret = folder / "secret.txt"
+    secret.write_text("root:x:0:0")
+    (folder / "flight-0007.mcap").symlink_to(secret)
+    (folder / "flight-0008.mcap").mkdir()
+    (folder / "holiday.mcap").write_text("of the user")
+    os.mkfifo(folder / "flight-0009.mcap")
+    desk = Files(folder)
+    for name in ("flight-0007", "flight-0008", "flight-0009", "holiday"):
+        assert desk.refused(OPEN, f"/log/{name}.mcap".encode()) == NOT_FOUND
+    assert disk(folder).read("flight-0007.mcap", 0, 9) == b""
+    assert disk(folder).read("flight-0009.mcap", 0, 9) == b""
+    assert len(desk.entries()) == len(SIZES)
+    desk.send(mav.MAVLink_log_erase_message(1, 1))
+    left = {"flight-0007", "flight-0008", "flight-0009", "flight-9999", "holiday"}
+    assert {path.stem for path in folder.glob("*.mcap")} == left
+    assert secret.read_text() == "root:x:0:0"
+
+
+def test_the_checksum_of_a_long_file_blocks_nobody(folder: Path) -> None:
+    data = random.Random(7).randbytes(1 << 20) * 8
+    (folder / "flight-0007.mcap").write_bytes(data)
+    desk = Files(folder)
+    request = struct.pack("<HBBBBBxI", 3, 0, mav.MAV_FTP_OPCODE_CALCFILECRC, 21, 0, 0, 0)
+    payload = list((request + b"/log/flight-0007.mcap").ljust(251, b"\0"))
+    asked = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+    assert of(desk.send(asked), "FILE_TRANSFER_PROTOCOL") == []
+    assert of(desk.send(asked), "FILE_TRANSFER_PROTOCOL") == []  # once more, and not from anew
+    answer = the(desk.pass_wall_time(0.1, step=0.01), "FILE_TRANSFER_PROTOCOL")
+    expected = zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert bytes(answer.payload)[12:16] == struct.pack("<I", expected)
+
+
 def test_a_session_that_nobody_closed_is_used_again(folder: Path) -> None:
     desk, log = Files(folder), b"/log/flight-0001.mcap"
     assert [desk.ftp(OPEN, log)[1] for _ in range(8)] == [*range(8)]
