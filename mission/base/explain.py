@@ -91,7 +91,11 @@ def shown(value: object) -> str:
     text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
     if "\n" in text:  # of arrays
         text = " ".join(text.split())
-    return text if len(text) <= _LONG else f"{text[: _LONG - 3]}..."
+    if len(text) <= _LONG:
+        return text
+    if text.startswith("'/"):  # a path, which its end tells from others
+        return f"'...{text[5 - _LONG :]}"
+    return f"{text[: _LONG - 3]}..."
 
 
 def _key(item: ErrorDetails, data: object) -> Path:

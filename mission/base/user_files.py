@@ -7,6 +7,7 @@ no 64 bits do: what is built from them then never meets either.
 
 import json
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,15 @@ from mission.base.errors import InputError
 TEXT_BYTES = 1 << 24  # of one file: a thousand times what people write
 DATA_BYTES = 1 << 31  # of one that programs wrote: a month of flight
 MOST_DEEP = 100  # tables or lists in one another; ours has 6
+
+
+def whole_path(folder: Path, name: str | Path) -> Path:
+    """The whole name of a path that a file of `folder` names: beside it, or from ~, somebody's
+    home. A home that nobody has is a name like any other."""
+    path = Path(name)
+    with suppress(RuntimeError):
+        path = path.expanduser()
+    return (folder / path).resolve()
 
 
 def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:

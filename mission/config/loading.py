@@ -15,12 +15,17 @@ from fl.errors import did_you_mean
 from fl.plugin_code import named
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal, shown
-from mission.base.user_files import parse_toml, read_text
+from mission.base.user_files import parse_toml, read_text, whole_path
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
 from mission.config.world import with_world
 
+_PATHS = (
+    ("vehicle", "firmware", "path"),
+    ("vehicle", "parameter_file"),
+    ("link", "signing_key"),
+)
 SHIPPED = ("quickstart", "paper", "paper-sweep", "town")  # names that stand for a file
 
 
@@ -78,9 +83,11 @@ def load_config(
     else:
         path = config_file(source)
         data = _read(path)
+        _make_absolute(data, path.parent)
     name = str(path)
     for dotted, value in (overrides or {}).items():
         override(data, dotted, value, giver=giver)
+    _make_absolute(data, Path())
     named = options or {}
     blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
     try:
@@ -93,6 +100,17 @@ def load_config(
     if lines:
         raise InputError("\n".join(lines))
     return config
+
+
+def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
+    """Give the paths in a configuration their whole names: they stand in `folder`, beside the file
+    that names them, or begin with ~ for somebody's home."""
+    for *tables, key in _PATHS:
+        table: Any = data
+        for name in tables:
+            table = table.get(name) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(path := table.get(key), str | Path):
+            table[key] = str(whole_path(folder, path))
 
 
 def _plain(value: object) -> object:

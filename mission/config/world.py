@@ -17,6 +17,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
+from mission.base.user_files import whole_path
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
 
 _MARGIN = 0.1  # of its longer side, around the extent of what stands on the ground
@@ -129,7 +130,7 @@ def _read(read: Callable[[Path], _Found], key: str, name: str, blame: Blame) -> 
     """What is in the file that a key names."""
     folder = Path() if key in blame.given else Path(blame.source).parent
     try:
-        return read(folder / name)
+        return read(whole_path(folder, name))
     except InputError as error:
         raise InputError(f"{blame.on(key)}: {key}: {error}") from None
 

@@ -37,8 +37,13 @@ _UNKNOWN_COURSE = 65535
 class Px4Bridge:
     """Steps a plant for the PX4 that connects to `port`."""
 
-    def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:
-        """Raises SitlInputError where the plant has no sensors."""
+    def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT, lock: int | None = None) -> None:
+        """`lock` is a descriptor that is closed with the bridge.
+
+        Raises:
+            SitlInputError: the plant has no sensors.
+        """
+        self._lock = lock
         self.plant = plant
         self._sensors = sensors_of(plant)
         self._port = port
@@ -152,6 +157,9 @@ class Px4Bridge:
             if sock is not None:
                 sock.close()
         self._connection = self._listener = None
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def _accept(self) -> bool:
         assert self._listener is not None

@@ -16,6 +16,7 @@ from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
 # A PX4 is known on a machine by its instance; the lower ones are for people who start it by hand.
 INSTANCES = range(40, 240)
 _LOCK = "/tmp/px4_lock-{}"
+_OUR_LOCK = "/tmp/aerofed_px4_lock-{}"
 _MODEL = "none_iris"  # PX4's airframe for a simulator that it is not told about
 # With the default gains the rate loop of this airframe oscillates at 12 Hz: one unit of torque is
 # 694 rad/s2 of roll, several times that of the vehicles they are for, its rotors lag 41 ms, and a
@@ -80,35 +81,40 @@ def etc_of(binary: Path) -> Path:
 
 
 def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:
-    """An instance nobody uses: whoever listens on its port has it."""
+    """An instance nobody uses: on its port nobody listens, and its lock is nobody's.
+
+    A PX4 takes its lock after it has been started, and ports are one network namespace's; a lock
+    of our own, which the bridge holds, keeps two runs apart until then.
+    """
     for instance in INSTANCES:
-        if _locked(Path(_LOCK.format(instance))):
+        if (theirs := _hold(_LOCK.format(instance))) is None:
             continue
-        bridge = Px4Bridge(plant, port=DEFAULT_PORT + instance)
+        os.close(theirs)
+        if (ours := _hold(_OUR_LOCK.format(instance))) is None:
+            continue
+        bridge = Px4Bridge(plant, port=DEFAULT_PORT + instance, lock=ours)
         try:
             bridge.open()
         except LinkError:
+            bridge.close()
             continue
         return instance, bridge
     first, last = INSTANCES[0] + DEFAULT_PORT, INSTANCES[-1] + DEFAULT_PORT
     raise LinkError(f"no TCP port from {first} to {last} is free for another PX4")
 
 
-def _locked(path: Path) -> bool:
-    """Whether a PX4 holds this lock."""
+def _hold(path: str) -> int | None:
+    """The descriptor of a file that is now locked; None where somebody else has locked it."""
     try:
-        lock = os.open(path, os.O_RDWR)
-    except FileNotFoundError:
-        return False
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     except OSError:
-        return True  # somebody else's
+        return None  # another user's
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        return True
-    finally:
         os.close(lock)
-    return False
+        return None
+    return lock
 
 
 def _mavlink(order: Order) -> str:
@@ -157,8 +163,9 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "MPC_Z_V_AUTO_DN": min(limits.descent_mps, 4.0),
         "MPC_THR_HOVER": HOVER_THRUST,
         "SIM_BAT_ENABLE": 0,  # the aircraft's own battery is reported to it
-        # A battery that is reported says nothing of the flight time left, which PX4 takes for none.
-        "COM_FLTT_LOW_ACT": 0,
+        # PX4 takes no flight time from a battery that is reported to it, and reads that as none
+        # left. It may warn: else, doing nothing included, it would hold for some seconds.
+        "COM_FLTT_LOW_ACT": 1,
         "SDLOG_MODE": -1,  # the run's own log holds the flight
     }
 

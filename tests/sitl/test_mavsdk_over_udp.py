@@ -1,6 +1,7 @@
 """Each MAVSDK plugin that a mission needs, over a real UDP link, with the real aircraft."""
 
 import asyncio
+import importlib.metadata
 import math
 from typing import Any
 
@@ -254,7 +255,8 @@ def test_param_info_failure_and_status_text() -> None:
 
             info = InfoAsync(system)
             version = await info.get_version()
-            assert (version.flight_sw_major, version.flight_sw_minor) == (0, 1)
+            said = version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch
+            assert ".".join(map(str, said)) == importlib.metadata.version("aerofed")
             assert (await info.get_identification()).legacy_uid > 0
             await info.get_product()
 

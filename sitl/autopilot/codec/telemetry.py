@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -29,7 +30,6 @@ _CAPABILITIES = (
     | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | mav.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
 )
-_SOFTWARE_VERSION = 0 << 24 | 1 << 16 | 0 << 8 | mav.FIRMWARE_VERSION_TYPE_DEV
 _UID = int.from_bytes(b"aerofed")
 
 
@@ -214,10 +214,19 @@ def _battery(s: Snapshot) -> mav.MAVLink_message:
     )
 
 
+@cache
+def _software_version() -> int:
+    """The installed version of Aerofed as MAVLink writes it: a byte each for its three numbers."""
+    from importlib.metadata import version  # takes a sixth of `aerofed --help`
+
+    major, minor, patch = (int(number) for number in version("aerofed").split(".")[:3])
+    return major << 24 | minor << 16 | patch << 8 | mav.FIRMWARE_VERSION_TYPE_DEV
+
+
 def _version(_: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_autopilot_version_message(
         capabilities=_CAPABILITIES,
-        flight_sw_version=_SOFTWARE_VERSION,
+        flight_sw_version=_software_version(),
         middleware_sw_version=0,
         os_sw_version=0,
         board_version=0,

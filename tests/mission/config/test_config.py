@@ -186,7 +186,10 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
                 "PYTHONPATH and among what is installed",
             ],
         ),
-        ("[vehicle]\nparameter_file = 'no.parm'" + BASE, ["parameter_file = 'no.parm'", "no such"]),
+        (
+            "[vehicle]\nparameter_file = 'no.parm'" + BASE,
+            ["parameter_file = '...", "no.parm': no such"],
+        ),
         (
             "[vehicle.parameters]\nFOO = 1" + BASE,
             ["vehicle.parameters.FOO = 1", "no such parameter", "known: BAT_CRIT"],

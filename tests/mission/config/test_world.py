@@ -484,3 +484,32 @@ def test_a_number_of_devices_that_contradicts_a_file_is_what_is_blamed(load, tmp
     text = from_file(tmp_path, "d.geojson", points(*TOWN))
     with pytest.raises(InputError, match=r"^command line: communities.0.devices = 2: .* holds 3 "):
         load(text, communities__0__devices=2)
+
+
+def test_paths_stand_beside_the_configuration_and_may_begin_at_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "me"))
+    folder = tmp_path / "configs"
+    for path in (folder, tmp_path / "me", tmp_path / "work"):
+        path.mkdir()
+    (folder / "vehicle.parm").write_text("NAV_ACC_RAD 3")
+    (tmp_path / "me" / "key").write_text("a long pass phrase")
+    (folder / "places.csv").write_text("x_m,y_m\n1,2\n")
+    (folder / "c.toml").write_text(
+        BASE + 'positions_file = "places.csv"\n[vehicle]\nparameter_file = "vehicle.parm"\n'
+        '[link]\nsigning_key = "~/key"\n'
+    )
+    monkeypatch.chdir(tmp_path / "work")
+    config = load_config(Path("../configs/c.toml"))
+    assert config.vehicle.parameter_file == folder / "vehicle.parm"
+    assert config.link.signing_key == tmp_path / "me" / "key"
+    px4 = {"vehicle.autopilot": "px4", "vehicle.firmware.path": "bin/px4"}
+    (folder / "c.toml").write_text(BASE)
+    assert load_config(folder / "c.toml", px4).vehicle.firmware.path == tmp_path / "work/bin/px4"
+    (folder / "c.toml").write_text(
+        BASE + '[vehicle]\nautopilot = "px4"\nfirmware.path = "../bin/px4"\n'
+    )
+    assert load_config(folder / "c.toml").vehicle.firmware.path == tmp_path / "bin/px4"
+    again = load_config(load_config(folder / "c.toml"))
+    assert again.vehicle.firmware.path == tmp_path / "bin/px4"

@@ -1,5 +1,6 @@
 """Every number and every unit on the wire, held against pymavlink's own tables."""
 
+import importlib.metadata
 import math
 from dataclasses import replace
 from typing import Any
@@ -181,6 +182,9 @@ def test_fields_without_unit() -> None:
     assert (gnss.fix_type, gnss.eph, gnss.satellites_visible) == (3, 70, 14)
     version = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION](SNAPSHOT))
     assert version.capabilities & mav.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    number = version.flight_sw_version
+    said = f"{number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
+    assert said == importlib.metadata.version("aerofed")
 
 
 ITEM = MissionItem(
